@@ -73,7 +73,7 @@ pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
     Camera { size, projection, ..camera.clone() }
 }
 
-/// Applies the options to a camera. `own_near`: the near plane isn't given, so it is fitted to the scene.
+/// Applies the options to a camera. `own_near` is true if no near plane is given, so that it is fitted to the scene.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {
@@ -176,7 +176,7 @@ fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) ->
     cameras.into_iter().map(used).collect()
 }
 
-/// Adds a near plane before the scene to another program's camera, which has none.
+/// Adds a near plane in front of the scene to another program's camera, which has none.
 pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     refit_depth(&mut camera, scene, true);
     camera

@@ -1,7 +1,7 @@
 //! Metadata in images from which they can be drawn again: version, scene, drawing options, and hashes of the inputs.
 //!
-//! Only what determines the image is stored, no threads, names or times, so that the same command writes the same
-//! bytes.
+//! Only data that determine the image are stored. Numbers of threads, names and times aren't, so that the same command
+//! writes the same bytes.
 
 use crate::render_options::RenderOptions;
 use serde_json::{Map, Value, json};

@@ -6,9 +6,10 @@ use surfel_load::LoadedObjects;
 use surfel_load::{Error, levels};
 use surfel_sample::Progress;
 
-/// Largest number of points per file in the coarsest scene.
+/// Largest number of points per file in the coarse scene of files without levels of detail. For files with levels,
+/// coarse scenes have at least this point limit, unless the full scene has a smaller one.
 pub const FIRST_POINTS: u32 = 100_000;
-/// Number of coarse scenes of files with levels of detail.
+/// Number of coarse scenes before the full scene, if files have levels of detail.
 const STEPS: u32 = 2;
 
 /// Level of detail of a progressively loaded scene.
@@ -89,7 +90,8 @@ fn sample_of(request: &Request) -> Request {
     coarse.with_estimates(Arc::default())
 }
 
-/// Returns the objects of a sample that has all points as those of the request.
+/// Returns the loaded objects of a sample that includes all points, as if the request had loaded them. The sample's
+/// point limit is then no unused option.
 fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
     if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
         // No option asks for fewer points.
@@ -100,7 +102,7 @@ fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
 
 /// Result of the first step of loading a scene.
 pub(crate) enum First {
-    /// Nothing: the files have levels of detail.
+    /// Nothing is loaded, because the files have levels of detail.
     Nothing,
     /// A coarse selection of points, and its request.
     Coarse(Box<Request>, LoadedObjects),

@@ -259,7 +259,7 @@ impl RenderOptions {
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
-    /// Sets the options that aren't set to the choices of the style, except light and ground, which depend on the
+    /// Applies the style's choices to the options that aren't set, except light and ground, which depend on the
     /// objects.
     pub(crate) fn apply_style(&mut self) {
         let Some(Choices { size, background, edge_aa, .. }) = self.style.map(Style::choices) else { return };

@@ -139,7 +139,8 @@ impl Resolved {
         camera
     }
 
-    /// Returns the camera of an image, by its index, and the scene if its lights differ from those of the first image.
+    /// Returns the camera of the image with this index. Also returns the scene if its lights differ from those of the
+    /// first image.
     pub fn picture(&self, pictures: &Pictures, index: u32) -> (Camera, Option<Scene>) {
         let own = &self.file.camera;
         match pictures {
@@ -164,8 +165,8 @@ impl Resolved {
         Scene { lights: Some(lights), ..self.scene.clone() }
     }
 
-    /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turn of `frames` frames, and the scene if its
-    /// lights move.
+    /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turntable movie of `frames` frames. Also returns
+    /// the scene if its lights move.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
             return (self.file.camera.clone(), None);
@@ -311,13 +312,13 @@ impl Request {
         Ok(())
     }
 
-    /// Shares a cache of files with levels of detail between successive requests.
+    /// Returns the request with a cache of files with levels of detail, which successive requests share.
     #[must_use]
     pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
         Self { level_store, ..self }
     }
 
-    /// Numbers the splats by the rows of their files even if no plane needs the numbers.
+    /// Returns the request for splats numbered by the rows of their files, even if no plane needs the numbers.
     #[must_use]
     pub fn with_rows(self) -> Self {
         Self { has_rows: true, ..self }
@@ -349,7 +350,7 @@ impl Request {
         &self.objects
     }
 
-    /// Shares estimates between requests with the same loaded objects.
+    /// Returns the request with these estimates, which requests with the same loaded objects share.
     pub(crate) fn with_estimates(self, estimates: Arc<Estimates>) -> Self {
         Self { estimates, ..self }
     }
@@ -366,7 +367,7 @@ impl Request {
     }
 
     /// Returns a coarser version of the request. `most` maps the current point limit to the coarser one, and the
-    /// largest projected splat size is multiplied by `times`.
+    /// largest projected splat radius is multiplied by `times`.
     pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
@@ -383,8 +384,8 @@ impl Request {
         coarse
     }
 
-    /// Returns the options for loading the objects. Of large COPC files they read an overview, enough to place a
-    /// camera. `stdin` is the content for the name `-`.
+    /// Returns the options for loading the objects. With them, only an overview of large COPC files is read, which is
+    /// enough to place a camera; for [`Pictures::Any`], all points are read. `stdin` is the content for the name `-`.
     pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
         // Verification compares with a preset that antialiases edges.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
@@ -662,7 +663,7 @@ fn is_partial(loaded: &LoadedObjects) -> bool {
     loaded.facts.iter().any(|facts| facts.partial)
 }
 
-/// Reports the notes on files, and options without effect.
+/// Passes the notes on files to `note`, checks for options without effect, and writes the colour bar.
 fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(String)) -> Result<(), Error> {
     for ObjectNote { path, text } in &loaded.notes {
         note(format!("{}: {text}", display(path)));
@@ -671,7 +672,7 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
 }
 
-/// Notes how many stray points the framed camera leaves out.
+/// Passes a note to `note` with the number of stray points that the framed camera excludes, if there are any.
 fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)) {
     if let Some(LeftOut { count, times }) = kept.and_then(|kept| surfel_framing::left_out(scene, &kept)) {
         let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };
@@ -682,7 +683,8 @@ fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)
     }
 }
 
-/// Notes if most trained Gaussians before the camera are closer than the near limit for drawing them.
+/// Passes a note to `note` if most trained Gaussians in front of the camera are closer than the near limit for drawing
+/// them.
 fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
     let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
     let (near, forward) = (gaussian::near(&view.projection), view.forward());
@@ -711,7 +713,7 @@ fn out_of_range(name: &Path, e: &ModelError) -> Error {
     Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() }
 }
 
-/// Determines the up axis from the files or their shape, and notes how to override it.
+/// Determines the up axis from the files or their shape, and passes a note to `note` on how to override it.
 fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
     let found = auto_up(loaded);
     note(up_note(found));
@@ -758,7 +760,7 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
     settings
 }
 
-/// Applies `--filter` to Gaussians if they are drawn over one another.
+/// Applies `--filter` to trained Gaussians, if the settings composite them with [`Composite::Over`].
 fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
     let over = options.filter.filter(|_| settings.composite == Composite::Over);
     settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))

@@ -26,11 +26,11 @@ use surfel_stage::Estimates;
 /// Largest number of splats of all loaded scenes together at which a second scene stays in memory.
 const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 
-/// Scenes of one set of inputs, resident in a backend.
+/// Loaded scenes of one set of inputs, with the scene shown last resident in a backend.
 ///
 /// The options of successive images may differ in anything. Files are read again only if the options change what is
-/// read of them, and splats are uploaded again only if they differ. Images equal those of [`Request`] with the same
-/// options to the bit.
+/// read of them, and splats are uploaded again only if they differ. Images are bit-identical to those of [`Request`]
+/// with the same options.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel_load::Error> {
@@ -86,7 +86,8 @@ struct LoadedScene {
 
 /// A scene resident in the backend.
 struct Shown {
-    /// Options of the scene; `None` once its lights have followed another camera.
+    /// Options that the scene is shown with; `None` for a coarse selection, and after the lights have followed another
+    /// camera.
     options: Option<RenderOptions>,
     resolved: Resolved,
     /// The resident scene; `None` until a camera selects its levels of detail.
@@ -123,7 +124,7 @@ pub struct Picked {
     pub position: [f64; 3],
     /// Unit normal in world space.
     pub normal: [f32; 3],
-    /// Distance from the eye's plane in world units.
+    /// Distance from the plane through the eye that is parallel to the image, in world units.
     pub depth: f64,
     /// Index of the object, and row of the nearest splat in its file; `None` for polygons and Gaussians.
     pub row: Option<(usize, u32)>,
@@ -185,7 +186,7 @@ impl Session {
         &self.frame
     }
 
-    /// True if the loaded scenes are too large for another session beside this one.
+    /// True if the loaded scenes are too large for another session to stay in memory beside this one.
     pub fn is_large(&self) -> bool {
         self.loaded.iter().map(LoadedScene::splats).sum::<u64>() > MOST_SPLATS_OF_TWO
     }
@@ -301,7 +302,8 @@ impl Session {
         Ok(())
     }
 
-    /// Drops loaded scenes, unless two of their size fit.
+    /// Drops loaded scenes to make room for another one. The scene shown last stays if two scenes of the current size
+    /// fit into [`MOST_SPLATS_OF_TWO`].
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
@@ -450,7 +452,8 @@ impl Session {
         description
     }
 
-    /// Returns what is visible at a pixel of the scene shown last; `None` for the background.
+    /// Returns the properties of the surface at a pixel (column, row) of the scene shown last; `None` for the
+    /// background.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].
@@ -502,7 +505,7 @@ impl LoadedScene {
         }
     }
 
-    /// True if the request would load the same.
+    /// True if the request would load the same files with the same options.
     fn is_for(&self, request: &Request) -> bool {
         self.files == request.objects() && self.options == request.load_options(None)
     }
@@ -521,7 +524,7 @@ fn nothing_shown() -> Error {
     Error::Usage("no scene is resident: call show first, or draw_from if not all points fit into memory".to_owned())
 }
 
-/// True if two scenes have the same splats and polygons in the same places.
+/// True if two scenes have the same splats and polygons in the same places, and the same sky and ground.
 fn have_same_splats(a: &Resolved, b: &Resolved) -> bool {
     let is_same = |(a, b): (&Object, &Object)| {
         let geometry = match (&a.geometry, &b.geometry) {
@@ -538,7 +541,7 @@ fn have_same_splats(a: &Resolved, b: &Resolved) -> bool {
     have_same_light && a.len() == b.len() && a.iter().zip(b).all(is_same)
 }
 
-/// Returns the settings for images while something moves.
+/// Returns the settings for previews while the camera moves.
 fn coarse_settings(settings: Settings) -> Settings {
     let fast = Preset::Fastest.apply(settings).with_edge_aa(EdgeAa::Off);
     // Larger splats of octrees, and less to draw.

@@ -15,8 +15,8 @@ pub(crate) struct SkyAndGround {
 }
 
 impl SkyAndGround {
-    /// Applies the options to the sky and ground of a scene file, which are left out under a shader that stored light
-    /// has no effect on. `scene` has the framed objects, and `kept` is the sphere of what isn't stray.
+    /// Applies the options to the sky and ground `file` of a scene file. Both are ignored if stored light has no effect
+    /// on `shader`. `scene` has the framed objects, and `kept` is the sphere around the scene without stray points.
     ///
     /// # Errors
     /// [`Error::Usage`] if the options ask for a sky and an object can't store its light, or for details of a sky and

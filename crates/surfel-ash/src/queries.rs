@@ -65,7 +65,7 @@ impl Queries {
         })
     }
 
-    /// Starts a tile.
+    /// Starts the queries of a tile: resets all of them, and begins to count shader invocations.
     pub(crate) fn begin(&self, commands: &Commands<'_>) {
         let counts = [(&self.times, 2 * self.most_steps), (&self.invocations, 1), (&self.samples, self.most_steps)];
         for (pool, count) in counts {
@@ -81,7 +81,7 @@ impl Queries {
         }
     }
 
-    /// Ends a tile.
+    /// Ends the tile's query of shader invocations.
     pub(crate) fn end(&self, commands: &Commands<'_>) {
         if let Some(pool) = &self.invocations {
             // SAFETY: begun in this command buffer, outside of render passes.

@@ -116,7 +116,8 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     totals.report(plan, stats);
 }
 
-/// Returns the look of each object of balls.
+/// Returns the shading parameters of each object of balls: factors of its material, and stored light for the unlit
+/// shader.
 fn ball_looks<'a>(scene: &'a ResidentScene, plan: &FramePlan) -> Vec<BallLook<'a>> {
     let shows_light = plan.shader == Shader::Unlit;
     let look = |of: &'a StoredBalls| BallLook {
@@ -131,7 +132,7 @@ struct Drawing<'a> {
     inputs: &'a FrameInputs<'a>,
     setup: CellSetup<'a>,
     balls: &'a [BallView<'a>],
-    /// Look of each object of balls.
+    /// Shading parameters of each object of balls.
     ball_looks: Vec<BallLook<'a>>,
     meshes: &'a [StoredMesh],
     raster: RasterFrame,
@@ -170,7 +171,7 @@ impl Drawing<'_> {
         totals.add_threads(&threads, start.elapsed().as_secs_f64() * 1e3);
     }
 
-    /// Sets up and draws a cell; for screen-space passes, with a margin of its neighbours' pixels.
+    /// Sets up and draws a cell. If screen-space passes follow, a margin of its neighbours' pixels is drawn too.
     fn draw_cell(&self, cell: &Cell, target: &mut Target<'_>, scratch: &mut TileScratch<'static>, totals: &mut Totals) {
         let start = Instant::now();
         let FrameInputs { instructions, tuning, pools, view, plan, .. } = *self.inputs;
@@ -336,8 +337,8 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
-/// True if tiny splats can be drawn splat by splat. No screen-space pass may follow, and only the sums that such a tile
-/// computes may be needed.
+/// True if tiles of tiny splats can be drawn splat by splat. No screen-space pass may follow, and the plan may need no
+/// other sums than those that such a tile computes.
 fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.

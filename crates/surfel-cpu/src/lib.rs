@@ -1,4 +1,4 @@
-//! The CPU backend: the reference's image by SIMD, on any number of threads.
+//! The CPU backend: draws the reference implementation's image by SIMD, on any number of threads.
 //!
 //! Main types, in reading order:
 //!

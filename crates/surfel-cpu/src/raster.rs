@@ -1,5 +1,5 @@
-//! Rasterisation: tiles' lists become the sums of every block's pixels. Fragments, visibility and attributes (§5),
-//! triangles (§6), transparent layers (§8).
+//! Rasterisation: computes the sums of every block's pixels from the lists of splats and triangles per tile. It
+//! comprises fragments, visibility and attributes (§5), triangles (§6), and transparent layers (§8).
 
 pub(crate) mod balls;
 pub(crate) mod batch;

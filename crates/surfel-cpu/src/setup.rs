@@ -1,5 +1,5 @@
-//! Setup: resident splats and triangles become records on the screen, sorted into tiles. Also the evaluation of a
-//! record at a pixel.
+//! Setup: converts resident splats and triangles to records on the screen, and sorts the records into tiles. It also
+//! evaluates a record at a pixel.
 
 pub(crate) mod balls;
 pub(crate) mod clips;

@@ -1,5 +1,5 @@
-//! Shading: sums are divided and lit (§5), by shadow maps too; surfaces of triangles are evaluated; transparent layers
-//! are composited.
+//! Shading: divides the pixels' sums by their weights and lights the results (§5), also with shadow maps. It also
+//! evaluates surfaces of triangles, and composites transparent layers.
 
 pub(crate) mod balls;
 pub(crate) mod lighting;

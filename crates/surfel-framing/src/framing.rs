@@ -351,10 +351,10 @@ impl Len for Geometry {
 /// Places a camera that shows all of the scene, centred and as large as `options.fill` allows. It fits the ellipses
 /// themselves, not their bounding box. Returns `None` if the scene is empty.
 ///
-/// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
-/// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other
-/// geometry at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than
-/// the next.
+/// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, and the farthest is at
+/// least 1.5 times as far out as the rest. Of Gaussians, at most 1 in 50 is a stray, and each is 1.5 times as far out
+/// as the rest. In other geometry, at most 1 point in 200 is a stray, and each is four times as far out as the rest.
+/// The longest 1 in 50 Gaussians count as no longer than the next longest.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }

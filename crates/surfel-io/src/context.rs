@@ -27,7 +27,7 @@ pub(crate) struct Context<'a> {
     pub(crate) options: &'a LoadOptions,
     /// Access to files beside the one being loaded.
     pub(crate) siblings: Siblings,
-    /// Messages for the user, as sentences without a full stop.
+    /// Messages for the user so far, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
     /// Set of the notes, for lookup.
     known_notes: HashSet<String>,
@@ -35,7 +35,7 @@ pub(crate) struct Context<'a> {
     notes_left_out: usize,
     /// Texture decoder, with limits for the whole file.
     pub(crate) textures: TextureDecoder,
-    /// True if the splats were Gaussians.
+    /// True if the file contains trained Gaussians, even if they were converted to splats.
     pub(crate) gaussian: bool,
 }
 

@@ -19,7 +19,7 @@
 //! * [`IoError`] names the file, the place in it, and what was expected; [`atomic::write`] writes any file, complete or
 //!   not at all. Both are those of `surfel-files`.
 //!
-//! Each function `save_…` has a twin `write_…` for sinks.
+//! Each function `save_…`, which writes a file, has a twin `write_…`, which writes to any [`std::io::Write`].
 //!
 //! ```
 //! use std::path::Path;

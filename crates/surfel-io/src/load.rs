@@ -68,7 +68,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     load_whole(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
 }
 
-/// Loads a file whose bytes are in memory. Rows without a header that fit one usual layout are read by it, with a note.
+/// Loads a file whose bytes are in memory. Rows without a header are read if their values fit exactly one usual layout;
+/// a note then states the layout.
 fn load_whole(
     bytes: &[u8],
     hint: Option<Format>,
@@ -131,7 +132,8 @@ pub fn survey(
     }
 }
 
-/// Opens a regular file whose format is read with seeking, so that its bytes needn't be in memory.
+/// Opens a regular file of a format that is read with seeking, so that its bytes needn't be in memory. Returns `None`
+/// for other formats.
 fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
     let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
@@ -139,7 +141,8 @@ fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
     Some((Format::of_survey(&head)?, file))
 }
 
-/// Opens a regular file whose columns are read in place, so that memory contains them only once.
+/// Opens a regular file whose columns are read in place, so that memory contains them only once. Returns `None` for
+/// other formats.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
@@ -157,8 +160,8 @@ fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)
     Some((format, file))
 }
 
-/// True if a JSON file describes geometry in other files: a 3D Tiles tileset or SOG's `meta.json`. By its name alone,
-/// it could be a scene file.
+/// True if a JSON file describes geometry in other files: a 3D Tiles tileset or SOG's `meta.json`. The content decides,
+/// because scene files also have names that end in `.json`.
 pub fn names_geometry(path: &Path) -> bool {
     let is_known: [fn(&[u8]) -> bool; _] = [
         #[cfg(feature = "gltf")]

@@ -19,7 +19,7 @@ pub struct Loaded {
     /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
     /// hence −y.
     pub up: Up,
-    /// True if the splats are Gaussians.
+    /// True if the file contains trained Gaussians, even if they were converted to splats.
     pub gaussian: bool,
     /// Messages for the user, as sentences without a full stop: what was dropped, ignored or assumed.
     pub notes: Vec<String>,

@@ -25,7 +25,7 @@ pub(crate) struct Table {
     names: Option<Vec<String>>,
     /// Last comment before the points, if it has as many words as a row has columns, but doesn't name a position.
     comment: Option<String>,
-    /// Numbers of the columns in the file, from 1.
+    /// Number of each column in the file, counted from 1.
     numbers: Vec<usize>,
     comments: Vec<String>,
 }
@@ -120,7 +120,8 @@ const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
 /// Help text for a table whose columns Surfel doesn't recognise.
 const NAME_THEM: &str = "`columns=x,y,z,_,r,g,b` names the columns; _ leaves one out";
 
-/// Writes the numbers of all points to `data`.
+/// Parses a text file, and writes the values of all points to `data` as rows of `f64`. Returns the description of these
+/// rows. `pts` is true for PTS files.
 pub(crate) fn unpack(
     bytes: Bytes<'_>,
     pts: bool,
@@ -160,11 +161,11 @@ pub(crate) fn unpack(
     Ok(lines.table)
 }
 
-/// Lines that are left out.
+/// Number of skipped lines of one kind, and the first of them.
 #[derive(Default)]
 struct LeftOut {
     count: u64,
-    /// Number of the first line.
+    /// Number of the first skipped line in the file.
     first: usize,
 }
 
@@ -183,7 +184,7 @@ struct PointLines {
     /// True for PTS files.
     pts: bool,
     table: Table,
-    /// Number of cells in a row, the same in all rows; 0 before the first.
+    /// Number of cells in a row, the same in all rows; 0 until it is known.
     cells: usize,
     header: Option<Vec<String>>,
     last_comment: String,
@@ -195,16 +196,16 @@ struct PointLines {
     stated_points: u64,
     /// Number of lines before the points that are neither comments nor points.
     lines_before: u64,
-    /// Rows with an empty cell.
+    /// Skipped rows with an empty cell.
     incomplete: LeftOut,
-    /// Lines of other records.
+    /// Skipped lines that don't begin with the word that marks points.
     others: LeftOut,
 }
 
-/// Words of a line.
+/// Result of parsing the words of a line.
 struct Cells<'a> {
     count: usize,
-    /// Number that the first word is.
+    /// Value of the first word, if it is a number.
     first: Option<f64>,
     /// First word that is no number; the words after it aren't read.
     bad: Option<&'a [u8]>,
@@ -352,7 +353,7 @@ impl PointLines {
         }
     }
 
-    /// Reports how lines were read, and those that were left out.
+    /// Adds notes on how lines were interpreted, on skipped lines, and on a wrong number of points in the file.
     fn note(&self, context: &mut Context<'_>) {
         if self.plan.dialect.has_decimal_commas {
             context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
@@ -377,7 +378,8 @@ impl PointLines {
     }
 }
 
-/// Returns the names of the columns that are read, if each column has a name.
+/// Returns the names of the columns that are read. `kept` states which columns of the file these are; it is ignored if
+/// it doesn't have one entry per name.
 fn chosen(names: Vec<String>, kept: Option<&[bool]>) -> Vec<String> {
     match kept.filter(|kept| kept.len() == names.len()) {
         Some(kept) => names.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(name, _)| name).collect(),
@@ -396,7 +398,8 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
     })
 }
 
-/// Reads scans; each has rows and columns, and the pose of its scanner, which is applied to its points.
+/// Reads the scans of a PTX file. Each scan has rows and columns of points, and a pose of its scanner, which is applied
+/// to its points.
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (mut data, mut rows) = (Vec::new(), KeptRows::default());
     let table = unpack_ptx(Bytes::Memory(bytes), &mut data, Some(&mut rows), context)?;
@@ -413,7 +416,8 @@ const SCAN_LINES: [(usize, &str); 10] = {
     [count, count, pose, pose, pose, pose, matrix, matrix, matrix, matrix]
 };
 
-/// Writes the numbers of all points of a PTX file to `data`, and records in `kept` which points of the file these are.
+/// Parses a PTX file, and writes the values of its points to `data` as rows of `f64`. Records in `kept` which points of
+/// the file these are.
 pub(crate) fn unpack_ptx(
     bytes: Bytes<'_>,
     data: &mut dyn Write,

@@ -94,7 +94,7 @@ pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -
         && is_binary(head)
 }
 
-/// Returns a column's name as readers use it.
+/// Returns the name by which readers look up a column: "intensity" for "i", and all other names unchanged.
 pub(crate) fn usual_name(name: &str) -> String {
     if name.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { name.to_owned() }
 }

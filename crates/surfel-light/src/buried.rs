@@ -1,4 +1,4 @@
-//! Splats that no light reaches among lit ones.
+//! Detection of buried splats: splats that no light reaches, among lit ones.
 //!
 //! In folds of scanned surfaces some splats lie below their neighbours or face inward, so that all of the sky is hidden
 //! from them. Where their rims are visible, they would be black spots.
@@ -6,21 +6,21 @@
 use crate::receivers::Light;
 use surfel_model::SplatCloud;
 
-/// Largest light of a buried splat, and least light of a lit one, as fractions of the mean of all splats. Where light
-/// fades, splats between both lie between.
+/// Largest light of a buried splat (`DARK`), and least light of a lit one (`BRIGHT`), as fractions of the mean of all
+/// splats. Where light fades gradually, splats have values between both.
 const DARK: f32 = 0.05;
 const BRIGHT: f32 = 0.25;
-/// Number of splats in Morton order before and after a splat among which those around it are found.
+/// Number of splats, before and after a splat in Morton order, among which its neighbours are searched.
 const WINDOW: usize = 32;
-/// Largest distance of splats around a splat, in its half-axes s.
+/// Largest distance from a splat to its neighbours, in lengths of its half-axis s.
 const AROUND: f64 = 3.0;
-/// Least number of splats around a buried splat, and the least fraction of them that are lit: on thin sheets whose
-/// lower side is dark, half of them are.
+/// Least number of neighbours of a buried splat (`FEWEST`), and the least fraction of them that are lit (`LIT`). On
+/// thin sheets whose lower side is dark, half of the neighbours are lit.
 const FEWEST: u32 = 8;
 const LIT: f64 = 0.6;
 
-/// Finds the buried splats of a cloud, each with the nearest lit splat, whose light is its own. `light` has the light
-/// of each splat.
+/// Finds the buried splats of a cloud. Returns each with its nearest lit neighbour, whose light replaces its own.
+/// `light` has one entry per splat.
 pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
     let total = |i: usize| light[i].total();
     let mean = (0..light.len()).map(|i| f64::from(total(i))).sum::<f64>() / light.len().max(1) as f64;

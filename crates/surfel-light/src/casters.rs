@@ -1,19 +1,20 @@
-//! Surfaces that cast shadows, in the coordinates of the maps.
+//! Surfaces that cast shadows, in the coordinates of the depth maps.
 
 use glam::{DAffine3, DVec3, Vec3};
 use surfel_math::clip::Clip;
 use surfel_model::{ClipPolicy, Cull, Geometry, Mesh, Object, Scene, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
-/// Share of points that lie within the sphere from which the size of the maps follows.
+/// Fraction of the points within the inner sphere, which determines the size of the depth maps.
 const INNER_SHARE: f64 = 0.98;
-/// Radius of the sphere that the maps show, in radii of that sphere. Points outside of it are strays: they cast no
-/// shadow and are in none.
+/// Largest radius of the sphere that the maps show, in radii of the inner sphere. Points outside it are strays: they
+/// cast no shadow and receive none.
 const OUTER_RADIUS: f64 = 2.5;
-/// Number of points from which the sphere is estimated.
+/// Maximum number of points from which the sphere is estimated.
 const ESTIMATED: usize = 1 << 16;
 
-/// Sphere that the maps show: coordinates are relative to its centre, and lengths to its radius.
+/// Sphere that the depth maps show. Coordinates in the maps are relative to its centre, and lengths are in units of its
+/// radius.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sphere {
     pub center: DVec3,
@@ -59,17 +60,17 @@ impl Sphere {
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 
-    /// Returns a point in the coordinates of the maps.
+    /// Converts a point from world space to the coordinates of the depth maps.
     pub(crate) fn point(&self, p: DVec3) -> Vec3 {
         ((p - self.center) / self.radius).as_vec3()
     }
 
-    /// Returns a vector in the lengths of the maps.
+    /// Converts a vector from world space to the units of the depth maps.
     pub(crate) fn vector(&self, v: DVec3) -> Vec3 {
         (v / self.radius).as_vec3()
     }
 
-    /// Returns a length in those of the maps.
+    /// Converts a length from world units to the units of the depth maps.
     pub(crate) fn length(&self, length: f64) -> f32 {
         (length / self.radius) as f32
     }
@@ -104,8 +105,8 @@ fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
 /// A surface that casts a shadow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Caster {
-    /// An ellipse of these half-axes, with the index of its clip. If `facing` isn't 0, `facing`·(s × t) points out of a
-    /// closed surface, of which only what faces the light needs to be drawn.
+    /// An ellipse with these half-axes, and the index of its clip in [`Casters::clips`]. If `facing` isn't 0,
+    /// `facing`·(s × t) points out of a closed surface, and ellipses that face away from the light needn't be drawn.
     Disk { center: Vec3, s: Vec3, t: Vec3, clip: Option<u32>, facing: f32 },
     /// A ball.
     Ball { center: Vec3, radius: f32 },

@@ -1,4 +1,4 @@
-//! Depths of the surfaces that a direction of light reaches first.
+//! Depth maps: depths of the surfaces that light from one direction reaches first.
 
 use crate::casters::{Caster, Casters};
 use glam::{Vec2, Vec3, Vec4};
@@ -18,21 +18,21 @@ pub(crate) struct DepthMap {
 
 /// Half-width in texels below which a splat is drawn as one texel.
 const TINY: f32 = 0.6;
-/// Largest half-width and half-height in texels of a disk of which every texel of its bounds is tested.
+/// Largest half-width and half-height, in texels, of a disk that is drawn by testing all texels of its bounds.
 const SMALL: f32 = 4.0;
 /// Number of texels of a row that are tested at once.
 const LANES: usize = 4;
-/// Largest slope of a surface along the light at which its depths are followed, in texels of depth per texel.
+/// Largest slope of a surface, in texels of depth per texel. Steeper surfaces are treated as if they had this slope.
 const MOST_SLOPE: f32 = 8.0;
 
-/// A disk as a map shows it.
+/// Disk projected to a depth map.
 struct Ellipse {
     /// Centre in texels, and its depth.
     middle: Vec2,
     depth: f32,
     /// Half-width and half-height in texels.
     half: Vec2,
-    /// Change of the place within the unit disk per texel to the right and down.
+    /// Change of the position within the unit disk per texel to the right, and per texel down.
     right: Vec2,
     down: Vec2,
     /// Change of the depth along the unit disk's axes.
@@ -45,7 +45,7 @@ impl DepthMap {
         Self { side, right: Vec3::X, down: Vec3::Y, forward: Vec3::Z, depths: vec![f32::INFINITY; side * side] }
     }
 
-    /// Draws all surfaces as the light from the direction `toward` sees them.
+    /// Replaces the content of the map by the depths of all surfaces, for light from the direction `toward`.
     pub(crate) fn draw(&mut self, casters: &Casters, toward: Vec3) {
         let (right, down) = orthonormal(toward.as_dvec3());
         (self.right, self.down, self.forward) = (right.as_vec3(), down.as_vec3(), -toward);
@@ -62,7 +62,7 @@ impl DepthMap {
         }
     }
 
-    /// Length of a texel.
+    /// Returns the side of a texel of a map of side×side texels, in units of the sphere's radius.
     pub(crate) fn texel(side: usize) -> f32 {
         2.0 / side as f32
     }
@@ -78,7 +78,7 @@ impl DepthMap {
         (Vec2::new(p.dot(self.right), p.dot(self.down)) * scale + scale, p.dot(self.forward))
     }
 
-    /// Returns a vector in texels, and its part along the light.
+    /// Projects a vector: returns its components across the light, in texels, and its component along the light.
     #[inline]
     fn turn(&self, v: Vec3) -> (Vec2, f32) {
         (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
@@ -96,8 +96,8 @@ impl DepthMap {
         }
     }
 
-    /// Returns how much the depth of a plane falls per texel along both axes of the map, at most [`MOST_SLOPE`]. The
-    /// normal may have any length.
+    /// Returns the decrease of a plane's depth per texel along both axes of the map, for slopes of at most
+    /// [`MOST_SLOPE`]. The normal may have any length.
     #[inline]
     pub(crate) fn fall(&self, normal: Vec3) -> Vec2 {
         let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / normal.dot(self.forward);
@@ -234,14 +234,14 @@ impl DepthMap {
         }
     }
 
-    /// True if the map shows no point of a sphere.
+    /// True if the map contains no part of a sphere.
     pub(crate) fn misses(&self, center: Vec3, radius: f32) -> bool {
         let reach = 1.0 + radius;
         center.dot(self.right).abs() > reach || center.dot(self.down).abs() > reach
     }
 
-    /// Returns the share of the light that reaches a point of a surface, 0 to 1: the bilinear mean over the four texels
-    /// around it. At each of them the point's depth is that of a plane whose [`DepthMap::fall`] is `slope`.
+    /// Returns the fraction of the light, 0 to 1, that reaches a point of a surface: the bilinear mean over the four
+    /// texels around it. At each texel, the point's depth is that of a plane whose [`DepthMap::fall`] is `slope`.
     #[inline]
     pub(crate) fn share(&self, p: Vec3, slope: Vec2) -> f32 {
         let (at, depth) = self.project(p);

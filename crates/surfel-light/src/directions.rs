@@ -7,11 +7,11 @@ use surfel_model::Sky;
 
 /// Golden ratio's fraction of a turn, by which successive points of a spiral are turned.
 const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
-/// Directions of an area per direction of the sky.
+/// Number of directions of the sky per direction of an area.
 const AREA_SHARE: u32 = 4;
 /// Least number of directions of an area.
 const LEAST_AREA: u32 = 16;
-/// Directions of the lower half of the sky per direction of the upper half.
+/// Number of directions of the sky's upper half per direction of its lower half.
 const LOWER_SHARE: u32 = 3;
 
 /// A direction, and the light from it.
@@ -25,7 +25,7 @@ pub(crate) struct Ray {
     pub is_sky: bool,
 }
 
-/// Returns the directions of a sky (rendering model §12), those with light alone.
+/// Returns the directions of a sky and of its areas (rendering model §12), without directions that have no light.
 pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     let up = unit(sky.up.into());
     let is_lower = sky.below > 0.0;
@@ -61,7 +61,7 @@ fn cap(middle: DVec3, least: f64, count: u32) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Returns the light of the sky and of its areas on a surface with this unit normal that nothing hides.
+/// Returns the light of the sky, and that of its areas, on an unoccluded surface with this unit normal.
 pub(crate) fn open(rays: &[Ray], normal: Vec3) -> [f32; 2] {
     let mut sums = [0.0; 2];
     for ray in rays {

@@ -13,11 +13,11 @@ use surfel_render::View;
 
 /// Number of points of the ground at which its light is computed, along each of its two axes.
 const POINTS: usize = 448;
-/// Half-width of the square in which the ground is in shadow, in radii of the scene.
+/// Half-width of the square in which shadows on the ground are computed, in radii of the scene.
 const EXTENT: f64 = 4.0;
 /// Crowding of the points toward the middle: a point at u from −1 to 1 lies at sinh(u·CROWDING)/sinh(CROWDING).
 const CROWDING: f64 = 2.0;
-/// Share of the half-width at which the ground begins to fade.
+/// Distance from the square's middle at which the ground begins to fade, as a fraction of the half-width.
 const FADE: f64 = 0.5;
 /// Width of the border of an image in which its shadow fades, as a fraction of the shorter side. Framed objects end
 /// before it.
@@ -28,26 +28,26 @@ const PLANE_ALBEDO: f64 = 0.75;
 const LINE: (f64, f64) = (0.1, 0.5);
 /// Width of the grid's lines in pixels.
 const LINE_PX: f64 = 1.2;
-/// Number of the grid's lines over the radius of the scene, about.
+/// Least number of the grid's lines over the radius of the scene.
 const LINES: f64 = 4.0;
 
-/// Square of a ground in which shadows fall.
+/// Square part of the ground in which shadows are computed.
 #[derive(Clone, Debug)]
 pub(crate) struct Plane {
     style: GroundStyle,
-    /// Foot of the scene's centre.
+    /// Projection of the scene's centre onto the ground, in world space.
     origin: DVec3,
     /// Unit axes along the plane, and its upward normal.
     axes: [DVec3; 2],
     normal: DVec3,
     /// Half-width of the square in world units.
     half: f64,
-    /// Sphere of the scene.
+    /// Sphere of the scene, which the depth maps show.
     sphere: Sphere,
 }
 
 impl Plane {
-    /// Returns the square of a ground below a scene.
+    /// Returns the square part of a ground below a scene in which shadows are computed.
     pub(crate) fn of(ground: &Ground, sphere: &Sphere) -> Self {
         let normal = unit(ground.normal.into());
         let origin = sphere.center - normal * normal.dot(sphere.center - DVec3::from(ground.point));
@@ -69,15 +69,15 @@ impl Plane {
     }
 }
 
-/// Ground whose light is computed.
+/// Ground with the light that reaches it.
 #[derive(Clone, Debug)]
 pub struct LitGround {
     plane: Plane,
-    /// Distance between lines of the grid.
+    /// Distance between lines of the grid, in world units.
     spacing: f64,
-    /// Brightness where no shadow falls.
+    /// Brightness of a white ground where no shadow falls.
     whole: f32,
-    /// Light that reaches each point, over the light where nothing hides it; row by row.
+    /// Fraction of the unoccluded light that reaches each of [`Plane::receivers`], row by row.
     shares: Vec<f32>,
 }
 
@@ -94,7 +94,8 @@ impl LitGround {
         Self { plane, spacing, whole, shares }
     }
 
-    /// Returns the share of the light that reaches a point of the plane, given along its axes in world units.
+    /// Returns the fraction of the light that reaches a point of the plane. `at` is the point's position along the
+    /// plane's axes, in world units.
     fn share(&self, at: DVec2) -> f64 {
         let place = |x: f64| 0.5 * (unwarped(x / self.plane.half) + 1.0) * (POINTS - 1) as f64;
         let (x, y) = (place(at.x), place(at.y));
@@ -132,7 +133,8 @@ impl LitGround {
         }
     }
 
-    /// Returns the share of a pixel of this width that the lines along one axis cover.
+    /// Returns the fraction of a pixel that the lines across one axis cover. `x` is the pixel's position and `pixel`
+    /// its width, in world units.
     fn line(&self, x: f64, pixel: f64) -> f64 {
         let half = 0.5 * LINE_PX * pixel;
         // Mean of the lines over the pixel: a difference of the integral of their comb.
@@ -167,8 +169,8 @@ impl LitGround {
         });
     }
 
-    /// Returns the factor by which a shadow without a plane fades toward the border of an image of this size in pixels,
-    /// so that no edge appears where the image lies on a page of its background's colour.
+    /// Returns the factor, 0 to 1, by which a shadow without a plane fades toward the border of an image of this size
+    /// in pixels. An image on a page of its background's colour then shows no edge.
     fn fade(&self, size: [u32; 2], pixel: [f64; 2]) -> f64 {
         if self.plane.style != GroundStyle::Shadow {
             return 1.0;
@@ -185,7 +187,8 @@ impl LitGround {
         Some((at, (right - at).abs() + (below - at).abs()))
     }
 
-    /// Returns where the ray through a point of the image meets the plane from above.
+    /// Returns the point at which the ray through (x, y) of the image meets the plane from above, along the plane's
+    /// axes; `None` if there is none.
     fn hit(&self, view: &View, x: f64, y: f64) -> Option<DVec2> {
         let (from, direction) = view.projection.ray(V2::new(x, y));
         let world_from_view = view.view_from_world.transpose();
@@ -214,8 +217,8 @@ fn unwarped(x: f64) -> f64 {
     (x * CROWDING.sinh()).asinh() / CROWDING
 }
 
-/// Returns the largest of 1, 2 and 5 times a power of ten that isn't larger than a length, as the scale bars of
-/// `surfel-figure` have it, which this package needn't depend on.
+/// Returns the largest of 1, 2 and 5 times a power of ten that isn't larger than a length. The scale bars of
+/// `surfel-figure` follow the same rule, but this crate doesn't depend on that one.
 fn round_length(length: f64) -> f64 {
     let power = 10f64.powf(length.log10().floor());
     let digit = [5.0, 2.0].into_iter().find(|digit| digit * power <= length * (1.0 + 1e-9)).unwrap_or(1.0);

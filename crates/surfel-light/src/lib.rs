@@ -1,5 +1,5 @@
-//! Light of skies and of areas of them, with soft shadows, stored in a scene's splats; and shadows on the ground
-//! (rendering model §12).
+//! Computes the light of a sky and its bright areas, with soft shadows, and stores it in a scene's splats. Also draws
+//! shadows on the ground (rendering model §12).
 //!
 //! A [`Sky`](surfel_model::Sky) shines from many directions. [`light_scene`] draws a depth map of the scene for each
 //! direction, sums the light that reaches each splat, and multiplies the splats' colours by it. All backends then draw
@@ -24,13 +24,12 @@
 //! ```
 //!
 //! # Reading order
-//! [`light_scene`]; `directions.rs`, the rays of a sky; `casters.rs` and `depth_map.rs`, what hides them;
-//! `receivers.rs`, the sums; `stored.rs`, what the scene stores;
-//! `buried.rs`, splats that take their neighbours' light; [`LitGround`].
+//! Start with [`light_scene`]. `directions.rs` divides a sky into rays. `casters.rs` and `depth_map.rs` find the
+//! surfaces that block the rays. `receivers.rs` sums the light that reaches each point. `stored.rs` stores the sums in
+//! the scene, and `buried.rs` finds dark splats that get the light of their neighbours. [`LitGround`] draws the ground.
 //!
 //! # Layer
-//! The crate lies above `surfel-model` and `surfel-render`, and below `surfel-backend`, which calls it when a scene is
-//! uploaded.
+//! The crate builds on `surfel-model` and `surfel-render`. `surfel-backend` calls it when a scene is uploaded.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -68,7 +67,7 @@ pub enum LightError {
     Model(#[from] ModelError),
 }
 
-/// Trade of speed for accuracy of stored light.
+/// Options that trade speed for accuracy of the stored light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LightOptions {
@@ -88,16 +87,17 @@ impl LightOptions {
     }
 }
 
-/// A scene whose light is stored.
+/// Scene whose objects store the light of its sky.
 #[derive(Clone, Debug)]
 pub struct LitScene {
-    /// The scene without its sky and ground. Its colours are to be drawn by [`Shader::Unlit`](surfel_model::Shader).
+    /// The scene without its sky and ground. Draw its colours with [`Shader::Unlit`](surfel_model::Shader).
     pub scene: Scene,
-    /// The ground, which is to be drawn behind the scene; the scene's background is transparent then.
+    /// The ground, to be drawn behind the scene by [`LitGround::draw_behind`]; the scene's background is then
+    /// transparent. `None` if the scene has no ground.
     pub ground: Option<LitGround>,
 }
 
-/// Computes and stores the light of a scene's sky. A scene without a sky stays as it is.
+/// Computes and stores the light of a scene's sky. A scene without a sky is returned unchanged.
 ///
 /// The result is the same for any number of threads. Time is proportional to the number of directions times the
 /// number of splats; memory is 48 bytes a splat (680 a ball), and 10 MB for a ground, besides the copy of the scene.

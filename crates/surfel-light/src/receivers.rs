@@ -6,8 +6,8 @@ use crate::directions::Ray;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Distance from a surface, in texels, at which its light is looked up, so that a curved surface casts no shadow on
-/// itself. A plane wouldn't even without it.
+/// Offset along the normal, in texels, of the position at which a point's light is looked up. It prevents curved
+/// surfaces from casting shadows on themselves; flat ones would cast none even without it.
 const OFFSET_TEXELS: f32 = 0.35;
 
 /// Point of a surface.
@@ -17,7 +17,7 @@ pub(crate) struct Receiver {
     pub position: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// Distance from the surface at which the light is looked up, besides that in texels: the noise of its splats.
+    /// Additional offset because of the noise of the splats, in units of the maps.
     pub noise: f32,
     /// Sides on which light is summed.
     pub sides: Sides,
@@ -34,7 +34,7 @@ pub(crate) enum Sides {
     Both,
 }
 
-/// Number of directions per direction that counts in a sparse sum.
+/// Number of directions of which a sparse sum uses one.
 const SPARSE: usize = 4;
 
 /// Least and largest number of maps at once. Several maps share one pass over the receivers.
@@ -44,16 +44,16 @@ const MOST_MAPS: usize = 16;
 /// Light that reaches a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Light {
-    /// Light of the sky and of its areas on the front.
+    /// Light on the front: of the sky, and of its areas.
     pub front: [f32; 2],
-    /// The same on the back.
+    /// Light on the back: of the sky, and of its areas.
     pub back: [f32; 2],
 }
 
-/// Number of receivers that are tested together for lying outside of a map.
+/// Number of receivers that are tested together for being outside a map.
 const GROUP: usize = 64;
 
-/// Sphere around the places at which the light of several receivers is looked up.
+/// Sphere around the positions at which the light of several receivers is looked up.
 struct Near {
     center: Vec3,
     radius: f32,
@@ -83,8 +83,8 @@ fn offset(receiver: &Receiver, side: usize) -> f32 {
     OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise
 }
 
-/// Draws depth maps of side×side texels for all rays, each once, and sums their light over groups of receivers. Returns
-/// the light of each group.
+/// Draws one depth map of side×side texels per ray, and sums the light of all rays at each receiver. Returns the light
+/// of each group of receivers, in their order.
 ///
 /// Each receiver's sums are in the order of the rays, so that they don't depend on the number of threads.
 pub(crate) fn gather<const N: usize>(
@@ -124,7 +124,8 @@ pub(crate) fn gather<const N: usize>(
     light
 }
 
-/// Least light of the back of a surface whose front is known, over that of its front, at which the back counts.
+/// Least ratio of the light on the back to that on the front from which the back counts, for surfaces whose front is
+/// known.
 const BACK_OF_FRONT: f32 = 10.0;
 
 impl Light {
@@ -134,7 +135,7 @@ impl Light {
         total(self.front).max(total(self.back))
     }
 
-    /// Leaves out the light of the back, unless the front is dark beside it: normals of scans that point inward.
+    /// Drops the light on the back, unless the front is dark in comparison, as with normals of scans that point inward.
     pub(crate) fn prefer_front(&mut self) {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         if total(self.back) < BACK_OF_FRONT * total(self.front) {
@@ -142,8 +143,8 @@ impl Light {
         }
     }
 
-    /// Adds the light of a ray, whose number is given with the side of the maps. `share` returns the share of the light
-    /// that reaches a point.
+    /// Adds the light of the ray with index `number`. `side` is the side of the maps in texels, and `share` returns the
+    /// fraction of the light that reaches a point.
     #[inline]
     fn add(&mut self, receiver: &Receiver, ray: &Ray, (side, number): (usize, usize), share: impl Fn(Vec3) -> f32) {
         let cosine = receiver.normal.dot(ray.toward);

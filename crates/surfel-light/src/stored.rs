@@ -17,21 +17,22 @@ const BALL_NORMALS: usize = 14;
 /// Weights of an axis and of a diagonal in the mean over the sphere, which is exact for polynomials up to degree 5
 /// (Lebedev 1976).
 const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
-/// Number of splats from which the noise of a cloud is estimated, and of their neighbours.
+/// Maximum number of splats from which the noise of a cloud is estimated, and number of neighbours of each.
 const NOISE_SAMPLES: usize = 4096;
 const NEIGHBOURS: usize = 8;
-/// Largest distance of a neighbour along the splat's plane, in half-axes; its height is at most one half-axis.
+/// Largest distance of a neighbour along the splat's plane, in half-axes. Its height above the plane may be at most one
+/// half-axis.
 const BESIDE: f64 = 1.25;
-/// Number of splats below which a cloud has the least noise.
+/// Number of splats below which the noise isn't estimated, and [`LEAST_NOISE`] is used.
 const FEWEST_NOISY: usize = 64;
-/// Noise over the 90th percentile of heights, and the least noise: neighbours of a curved surface stand out of each
-/// other's disks.
+/// Factor on the 90th percentile of the neighbours' heights that gives the noise, and the least noise. Even without
+/// noise, neighbours on a curved surface are outside each other's planes.
 const NOISE_FACTOR: f32 = 1.5;
 const LEAST_NOISE: f32 = 0.05;
 /// Linear RGB to luminance (BT.709).
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// Returns the normals of [`BALL_NORMALS`].
+/// Returns the unit normals along the axes, then those along the diagonals.
 fn ball_normals() -> [Vec3; BALL_NORMALS] {
     let diagonal = 1.0 / 3f32.sqrt();
     std::array::from_fn(|i| match i {
@@ -100,7 +101,7 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
     }
 }
 
-/// Returns the noise of a cloud: how far neighbours lie off each other's planes, in half-axes of a splat.
+/// Estimates the noise of a cloud: the distance of neighbours from each other's planes, in half-axes of a splat.
 fn noise_of(cloud: &SplatCloud) -> f32 {
     let order = cloud.morton_order();
     let step = order.len().div_ceil(NOISE_SAMPLES).max(1);
@@ -129,7 +130,7 @@ fn in_world(normals: &DMat3, normal: glam::DVec3) -> Vec3 {
     unit(*normals * normal).as_vec3()
 }
 
-/// Returns a mesh's normals, or else the sums of its triangles' normals times their areas.
+/// Returns a mesh's vertex normals. If it has none, they are means of the triangles' normals, weighted by area.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     if let Some(normals) = &mesh.normals {
         return normals.iter().map(|normal| Vec3::from(*normal)).collect();
@@ -143,7 +144,7 @@ fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     sums.into_iter().map(|sum| unit(sum).as_vec3()).collect()
 }
 
-/// Stores light in a copy of a scene's objects. `light` has that of all [`receivers`].
+/// Stores light in a copy of a scene's objects. `light` has one entry for each of the scene's [`receivers`].
 pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> Result<Vec<Object>, LightError> {
     let mut rest = light;
     let mut next = |count: usize| {
@@ -191,7 +192,7 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
     Ok(objects)
 }
 
-/// Light as an object reflects it.
+/// Parameters for the light that an object's surface reflects.
 struct Shading<'a> {
     sky: &'a Sky,
     rays: &'a [Ray],
@@ -199,7 +200,7 @@ struct Shading<'a> {
 }
 
 impl Shading<'_> {
-    /// Returns the colour of a surface of albedo `own` below a light.
+    /// Returns the colour of a surface of albedo `own` (linear RGB) under a light.
     fn color(&self, own: [f32; 3], normal: Vec3, light: &Light) -> [f32; 3] {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         // Of a surface with two sides, the side that has more light is the one outside.
@@ -209,15 +210,15 @@ impl Shading<'_> {
         own.map(|albedo| albedo * self.reflected(side, whole, albedo))
     }
 
-    /// Returns the brightness of a white surface, with light from other surfaces as if they were of this albedo.
-    /// `whole` is the sky's light where nothing hides it.
+    /// Returns the brightness of a white surface. Light from other surfaces is estimated as if they had this albedo.
+    /// `whole` is the sky's light on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
         let sky = if self.sky.bounce && whole > 0.0 { whole * bounced(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;
         (even + (1.0 - even) * (sky + areas)) * self.material.diffuse as f32
     }
 
-    /// Returns the coefficients of balls, of which each has the light of all its [`ball_normals`].
+    /// Returns the coefficients of balls. `light` has one entry for each of a ball's [`ball_normals`], ball by ball.
     fn balls(&self, cloud: &SplatCloud, light: &[Light]) -> Vec<BallLight> {
         let around = ball_normals();
         let whole = around.map(|normal| open(self.rays, normal)[0]);
@@ -233,8 +234,8 @@ impl Shading<'_> {
     }
 }
 
-/// Returns the visibility of the sky with light that surfaces of this albedo reflect to each other (Jimenez et al.
-/// 2016, *Practical realtime strategies for accurate indirect occlusion*).
+/// Returns the visibility of the sky, increased by light that surfaces of this albedo reflect to each other (Jimenez et
+/// al. 2016, *Practical realtime strategies for accurate indirect occlusion*).
 fn bounced(visibility: f32, albedo: f32) -> f32 {
     let a = 2.0404 * albedo - 0.3324;
     let b = -4.7951 * albedo + 0.6417;

@@ -28,7 +28,7 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     Ok(cloud)
 }
 
-/// Returns which of a file's points or splats the options select; `None`: all.
+/// Returns a flag per point or splat of a file, true if the options select it; `None` if they select all.
 fn chosen(
     (count, position): (usize, &dyn Fn(usize) -> DVec3),
     extras: &[ExtraColumn],
@@ -75,7 +75,8 @@ pub(crate) fn chosen_splats(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Largest number of points at the origin, or at any other single place, that count as measurements.
+/// Largest number of points at the origin, or at any other single position, that are used. If there are more, all of
+/// them are dropped.
 const COINCIDENT: usize = 16;
 /// Reason in notes for dropping points that share a place.
 const CROWDED: &str = "more than 16 are in their place";
@@ -211,8 +212,8 @@ pub fn splats_of_points(
     finished((cloud, false), report, path, options, notes, progress)
 }
 
-/// Finishes splats of points: enlarges them to cover their level, clips them and fits their colours as the options
-/// state. `stated` is true if the file states their radii.
+/// Finishes splats of points, as the options state: enlarges them to cover the surface at their level of detail, clips
+/// them along edges, and fits their colours. `stated` is true if the file states their radii.
 fn finished(
     (cloud, stated): (SplatCloud, bool),
     report: PointReport,

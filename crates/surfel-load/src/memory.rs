@@ -5,9 +5,9 @@ use std::path::Path;
 use surfel_io::PointCount;
 use surfel_model::PointCloud;
 
-/// Peak bytes per point until it is drawn, besides its row of the file: reading, finding neighbours, making a splat,
-/// and uploading to the CPU backend. For 3 to 4 million points of PLY, PCD, NPY, NPZ, LAS, LAZ, E57 and text, measured
-/// peaks are within 20 % of these constants plus the row.
+/// Peak memory in bytes per point from reading to drawing, in addition to the point's row of the file. It includes
+/// reading, finding neighbours, making a splat, and uploading to the CPU backend. For 3 to 4 million points of PLY,
+/// PCD, NPY, NPZ, LAS, LAZ, E57 and text, measured peaks are within 20 % of these constants plus the row.
 const PREPARED_BYTES: u64 = 49;
 /// Peak bytes per point with a normal, and with a normal and a radius.
 const NORMAL_BYTES: u64 = 44;
@@ -18,9 +18,10 @@ const COLOR_BYTES: u64 = 24;
 pub const KNOWN_BYTES: u64 = 90;
 /// Peak bytes per point of such a COPC file with colours, both the point's and its level's; 105 were measured.
 pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
-/// Peak bytes per point that the heap of the C library retains of freed arrays, and the number of points from which it
-/// retains next to none: glibc returns arrays of 32 MiB to the system at once, and most arrays have 12 to 16 bytes a
-/// point. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the other constants' sum.
+/// Peak bytes per point that the C library's heap retains of freed arrays (`RETAINED_BYTES`), and the number of points
+/// from which it retains next to nothing (`RETAINED_POINTS`). glibc returns arrays of 32 MiB to the system at once, and
+/// most arrays have 12 to 16 bytes a point. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the
+/// other constants' sum.
 const RETAINED_BYTES: u64 = 28;
 const RETAINED_POINTS: u64 = (32 << 20) / 16;
 /// Fraction of the machine's memory that may be used; the rest is for the machine's own needs.
@@ -71,7 +72,7 @@ fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
     limits.filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok()).min()
 }
 
-/// Returns the peak bytes per point of a file until it is drawn.
+/// Returns the peak memory in bytes per point of a file, from reading to drawing.
 pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     let known = match count {
         PointCount { has_radii: true, .. } => RADIUS_BYTES,
@@ -86,8 +87,8 @@ fn retained_bytes(points: u64) -> u64 {
     if points < RETAINED_POINTS && cfg!(target_env = "gnu") { RETAINED_BYTES } else { 0 }
 }
 
-/// Returns the peak bytes per point until it is drawn, for points that have been read. What the heap retains doesn't
-/// count: the points may be those of a COPC file that were chosen to fit.
+/// Returns the peak memory in bytes per point, until it is drawn, for points that have been read. Memory that the heap
+/// retains isn't included, because the points may be a selection of a COPC file, chosen to fit.
 pub(crate) fn prepared_bytes(points: &PointCloud) -> u64 {
     let extra_bytes: u64 = points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum();
     let known = if points.normals.is_some() { NORMAL_BYTES } else { PREPARED_BYTES };

@@ -191,8 +191,8 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
-    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up
-    /// axis, view and lights follow from the surface, so this comes last, before [`assemble`].
+    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Call
+    /// this last, before [`assemble`], because up axis, view and lights are derived from the surface.
     ///
     /// # Errors
     /// [`Error::Model`] for a radius that is out of range.
@@ -268,7 +268,7 @@ fn is_colored(geometry: &Geometry) -> bool {
     }
 }
 
-/// Returns geometry of one colour.
+/// Returns the geometry with one colour instead of its own colours.
 fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geometry, Error> {
     let color = levels.map(|level| linear(f64::from(level) / 255.0));
     let unsuitable = |holds: &str| {
@@ -291,7 +291,7 @@ fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geom
     }
 }
 
-/// File of an object, and what distinguishes the ways of loading it besides the conversion options.
+/// File of an object, and the settings besides the conversion options that affect how it is loaded.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct FileUse {
     path: PathBuf,
@@ -303,8 +303,8 @@ struct FileUse {
 }
 
 impl FileUse {
-    /// Returns the use that an object makes of its file; `None` for an object without one. Splats among meshes need
-    /// their interior weight, since they are blended over polygons by their coverage (rendering model §6).
+    /// Returns how an object uses its file; `None` for an object without one. Splats among meshes need their interior
+    /// weight, since they are blended over polygons by their coverage (rendering model §6).
     fn of(object: &ObjectFile, base_dir: &Path, options: &LoadOptions, among_meshes: bool) -> Option<Self> {
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
             (Some(file), _) => (file, false),
@@ -319,13 +319,13 @@ impl FileUse {
         Some(Self { path, as_mesh, interior_weight, has_stated_weight })
     }
 
-    /// Returns the options with the weights of this use.
+    /// Returns the options with this use's settings of interior weights.
     fn options(&self, options: &LoadOptions) -> LoadOptions {
         options.clone().with_interior_weight(self.interior_weight).with_has_stated_weight(self.has_stated_weight)
     }
 }
 
-/// Loaded file, with what else belongs to it.
+/// Loaded file, with its notes and the paths of the files that it refers to.
 struct LoadedFile {
     known: Known,
     notes: Vec<String>,
@@ -360,7 +360,7 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
     Ok(LoadedFile { known: Known { geometry, facts, unused, color_job }, notes, beside })
 }
 
-/// Returns facts about splats, and a note on those that don't count for up axis and view.
+/// Returns facts about splats, and a note if noise and withheld points are ignored for up axis and view.
 fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<String>) {
     let cloud = made.octree.is_none().then_some(&made.cloud);
     let says = |comment: &str| cloud.is_some_and(|cloud| cloud.data().comments.iter().any(|c| c == comment));
@@ -421,7 +421,7 @@ impl Useless {
     }
 }
 
-/// Loads objects like [`load_objects`], but with the files' own colours.
+/// Loads objects like [`load_objects`], but without colouring them by attributes.
 fn load_uncolored(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -475,7 +475,8 @@ fn load_uncolored(
     Ok(loaded)
 }
 
-/// Reads the levels that views need for the objects of which only [`crate::levels::Levels::Overview`] was read.
+/// Reads the levels of detail that views need, for the objects of which only [`crate::levels::Levels::Overview`] was
+/// read.
 ///
 /// # Errors
 /// Errors of [`load_objects`].

@@ -172,9 +172,9 @@ pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
 pub enum Placement {
     /// In front of the eye: filters and mapping as set.
     Ordinary,
-    /// Centre at or beyond z_near but e ≥ p_z/2 in perspective: exact, without a filter.
+    /// Centre at or beyond z_near, but e ≥ p_z/2 in perspective: the splat is drawn exactly, without a filter.
     Close,
-    /// Centre nearer than z_near: exact, without a filter; dropped with the affine mapping.
+    /// Centre nearer than z_near: the splat is drawn exactly, without a filter. With the affine mapping it is dropped.
     CenterBeforeNear,
     /// No part of the splat is at or beyond z_near, or all of it is beyond an orthographic far plane.
     Outside,

@@ -20,12 +20,12 @@ use surfel_render::{Frame, Planes, Region, Renderer, View};
 
 /// Σw inside a surface, if its cloud states no interior weight.
 const WEIGHT: f64 = 4.0;
-/// Factor on the interior Σw from which on nothing behind the surface contributes. The contribution would be below 1 %,
-/// since the weights of two surfaces that meet at an edge sum to about 1 there.
+/// Σw of a pixel, in units of the interior Σw, from which nothing behind the surface contributes. The contribution
+/// would be below 1 %, since the weights of two surfaces that meet at an edge sum to about 1 there.
 const FULL: f64 = 1.5;
 /// Side in pixels of the squares that share one edge search.
 const SQUARE_PX: usize = 4;
-/// Distances from a splat's centre, in radii, at which it is compared with the surface.
+/// Radii of the rings of points at which a splat is compared with the surface, in radii of the splat.
 const RINGS: [f64; 2] = [0.5, 0.95];
 /// Number of directions on each ring.
 const DIRECTIONS: usize = 8;
@@ -168,7 +168,7 @@ struct Surface<'a> {
 }
 
 impl Surface<'_> {
-    /// True if a part of a splat lies behind the surface where the surface may end.
+    /// True if a tested point of a splat is behind the surface at a pixel where the surface may end.
     fn hides(&self, cloud: &SplatCloud, i: usize) -> bool {
         let ((s, t), center) = (cloud.axes(i), cloud.center(i));
         let n = s.cross(t);
@@ -207,7 +207,7 @@ struct Behind<'a> {
     left_top: [f64; 2],
 }
 
-/// Returns the fraction of the first surface at each pixel; `None` at empty pixels.
+/// Returns the fraction of each pixel that the nearest surface covers; `None` at empty pixels.
 fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>> {
     let (frame, side) = (surface.frame, surface.frame.width() as usize);
     let is_there = |i: usize| frame.weight()[i] > 0.0 && frame.depth()[i].is_finite();
@@ -252,7 +252,8 @@ impl Square {
 }
 
 impl Behind<'_> {
-    /// Passes the first surface's fraction to `each` for every pixel of a square that both surfaces cover.
+    /// Calls `each` with column, row and the nearest surface's fraction, for every pixel of a square that both surfaces
+    /// cover.
     fn each_share(
         &self,
         surface: &Surface<'_>,

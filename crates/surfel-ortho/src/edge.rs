@@ -5,8 +5,8 @@
 pub(crate) struct Edge {
     value: f64,
     slopes: [f64; 2],
-    /// True if the fraction is the logistic function of the linear function; otherwise it is the linear function plus
-    /// ½.
+    /// True if the fraction is the logistic function of `value` + `slopes`·offset. Otherwise the fraction is that
+    /// linear function plus ½, clamped to the range from 0 to 1.
     pub(crate) is_logistic: bool,
 }
 

@@ -19,7 +19,7 @@ const WIDEST_DEG: f64 = 5.0;
 const FINE: f64 = 1e-5;
 /// Number of pixels up to which an image is never excessively large.
 const ABSURD_PX: f64 = 4e6;
-/// Factor by which strays may enlarge an image.
+/// Largest factor by which strays may enlarge an image's area.
 const ABSURD_TIMES: f64 = 100.0;
 /// Divisor of the point count that gives the largest number of strays.
 const STRAY_OF: usize = 1000;

@@ -148,12 +148,13 @@ impl BlockStore {
     }
 }
 
-/// Returns the number of pixels around a pixel that its value depends on.
+/// Returns the width in pixels of the margin around a pixel that its filled value depends on.
 pub(crate) fn margin_px(radius_px: f64) -> u32 {
     2 * radius_px.ceil() as u32 + 2
 }
 
-/// Fills gaps, and returns the pixels without a margin of `margin` pixels on each side.
+/// Fills gaps, and returns the pixels without a margin of `margin` pixels on each side. `radius_px` is the radius of
+/// the largest circle, in pixels, that fits into a gap to be filled.
 pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes {
     let width = planes.width;
     let height = planes.height.len() / width.max(1);
@@ -195,7 +196,7 @@ pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes
     }
 }
 
-/// Interpolates a pixel of a gap from the pixels around the gap.
+/// Interpolates a pixel of a gap from the nearest data in all directions, at most `reach` pixels away.
 fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Option<(f32, [f32; 4], [f32; 3])> {
     let width = planes.width;
     let height = is_data.len() / width;

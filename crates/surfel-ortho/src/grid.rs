@@ -16,7 +16,7 @@ const SLACK_PX: f64 = 1e-6;
 pub(crate) struct Grid {
     /// Ground sampling distance: side of a pixel, in the units of x and y.
     pub(crate) gsd: f64,
-    /// Point at which a corner of pixels lies.
+    /// Position (x, y) of a corner of the pixel grid.
     pub(crate) origin: [f64; 2],
     /// Column and row of the image's lower left pixel, counted from the origin to the east and to the north.
     pub(crate) first: [i64; 2],

@@ -10,8 +10,8 @@ use std::ops::RangeInclusive;
 const BLOCK_PX: (i64, i64) = (2048, 16);
 /// Largest average number of points in a block, including the points around it.
 const BLOCK_POINTS: f64 = 3e6;
-/// Width, in point spacings, of the halo of points around a drawn area that are used. A splat's radius is at most 4
-/// spacings, and it is estimated from points within as many again.
+/// Width of the halo of points used around a drawn area, in point spacings. A splat's radius is at most 4 spacings, and
+/// it is estimated from points within as many again.
 const HALO_SPACINGS: f64 = 12.0;
 /// Width, in point spacings, of the margin around a block that is drawn too. Surfaces behind an edge are searched for
 /// there.

@@ -71,7 +71,7 @@ use system::crs_of;
 const KEPT_BYTES: usize = 2 << 30;
 /// Least side in pixels of the windows in which gaps are filled.
 const WINDOW_PX: u32 = 512;
-/// Height above a block, in its sides, of the viewpoint that the points' normals face.
+/// Height of the viewpoint that the points' normals face, above a block, in units of the block's side.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
 /// Content and grid of an orthoimage.
@@ -80,7 +80,7 @@ const VIEWPOINT_SIDES: f64 = 1e3;
 pub struct OrthoOptions {
     /// Ground sampling distance: side of a pixel in the units of x and y; greater than 0.
     pub gsd: f64,
-    /// Point (x, y) at which a corner of pixels lies, in the units of x and y.
+    /// Position (x, y) of a corner of the pixel grid, in the units of x and y.
     pub origin: [f64; 2],
     /// Bounds of the image in the units of x and y: least x and y, then largest; enlarged to whole pixels. `None`:
     /// bounds of the points.
@@ -92,7 +92,8 @@ pub struct OrthoOptions {
     /// Radius of the largest circle that fits into gaps to be filled by interpolation, in the units of x and y: more
     /// than 0, at most 512 pixels. `None`: gaps aren't filled.
     pub fill: Option<f64>,
-    /// True if points that are isolated in height, such as birds and reflections, are drawn.
+    /// True if points that are isolated in height, such as birds and reflections, are drawn. Otherwise they are
+    /// dropped.
     pub lone: bool,
     /// Options for loading files and converting them to splats.
     pub load: LoadOptions,
@@ -168,7 +169,7 @@ pub struct Ortho {
     pub notes: Vec<(Option<PathBuf>, String)>,
     /// Loading options that have no effect on a file's content, with the path of the file.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// Colouring by values, and the first file coloured by it.
+    /// Colouring by an attribute, and the first file that it colours; `None` if no file is coloured by one.
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
@@ -456,7 +457,8 @@ impl Ortho {
     }
 }
 
-/// Returns the bounds that the options give. Checks them before anything is loaded.
+/// Returns the bounds that the options state by bounds or size; `None` if they state neither. Checks the grid before
+/// anything is loaded.
 fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     let asked = match (options.bounds, options.size) {
         (Some(bounds), _) => Some(bounds),
@@ -484,7 +486,7 @@ type Notes = Vec<(Option<PathBuf>, String)>;
 /// Options without effect, by file.
 type Unused = Vec<(PathBuf, UnusedOption)>;
 
-/// Collects the values of the attribute that files are coloured by.
+/// Choice of one colouring for all files, and the values collected for it.
 #[derive(Default)]
 struct ColorChoice {
     tallies: Tallies,

@@ -29,7 +29,7 @@ impl Sink<'_, '_> {
         Has { color: self.shown.contains(&Shown::Color), normal: self.shown.contains(&Shown::Normal) }
     }
 
-    /// Writes pixels whose upper left one is at `at` in the image.
+    /// Writes a rectangle of pixels. `at` is the column and row of its upper left pixel in the image.
     pub(super) fn write(&mut self, at: [u32; 2], planes: &Planes, stats: &mut OrthoStats) -> Result<(), IoError> {
         let width = planes.width as u32;
         let or_no_data = |v: f32| if v.is_nan() { GeoSamples::NODATA } else { v };

@@ -20,8 +20,9 @@ const SCALES: [f64; 4] = [1.3, 0.8, 0.5, 0.3];
 const REACH: f64 = 2.5;
 /// Largest fraction of the squared weights that points on the wrong side of the function may have.
 const WRONG: f64 = 0.05;
-/// Factor from the function's value to a fraction, over the scale. A step between points that are evenly distributed on
-/// both sides is fitted by a function that rises more slowly than the step, the more so the wider the weights.
+/// Factor, per unit of the scale, from the function's value to a fraction. A step between points that are evenly
+/// distributed on both sides is fitted by a function that rises more slowly than the step, the more so the wider the
+/// weights.
 const STEEPNESS: f64 = 4.4;
 /// Weight of a constant function, relative to the points' weight at their standard deviation. It is needed for few
 /// points or points on a line, which determine no slope.
@@ -29,7 +30,7 @@ const LEVEL: f64 = 2e-3;
 /// Largest side of a square of pixels that share one function, in splat radii. Sharing changes a surface model's RMSE
 /// by 1 %.
 const SQUARE: f64 = 0.8;
-/// Value like [`SQUARE`] for edges located by the upper points alone, whose function isn't linear.
+/// Limit like [`SQUARE`] for edges located by the upper points alone, whose function isn't linear.
 const OUTLINE_SQUARE: f64 = 0.4;
 /// Largest average number of points in a cell.
 const CELL_POINTS: f64 = 2.0;
@@ -195,8 +196,8 @@ impl Sides {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// Returns the points of the cells that meet a square around (x, y). Of very many, such as on a wall viewed from
-    /// above, only some.
+    /// Returns the points of the cells that meet a square around (x, y). If there are very many, such as on a wall
+    /// viewed from above, only some of them are returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }

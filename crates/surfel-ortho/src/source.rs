@@ -87,7 +87,7 @@ pub(crate) struct Points {
     water: Vec<bool>,
     /// Rows of the cloud in each bin; set when the points are sorted into bins.
     bins: Option<Bins>,
-    /// Time of last use, as a block number.
+    /// Number of the block that used the points last.
     used: u64,
 }
 

@@ -225,7 +225,7 @@ impl<'a> Eye<'a> {
     }
 }
 
-/// Size in pixels of an object's lengths in a view, at any position.
+/// Pixels per unit of length of an object in a view, as a function of the position in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Magnification {
     /// Gradient of depth in object space, and the depth of the object's origin.

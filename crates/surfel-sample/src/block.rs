@@ -19,7 +19,8 @@ use std::ops::Range;
 /// Largest distance of a closed cell's corners, as a fraction of the farthest neighbour's distance, up to which the
 /// cell counts as closed. At a border, where points jut out by chance, cells close far outside the surface. `BELIEVED`
 /// is for the neighbours of a row, and `BELIEVED_WIDE` for wider searches, which reach farther relative to the spacing.
-/// Half the spacing of scan lines must pass.
+/// is for the neighbours of a row, and `BELIEVED_WIDE` for wider searches, which reach farther relative to the spacing.
+/// Both limits admit cells that reach halfway to the next scan line.
 const BELIEVED: f32 = 0.75;
 const BELIEVED_WIDE: f32 = 0.55;
 /// Limits for a neighbour to take part in a point's cell: its normal agrees within 60° (`AGREE`, a cosine), and it is
@@ -27,9 +28,9 @@ const BELIEVED_WIDE: f32 = 0.55;
 /// to the far side of a crease.
 pub(crate) const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
-/// Cosine between normals (120°) from which a neighbour bounds a cell that neighbours within [`AGREE`] leave open.
-/// There the surface may continue around a crease or a limb, and neighbours around it bound the disk. Only the back is
-/// excluded.
+/// Smallest cosine between normals (120°) of neighbours that bound a cell which neighbours within [`AGREE`] leave open.
+/// The surface may continue there around a crease or a limb, and its points beyond the crease bound the disk. Only
+/// neighbours on the back are excluded.
 const TURNS_AWAY: f32 = -0.5;
 /// Rank (from 1) of the neighbour whose distance is a point's spacing: in a plane, six points surround one.
 const RING: usize = 6;
@@ -70,7 +71,7 @@ enum Among {
     Around,
     /// Neighbours whose normals agree, from a longer row than usual.
     Wide,
-    /// The row, and from the longest search the points beside the line on which the row is.
+    /// The row, which is on a line, and the points beside that line from the longest search.
     Lines,
 }
 
@@ -94,10 +95,10 @@ pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Parameters that are the same for all points whose size is measured.
+/// Parameters that are the same for all points that are measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
-    /// Number of neighbours in a row.
+    /// Number of neighbours in a row, the list of a point's nearest neighbours.
     pub(crate) degree: usize,
     /// Spacing in steps, if it is given beforehand; points are then not classified.
     pub(crate) known: Option<f32>,
@@ -111,7 +112,7 @@ pub(crate) struct Scale {
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
-    /// True for slots whose normals point up because they are foliage; empty if there are none.
+    /// True for slots whose normals point up because the neighbours form no plane; empty if there are none.
     level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
@@ -372,7 +373,8 @@ impl<'a> Block<'a> {
         (Size { radius, spacing, evidence }, ellipse)
     }
 
-    /// Adds what the layout of the neighbours and their normals shows to `measured`.
+    /// Sets sparseness, roughness and coherence in `measured`. They aren't set if the spacing is given, if the slot is
+    /// level, or without neighbours.
     fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
         if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
@@ -504,7 +506,7 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// A row of more slots than usual.
+/// A longer row of neighbours than usual.
 struct WideRow {
     slots: [u32; MOST_IN_CELL],
     len: usize,

@@ -33,7 +33,7 @@ pub enum PointClass {
     Surface,
     /// Point at the rim of a surface: points surround it on one side only.
     Border,
-    /// Point where its surface turns within a disk, or where another surface meets it.
+    /// Point where the surface turns within one disk, or where another surface meets it.
     Crease,
     /// Point among leaves and the like, which form no surface.
     Foliage,
@@ -64,7 +64,8 @@ impl PointClass {
         matches!(self, Self::Surface | Self::Border | Self::Crease)
     }
 
-    /// Returns the radius that covers a cell whose corners are within `reach`, but no less than the density rule's.
+    /// Returns the radius of a disk that covers its cell, whose corners are at most `reach` away. The radius is at
+    /// least [`Measured::least_radius`]; its maximum depends on the class.
     pub(crate) fn covering(self, m: &Measured, reach: f32) -> f32 {
         let largest = if self == Self::Border { LARGEST_AT_BORDER } else { LARGEST };
         (COVER as f32 * reach).clamp(m.least_radius(), (largest * DENSITY) as f32 * m.spacing)
@@ -92,16 +93,19 @@ impl PointClass {
     }
 }
 
-/// Largest radius in a surface, in density radii: a larger gap is a gap of the scan, not of the sampling.
+/// Largest radius of a surface point, in units of its density radius. A wider gap is a gap of the scan, not of the
+/// sampling.
 const LARGEST: f64 = 2.5;
-/// Largest radius at a border, in density radii; corners of a border's cells may lie far outside the surface.
+/// Largest radius of a border point, in units of its density radius. Corners of its cell may be far outside the
+/// surface.
 const LARGEST_AT_BORDER: f64 = 1.5;
-/// Largest radius on a line, in density radii for the cloud's typical spacing. A limb that few points go around has
-/// gaps, which larger disks close.
+/// Largest radius of a point on a line, in units of the density radius for the cloud's typical spacing. It exceeds 1,
+/// because a limb with few points around it has gaps that larger disks close.
 const LARGEST_ON_LINE: f64 = 1.5;
-/// Turn of a surface, in radians, within the density radius beyond which a disk would stick out past the outline. The
-/// turn is a root mean square over the nearest neighbours. The disk ends where the surface has turned by `FLAT`, but it
-/// always covers its cell. Its radius is at least [`LEAST`] times the square root of the area per point.
+/// Angle in radians by which a surface may turn within a disk, so that the disk doesn't stick out past the outline. The
+/// turn is a root mean square over the nearest neighbours. If the surface turns by this angle within the density
+/// radius, the disk ends there, unless it needs a larger radius to cover its cell. The radius is at least [`LEAST`]
+/// times the square root of the area per point.
 pub(crate) const FLAT: f32 = 0.7;
 const LEAST: f32 = 1.0;
 
@@ -110,20 +114,22 @@ pub(crate) const ALONE: f64 = 8.0;
 /// Range of sparseness over which the limits for a surface become stricter, from the usual to the strictest. Sparseness
 /// is the distance of the farthest neighbour, relative to the cloud's median.
 const SPARSE: (f32, f32) = (2.0, 8.0);
-/// Mean squared sine of the angle between a tangent plane and the neighbours beyond which they form no plane: for
-/// points that aren't sparse (0.1 is 18°), and for the sparsest. Strays beside strays, whose normals may agree by
-/// chance, measure 0.17 and more; sparse parts of scans measure less than 0.05.
+/// Largest mean squared sine of the angle between a tangent plane and the directions to the neighbours at which the
+/// neighbours form a plane. `ROUGH` is for points that aren't sparse (0.1 is 18°), and `ROUGH_WHERE_SPARSE` for the
+/// sparsest. Groups of strays, whose normals may agree by chance, measure 0.17 and more; sparse parts of scans measure
+/// less than 0.05.
 pub(crate) const ROUGH: f32 = 0.1;
 const ROUGH_WHERE_SPARSE: f32 = 0.05;
-/// Coherence of the nearest normals below which they belong to no surface: for points that aren't sparse, and for the
-/// sparsest. Half of all leaves measure 0.5 or less; limbs so thin that the neighbours go around them measure more than
-/// 0.8.
+/// Smallest coherence of the nearest normals ([`Measured::coherence`]) in a surface: `COHERENT` for points that aren't
+/// sparse, and `COHERENT_WHERE_SPARSE` for the sparsest. Half of all leaves measure 0.5 or less. Thin limbs, whose
+/// neighbours are all around the limb, measure more than 0.8.
 const COHERENT: f32 = 0.6;
 const COHERENT_WHERE_SPARSE: f32 = 0.9;
 /// Inverse of the least fraction of closed cells in a surface, among those of a point and its neighbours that face the
 /// same way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's corner.
 const SURROUNDED: usize = 3;
-/// Fraction of neighbours in other planes from which another surface meets the point's own: leaves, strays, thin edges.
+/// Fraction of neighbours in other planes above which another surface meets the point's own. Such neighbours are
+/// leaves, strays, or the other side of a thin edge.
 const CUT: f32 = 0.25;
 
 /// Measures of one point's neighbourhood; lengths are in steps of the sorted points' grid.
@@ -144,7 +150,7 @@ pub(crate) struct Measured {
     pub(crate) coherence: f32,
     /// Fraction of the neighbours whose spacing is [`ALONE`] times smaller than the point's.
     pub(crate) denser: f32,
-    /// Number of points that face the same way, with the point itself, and the number of closed cells among them.
+    /// Number of neighbours that face the same way, plus the point itself, and the number of closed cells among them.
     pub(crate) together: usize,
     pub(crate) closed: usize,
     /// True if the point's own cell is open.

@@ -1,8 +1,8 @@
 //! Detection of foliage, and its rule for normals.
 //!
 //! Leaves form no surface, and planes through them point anywhere. A point is foliage if many points around it are
-//! tangled (no common plane, normals disagree) and the neighbourhood is thick. Its normal then is that of the crown:
-//! away from the mean of the points around, with some weight toward the outside.
+//! tangled (no common plane, normals disagree) and the neighbourhood is thick. The normal of a foliage point is that of
+//! the crown: away from the mean of the points around it, with some weight toward the outside.
 
 use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
@@ -18,13 +18,13 @@ use glam::{DVec3, Vec3};
 /// Fraction of tangled neighbours from which a point is foliage. Here and in [`THICK`], the second value is for points
 /// with large disks and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
-/// Least fraction of the neighbours' variance that is across the plane that fits them best. A ball measures a third; a
-/// plane with noise as large as its points' spacing measures a tenth.
+/// Smallest fraction of the neighbours' variance, perpendicular to their best-fitting plane, in a thick neighbourhood.
+/// A ball measures a third; a plane with noise as large as its points' spacing measures a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Fraction of tangled points from which a cloud may be a forest, in which every point is tested.
+/// Fraction of tangled points above which a cloud may be a forest. In a forest, every point is tested for foliage.
 const FOREST: f64 = 0.25;
-/// Fraction of the tangled points with thick surroundings, from which such a cloud is a forest. A noisy surface is as
-/// tangled, but thin: with noise as large as the spacing, 0.4 % of its points have thick surroundings.
+/// Fraction of the tangled points with thick surroundings above which such a cloud is a forest. A noisy surface has as
+/// many tangled points, but is thin: with noise as large as the spacing, 0.4 % of its points have thick surroundings.
 const FOREST_THICK: f64 = 0.25;
 /// Maximum number of tangled points whose surroundings decide whether a cloud is a forest.
 const FOREST_SAMPLE: usize = 4096;
@@ -100,8 +100,8 @@ pub(crate) fn find(
     }
 }
 
-/// Returns true for a forest: a cloud in which many points are tangled, and whose tangled points have thick
-/// surroundings. Every point of a forest is a candidate for foliage.
+/// True for a forest: a cloud in which many points are tangled, and whose tangled points have thick surroundings. Every
+/// point of a forest is a candidate for foliage.
 fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) -> bool {
     let tangled: Vec<usize> = (0..points.len()).filter(|slot| is_tangled[*slot]).collect();
     if tangled.len() as f64 <= FOREST * points.len() as f64 {

@@ -32,18 +32,18 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above `surfel-model` and `surfel-math`; `surfel-load` calls it between `surfel-io` and the
-//! backends. It opens no file. Work runs in the rayon pool that the caller installed; results don't depend on the
-//! number of threads.
+//! The crate builds on `surfel-model` and `surfel-math`. `surfel-load` calls it after `surfel-io` has read a file and
+//! before a backend draws the splats. The crate opens no file. Work runs in the rayon pool that the caller installed;
+//! results don't depend on the number of threads.
 //!
 //! # Features
 //! `sharp`, on by default: splats clipped along creases and edges.
 //!
 //! # Neighbour search
 //! Points are sorted along a Morton curve and processed in blocks. A search gathers the points near a leaf of 16 points
-//! once for all queries from that leaf. It replaces a crate's search because it never allocates in a query and breaks
-//! ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several times as
-//! fast. A small k-d tree serves queries at other positions than the points.
+//! once for all queries from that leaf. Unlike the search of a general crate, this one never allocates in a query and
+//! breaks ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several
+//! times as fast. A small k-d tree serves queries at other positions than the points.
 
 mod assemble;
 mod block;

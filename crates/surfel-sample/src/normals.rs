@@ -35,7 +35,8 @@ const CURVED: f32 = 0.03;
 /// Smallest number of neighbours on a side that determine its plane.
 const FEWEST: usize = 6;
 
-/// Estimates a unit normal of arbitrary sign from a point's nearest neighbours; the farthest has this squared distance.
+/// Estimates a unit normal of arbitrary sign from the nearest neighbours `near` of a point. `farthest2` is the squared
+/// distance of the farthest one, in squared steps.
 pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
     let is_line = |values: [f64; 3]| values[1] <= COLLINEAR * values[2];
     let (values, normal) = smallest3(covariance(points, slot, near));

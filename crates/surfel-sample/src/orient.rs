@@ -1,5 +1,6 @@
-//! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. Points of a block are joined to
-//! patches along the block's strongest edges; the few patches then agree by the votes of all edges between them.
+//! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. An edge connects a point to one
+//! of its nearest neighbours. The strongest edges within a block join its points to patches. The few patches then get
+//! consistent signs by the votes of all edges between them.
 //!
 //! The relation of two normals is measured after one of them is mirrored to the other's place, across the plane between
 //! the two points. The source is König and Gumhold 2009, "Consistent propagation of normal orientations in point
@@ -20,10 +21,10 @@ use std::sync::{Mutex, PoisonError};
 
 /// Number of points in a task and its patches.
 const BLOCK: usize = RUN;
-/// Strength from which edges are trusted in any order. With noise as large as one spacing, 0.75 turns 2 to 9 % of a
-/// torus's points the wrong way, and 0.95 turns 2 to 3.5 %.
+/// Absolute relation of an edge from which its two points are joined at once, in any order. With noise as large as one
+/// spacing, 0.75 turns 2 to 9 % of a torus's points the wrong way, and 0.95 turns 2 to 3.5 %.
 const STRONG: f32 = 0.95;
-/// Strength below which edges join only small patches.
+/// Absolute mean relation of the edges between two patches below which they are joined only if one of them is small.
 const WEAK: f32 = 0.25;
 /// Number of points below which a patch is small.
 const SMALL: u32 = 16;
@@ -38,7 +39,7 @@ pub(crate) const NEAREST: usize = 8;
 pub(crate) struct Oriented {
     /// Unit normal.
     pub(crate) normal: Vec3,
-    /// Squared distance of the farthest neighbour, in steps; 0 if unknown.
+    /// Squared distance of the farthest neighbour, in squared steps; 0 if unknown.
     pub(crate) farthest2: f32,
 }
 
@@ -275,8 +276,9 @@ fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
     votes
 }
 
-/// Joins sets in rounds. In each round every set follows the clearest vote for which `counts` is true; then the votes
-/// between the new sets are summed. Returns the votes between the remaining sets.
+/// Joins sets in rounds. In each round, every set is joined along its clearest vote (the largest absolute sum) for
+/// which `counts` returns true. Then the votes between the new sets are summed. Returns the votes between the remaining
+/// sets.
 fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &SignedSets) -> bool) -> Vec<Vote> {
     let mut clearest = vec![None; sets.parent.len()];
     loop {
@@ -311,7 +313,7 @@ struct Patches {
     sizes: Vec<u32>,
     /// Votes between patches of the block.
     votes: Vec<Vote>,
-    /// Range, in the list of all blocks' edges, of those from points of this block to other blocks.
+    /// Range of this block's edges to other blocks, in the list of such edges of all blocks.
     edges: Range<usize>,
 }
 
@@ -490,8 +492,8 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// Number of votes below which a set counts as an open sheet; a valley whose sides rise by 10° gets about as many from
-/// below.
+/// Number of votes below which a set counts as an open sheet. A valley whose sides rise by 10° gets about as many votes
+/// from below.
 const SHEET: f64 = 2.0;
 
 /// Evidence for the sign of a patch, or of a set of patches.

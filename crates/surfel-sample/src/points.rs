@@ -17,17 +17,18 @@ use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud,
 /// Radius for a cloud without spacing (one point, or all points in one place), in object units.
 const LONE_RADIUS: f64 = 1.0;
 
-/// Comment of a cloud made of points; detection of the up axis then judges the cloud as points.
+/// Comment that marks a cloud as made of points, so that its up axis is detected as for points.
 pub const OF_POINTS: &str = "made of points";
 
-/// Largest median of a file's radii, in spacings of the cloud, up to which they are used as splat radii.
+/// Maximum median of a file's radii, in units of the cloud's typical spacing. Radii with a larger median aren't used as
+/// splat radii.
 pub const MOST_SPACINGS: f64 = 5.0;
 
 /// Makes a splat of each point.
 ///
-/// A stored normal (finite, not zero) becomes the disk's normal if it fits the layout of the points around. Otherwise
-/// the disk follows the layout, on the stored normal's side, and the stored normal becomes a shading normal. Points
-/// without normals get estimated ones, oriented by [`PointOptions::viewpoint`].
+/// A stored normal (finite, not zero) becomes the disk's normal if it fits the layout of the neighbouring points.
+/// Otherwise the disk gets the normal of the neighbours' plane, on the stored normal's side, and the stored normal
+/// becomes the shading normal. Points without normals get estimated ones, oriented by [`PointOptions::viewpoint`].
 ///
 /// Stored radii are used unless their median exceeds [`MOST_SPACINGS`]. Other radii come from the local spacing and the
 /// class of the point ([`PointClass`]), so that surfaces have no holes and all other points stay small. Where the
@@ -182,9 +183,11 @@ impl<'a> GivenRadii<'a> {
 /// Normals of disks, one per slot.
 struct Layout {
     oriented: Vec<Oriented>,
-    /// True if a slot's point is foliage and its normal points up; empty if there are no such slots.
+    /// Flag per slot, true if the neighbours form no plane, so that the estimated normal points up; empty if there are
+    /// no such slots.
     is_level: Vec<bool>,
-    /// True if a slot's stored normal doesn't fit the layout of its neighbours; empty if all of them fit.
+    /// Flag per slot, true if a stored normal doesn't fit the layout of the neighbours; empty if all stored normals
+    /// fit.
     is_off: Vec<bool>,
 }
 
@@ -198,8 +201,8 @@ impl Layout {
     }
 }
 
-/// Computes the normal of each slot's disk: a stored normal of one of its points if that fits the neighbours, else the
-/// neighbours' plane.
+/// Computes the normal of each slot's disk: the first stored normal of the slot's points if it fits the neighbours,
+/// else the normal of the neighbours' plane.
 fn lay_out(
     given: &GivenNormals,
     sorted: &SortedPoints,
@@ -256,7 +259,8 @@ fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len(
     std::array::from_fn(|class| parts.iter().map(|counts| counts[class]).sum())
 }
 
-/// Replaces estimated normals of isolated points and points on lines according to their class.
+/// Replaces the estimated normals of isolated points and of points on lines. Isolated points face the outside; normals
+/// on a line are perpendicular to the line, and face the outside as far as possible.
 fn face_outside(
     sorted: &SortedPoints,
     oriented: &mut [Oriented],

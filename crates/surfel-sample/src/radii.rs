@@ -24,23 +24,24 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use std::sync::{Mutex, PoisonError};
 
-/// Detection of surfaces with too few points, such as a few returns from a spire. A point is sparse if its spacing is
-/// `SPARSE` times that of the cloud. A sparse point with fewer than `FEW` sparse points within `FEW_REACH` times its
-/// spacing is isolated, like a stray. In a sparse surface about 80 points are within that distance, and at its border
-/// 40.
+/// Thresholds for parts of a surface with too few points, such as a few returns from a spire. A point is sparse if its
+/// spacing is more than `SPARSE` times that of the cloud. A sparse point with fewer than `FEW` sparse points within
+/// `FEW_REACH` times its spacing is isolated, like a stray. In a sparse surface about 80 points are within that
+/// distance, and at its border 40.
 const SPARSE: f64 = 2.0;
 const FEW: usize = 24;
 const FEW_REACH: f64 = 5.0;
 /// Radius, in density radii of the cloud, from which a sparse point is tested for too few points. It is also the
 /// largest radius of samples of a mesh that few others surround.
 const LARGE: f64 = 2.5;
-/// Fraction of points in surfaces from which only these determine the typical spacing.
+/// Smallest fraction of surface points in a cloud whose typical spacing is computed from these points alone.
 const IN_SURFACES: f64 = 0.1;
 
-/// Share of stretched points from which a cloud gets ellipses: random samplings have about 5 % by chance.
+/// Smallest fraction of stretched points in a cloud whose splats are ellipses. Random samplings have about 5 %
+/// stretched points by chance.
 const STRETCHED_SHARE: f64 = 0.1;
-/// Number of points in a task. Points around the block are measured too, and measured again by their own task; for
-/// random points on a surface they are about a tenth.
+/// Number of points per task. A task also measures the points around its block, which their own tasks measure again.
+/// For random points on a surface, these are about a tenth of a block.
 const BLOCK: usize = 2 * RUN;
 
 /// Sizes and classes, one per slot; lengths are in steps of [`SortedPoints`].
@@ -126,7 +127,7 @@ impl Sizes {
         }
     }
 
-    /// Returns the larger half-axis.
+    /// Returns the larger half-axis of a slot's splat, in steps.
     pub(crate) fn radius(&self, slot: usize) -> f64 {
         match self.ellipse(slot) {
             Some(ellipse) => self.bounded(slot, ellipse.mean) * ellipse.ratio().sqrt(),
@@ -134,7 +135,7 @@ impl Sizes {
         }
     }
 
-    /// Returns the half-axes (s, t), with s × t along the unit `normal`.
+    /// Returns the half-axes (s, t) of a slot's splat, in steps, with s × t along the unit `normal`.
     pub(crate) fn axes(&self, slot: usize, normal: DVec3) -> (DVec3, DVec3) {
         let (u, v) = tangents(normal.as_vec3());
         let (u, v) = (u.as_dvec3(), v.as_dvec3());
@@ -149,17 +150,18 @@ impl Sizes {
     }
 }
 
-/// Spacing of points, if it is given beforehand, in steps.
+/// Spacing of the points, in steps: measured, or given beforehand.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
     /// The spacing is measured; the value is the fallback for a cloud that has none (a single point).
     Unknown(f64),
-    /// The average spacing is this everywhere: the density rule uses it instead of a measurement.
+    /// Average spacing, the same everywhere. The density rule uses it instead of a measurement.
     Known(f64),
 }
 
-/// Measures sizes and classes from the `degree` nearest neighbours of each point. `oriented` has one entry per slot;
-/// `level` is true for foliage with its normal up, and empty if there is none.
+/// Measures the size and class of each slot's point from its `degree` nearest neighbours. `oriented` has one entry per
+/// slot. `level` is true for slots whose normals point up because the neighbours form no plane; it is empty if there
+/// are none.
 pub(crate) fn sizes(
     points: &SortedPoints,
     (oriented, level): (&[Oriented], &[bool]),
@@ -213,8 +215,8 @@ fn typical(all: &[Size]) -> Option<f64> {
     median_of(all.len(), |i| if counts(&all[i]) { all[i].spacing } else { 0.0 }).map(f64::from)
 }
 
-/// Returns the slots of sparse points with fewer than [`FEW`] sparse points around. A sparse part of a surface has more
-/// points around each, and its border has half as many.
+/// Returns the slots of large splats at sparse points with fewer than [`FEW`] sparse points around them. Within a
+/// sparse part of a surface, each point has more sparse points around it; at the border, about half as many.
 fn few(points: &SortedPoints, sizes: &Sizes) -> Vec<usize> {
     let spacing = |slot: usize| f64::from(sizes.all[slot].spacing);
     let is_sparse = |slot: usize| spacing(slot) > SPARSE * sizes.typical;

@@ -157,7 +157,7 @@ fn abuffer_of_thousands_of_surfaces_is_whole_on_the_cpu_and_refused_by_gpus() {
     let case = stack(300, 1e-3, 8);
     let is_refused = |drawn: Result<(), String>| {
         let message = drawn.unwrap_err();
-        assert!(message.contains("255") && message.contains("--backend cpu"), "{message}");
+        assert!(message.contains("255") && message.contains("`backend=cpu`"), "{message}");
     };
     if let Some(mut renderer) = wgpu() {
         is_refused(try_draw(&mut renderer, &case));

@@ -176,7 +176,7 @@ fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
     let mut frame = Frame::default();
     let refused = renderer.render_into(&resident, &case.view(), &case.settings, Planes::COLOR, &mut frame);
     let message = refused.unwrap_err().to_string();
-    assert!(message.contains("255") && message.contains("--backend cpu"), "{message}");
+    assert!(message.contains("255") && message.contains("`backend=cpu`"), "{message}");
 }
 
 fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {

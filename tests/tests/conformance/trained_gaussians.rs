@@ -315,7 +315,7 @@ fn draws_the_same_bits<R: Renderer>(mut limited: impl FnMut(surfel_wgpu::Limits)
         let mut frame = Frame::default();
         let refused = renderer.render_into(&resident, &case.view(), &case.settings, planes(), &mut frame);
         let message = refused.unwrap_err().to_string();
-        assert!(message.contains("Gaussians before 16x16 pixels") && message.contains("--backend cpu"), "{message}");
+        assert!(message.contains("Gaussians before 16x16 pixels") && message.contains("`backend=cpu`"), "{message}");
         all.push(bits(&whole));
     }
     all
@@ -437,7 +437,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
         let summary = SceneSummary::of(&case.scene);
         unsupported(&summary, &case.settings, Planes::COLOR, &without).map(|e| e.to_string())
     };
-    assert!(refused(&other).unwrap().contains("--composite surface"));
+    assert!(refused(&other).unwrap().contains("`composite=surface`"));
     let ball = Case::new("ball", surfel_model::Scene::from(cloud(&sphere(50, 1.2, 1))), camera(3.0, 45.0, [16; 2]));
     assert!(!planned(&ball, Planes::ALL).unwrap().has(Pass::Gaussians) && refused(&ball).is_none());
     // Planes of one kind of scene, requested of the other.
@@ -445,7 +445,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
         [Planes::COLOR.with_alpha(true), Planes::COLOR.with_median_depth(true), Planes::COLOR.with_distortion(true)]
     {
         assert!(planned(&field, planes).is_ok());
-        assert!(planned(&ball, planes).unwrap_err().to_string().contains("--composite over"));
+        assert!(planned(&ball, planes).unwrap_err().to_string().contains("`composite=over`"));
     }
     assert!(planned(&field, Planes::COLOR.with_index(true)).unwrap_err().to_string().contains("index"));
     // A scene has either Gaussians or surfaces.

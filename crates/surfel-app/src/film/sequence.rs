@@ -302,8 +302,8 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
     Ok(object)
 }
 
-/// Sets the interior weight of all frames to the median of the sample, if every file of the sample has one by its
-/// points. No frame then has to estimate its own, which takes a sixth of the time of its splats.
+/// Sets the interior weight of all frames to the median over the sample, if the points of every sampled file have one.
+/// Frames then needn't estimate their own, which would take a sixth of the time for making their splats.
 fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize) {
     if weights.len() != files {
         return;

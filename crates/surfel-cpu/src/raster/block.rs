@@ -297,7 +297,8 @@ impl<'a> Remembered<'a, '_, '_> {
     }
 }
 
-/// Runs the second loop without stored fragments: computes them again, except for splats behind the thresholds.
+/// Runs the second loop (weighted sums) without stored fragments: evaluates the splats again, except those behind the
+/// depth thresholds of all pixels of the block.
 ///
 /// Not inlined: the loop is long, and most blocks don't need it.
 #[cold]

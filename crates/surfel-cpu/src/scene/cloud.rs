@@ -88,7 +88,7 @@ pub(crate) struct StoredObject {
     pub clips: Option<StoredClips>,
     /// Index of the scene's object.
     pub source: usize,
-    /// Row and label of every slot, if the cloud has rows and labels.
+    /// Row in the source file and label of every slot; `None` if the cloud has no rows or no labels.
     pub rows: Option<Arc<[u32]>>,
     pub labels: Option<Vec<u32>>,
     /// Opacity per slot; `None` if every splat is opaque. Never quantised, since 1 must stay 1.

@@ -9,7 +9,7 @@ use super::FileColors;
 use std::sync::Arc;
 use surfel_model::Colormap;
 
-/// Colours of a range of values.
+/// Colour map: colours for a range of values, or for categories.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColorMap {
     /// A built-in colour map.

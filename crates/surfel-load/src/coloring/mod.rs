@@ -35,7 +35,7 @@ pub struct Coloring {
 /// Mapping from values to colours.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColorScale {
-    /// Colours of the file or of directions, without values.
+    /// Colours that aren't derived from values: those of the file, or those of normals.
     Direct,
     /// A colour map over a range of values.
     Range {
@@ -82,7 +82,8 @@ pub enum Attribute {
 }
 
 impl Attribute {
-    /// Returns the attribute with this name.
+    /// Returns the attribute with this name. `has_colors` is true if the file has colours, so that "rgb" is an
+    /// attribute.
     ///
     /// # Errors
     /// The names of the attributes that exist.
@@ -161,7 +162,7 @@ impl ColorScale {
     }
 }
 
-/// Colours splats by an attribute; without one they become grey.
+/// Colours splats by an attribute; `None` makes them grey. `up` is the unit axis along which heights are measured.
 pub fn paint(
     cloud: &mut SplatCloud,
     attribute: Option<Attribute>,

@@ -23,12 +23,12 @@ pub struct Colors {
 }
 
 impl Colors {
-    /// True if the choice is of colours for categories.
+    /// True if the options are for categories: they have names of categories, or a colour map for categories.
     pub(crate) fn are_categories(&self) -> bool {
         self.labels.is_some() || self.map.as_ref().is_some_and(ColorMap::is_of_categories)
     }
 
-    /// Returns the choice of the options, and reads the files that they name.
+    /// Returns the colouring options among the loading options, and reads the files that they name.
     pub fn of(options: &LoadOptions) -> Result<Self, Error> {
         let file = options.colormap_file.as_ref().map(|path| FileColors::read(path)).transpose()?;
         let named = options.colormap.map(ColorMap::from);
@@ -47,7 +47,7 @@ pub struct ColorJob {
     pub attribute: String,
     /// Colour map, names of categories and range.
     pub colors: Colors,
-    /// Axis of height, if it is certain.
+    /// Axis along which heights are measured; `None` if it isn't certain.
     pub up: Option<Up>,
     /// Conventional up axis for files of this kind.
     pub convention: UpConvention,
@@ -104,7 +104,7 @@ impl Colorings {
         self.scales.iter().flat_map(|scale| scale.paths.iter().map(|path| (path.as_path(), &scale.coloring)))
     }
 
-    /// Returns the note on each scale, with the first file that the scale colours.
+    /// Returns the note on each scale, with the path of the first file that the scale colours.
     pub fn notes(&self) -> impl Iterator<Item = (&Path, &str)> {
         self.scales.iter().filter_map(|scale| Some((scale.paths.first()?.as_path(), scale.note.as_str())))
     }
@@ -132,7 +132,7 @@ impl Colorings {
     }
 }
 
-/// Returns the axis of height.
+/// Returns the unit axis along which heights are measured; zero if it is unknown and no heights are needed.
 fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
     // If neither axis is known, no heights are needed.
     job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
@@ -176,7 +176,7 @@ impl Tallies {
         lacking
     }
 
-    /// Adds the values of points.
+    /// Adds the values of one file's points.
     ///
     /// # Errors
     /// The names of the attributes that exist.

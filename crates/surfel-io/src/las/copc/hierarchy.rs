@@ -22,7 +22,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Bytes of nodes that are decoded together, compressed and decompressed; a single larger node is still decoded.
+/// Limits in bytes for the nodes that are decoded together: their compressed and their decompressed size. A single
+/// larger node is decoded by itself.
 const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
 /// Maximum level below the root.
@@ -59,7 +60,7 @@ pub struct Copc {
     nodes: Vec<CopcNode>,
 }
 
-/// Columns of points to read.
+/// Selection of the point columns to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeColumns<'a> {
     /// All columns.
@@ -91,8 +92,8 @@ impl NodeColumns<'_> {
     }
 }
 
-/// Filter of the points that are read: called with the node's level, the point's position and its radius. The radius is
-/// 0 where the file states none.
+/// Filter for points: returns true for a point that is read. Its arguments are the level of the point's node, the
+/// point's position, and its radius, in the file's units. The radius is 0 if the file states none.
 pub type Keeps<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 
 /// Points of a selection of nodes.

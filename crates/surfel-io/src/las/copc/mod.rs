@@ -21,8 +21,8 @@ use crate::format::Format;
 use std::path::Path;
 use surfel_model::{TableColumns, Up};
 
-/// Returns the format of a non-LAS file that can be converted to COPC, its up axis, and whether the file states the
-/// axis. `columns` is as in [`crate::LoadOptions`].
+/// Returns the format of a non-LAS file that can be converted to COPC, its up axis, and true if the file states the
+/// axis; `None` for other files. `columns` is as in [`crate::LoadOptions`].
 pub fn up_of_columns(path: &Path, columns: Option<&TableColumns>) -> Option<(Format, Up, bool)> {
     let survey = crate::column_file::survey(path, columns)?;
     Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
@@ -34,9 +34,9 @@ const ENTRY_BYTES: usize = 32;
 /// Byte offset of the info record's data: the record follows the 375-byte header.
 const INFO_AT: usize = 375 + 54;
 
-/// Extra bytes with a point's normal.
+/// Names of the extra bytes with a point's normal.
 const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
-/// Extra bytes with the mean colour of the points that a point represents at its level.
+/// Names of the extra bytes with the mean colour of the points that a point represents at its level.
 pub const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-/// Extra bytes with the mean normal of the points that a point represents at its level.
+/// Names of the extra bytes with the mean normal of the points that a point represents at its level.
 pub const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];
