@@ -528,10 +528,10 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 /// above.
 ///
 /// Three-quarter views win over slightly better straight ones, and front views over back views. The front is that of
-/// [`NamedView::Front`], unless the objects are a mirror-symmetric body on feet. Such a body's front is at its taller
-/// end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the opening.
-/// Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are sampled,
-/// always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
+/// [`crate::NamedView::Front`], unless the objects are a mirror-symmetric body on feet. Such a body's front is at its
+/// taller end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the
+/// opening. Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are
+/// sampled, always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
 ///
 /// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
 /// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.

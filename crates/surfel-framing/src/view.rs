@@ -87,7 +87,7 @@ pub struct ChosenView {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum ViewChoice {
-    /// The view that shows most among a ring of candidates: [`best_view`].
+    /// The view that shows most among a ring of candidates: [`crate::best_view`].
     #[default]
     Auto,
     /// A named view.

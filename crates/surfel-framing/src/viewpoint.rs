@@ -1,6 +1,6 @@
 //! Selection of the side from which a scene shows most.
 //!
-//! Views on a ring are compared by the functions in [`EVIDENCE`], each with a weight:
+//! Views on a ring are compared by the functions in `EVIDENCE`, each with a weight:
 //! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
 //!   measured over cells of equal size, direction and colour. A mesh's faces aren't used, so that tessellation has no
 //!   influence.

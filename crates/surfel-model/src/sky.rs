@@ -164,7 +164,8 @@ mod tests {
             sky.validate().map_err(|e| e.to_string())
         };
         assert_eq!(with(|_| ()), Ok(()));
-        let wrong: [(fn(&mut Sky), &str); 9] = [
+        type Change = fn(&mut Sky);
+        let wrong: [(Change, &str); 9] = [
             (|s| s.up = [0.0; 3], "sky.up"),
             (|s| s.above = -1.0, "sky.above"),
             (|s| s.below = f64::NAN, "sky.below"),

@@ -5,7 +5,7 @@
 //! 1. [`make_room`] makes room for `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns its address;
 //!    the host writes there.
 //! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`].
-//!    Or [`open_host`] opens a file of the host, of which only parts are read.
+//!    Or `open_host` opens a file of the host, of which only parts are read.
 //! 3. [`answer`] answers the request in [`REQUEST`], a JSON object as the server's WebSocket takes.
 //! 4. They return the length of their answer; [`reply`] returns its address. The first byte is 0 for text, 1 for a
 //!    header with a file.

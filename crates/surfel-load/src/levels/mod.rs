@@ -1,6 +1,6 @@
 //! Levels of detail for points: reading what a view needs of a COPC file, and writing COPC files.
 //!
-//! [`read`] selects nodes (`selection.rs`), loads them, and marks the points where finer ones are missing (`marks.rs`).
+//! `read` selects nodes (`selection.rs`), loads them, and marks the points where finer ones are missing (`marks.rs`).
 //! Once the points are splats, `close` enlarges those at their level. `write.rs` writes COPC files.
 
 mod marks;

@@ -34,7 +34,7 @@ pub struct CopcRequest {
     /// Shard to write, as its index and the number of shards, to a file that ends in .shard; the complete file is made
     /// from all shards.
     pub shard: Option<[u32; 2]>,
-    /// Names of the columns of tables among the inputs ([`LoadOptions::columns`]).
+    /// Names of the columns of tables among the inputs ([`crate::LoadOptions::columns`]).
     pub columns: Option<TableColumns>,
 }
 
