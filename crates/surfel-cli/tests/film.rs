@@ -151,6 +151,17 @@ fn paths_begin_and_end_at_their_keys() {
     assert!(png_frames(&f.path().join("n0000.png")).0 == png_frames(&f.path().join("n0001.png")).0);
 }
 
+/// The light of a sky is stored when a frame is uploaded, so every backend draws it.
+#[test]
+fn sequences_with_a_sky_are_drawn_by_the_fastest_backend() {
+    let f = Folder::new("film-sequence-sky");
+    f.write("a.ply", ball());
+    f.write("b.ply", ball());
+    let said =
+        f.run("render a.ply b.ply --sequence --light studio --light-directions 4 --size 24x18 -o a.gif -v").code(0);
+    assert!(!said.stderr().contains("'reference'"), "{}", said.stderr());
+}
+
 #[test]
 fn sequences_share_camera_light_colours_and_radii() {
     let f = Folder::new("film-sequence");
