@@ -4,7 +4,6 @@ use crate::attributes;
 use crate::radii::{ALL, Radii, bytes_of_points, radii_of_mesh, radii_of_points};
 use crate::survey::{Survey, survey};
 use crate::values::json_number;
-use crate::wording::as_flags;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -20,7 +19,8 @@ use surfel_model::{Column3, Mesh};
 #[cfg(feature = "sharp")]
 use surfel_sample::SharpErrors;
 
-/// Describes a file's content without converting all of it, as the object that `surfel info --json` prints. It contains
+/// Describes a file's content without converting all of it, as the object that `surfel info --json` prints, whose notes
+/// it words as flags ([`crate::wording::notes_as_flags`]). It contains
 /// format, counts (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (least and largest coordinates), up axis,
 /// attributes and their ranges, estimated radii, memory and notes. `stdin` is the content for the name `-`. LAS, LAZ
 /// and COPC files are read twice in blocks, so memory doesn't grow with their size.
@@ -87,7 +87,7 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         "file_bytes": file_bytes,
         "up": loaded.up.name(),
         "up_reason": reason,
-        "notes": loaded.notes.iter().map(|note| as_flags(note)).collect::<Vec<_>>(),
+        "notes": loaded.notes,
     });
     let (kind, counts, bounds, radii, memory, interior_weight) = match &loaded.content {
         Content::Splats(cloud) => {

@@ -6,6 +6,7 @@
 //! is an option.
 
 use crate::options::{Row, table};
+use serde_json::Value;
 use std::borrow::Cow;
 
 /// Returns a message with its options as flags: `` `classes=all` `` becomes `--classes all`.
@@ -15,6 +16,15 @@ pub fn as_flags(message: &str) -> Cow<'_, str> {
         Some(value) if row.missing.is_some() => format!("--{}={value}", row.name),
         Some(value) => format!("--{} {value}", row.name),
     })
+}
+
+/// Words the options in the `notes` of a JSON object as flags.
+pub fn notes_as_flags(object: &mut Value) {
+    for note in object.get_mut("notes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(text) = note.as_str() {
+            *note = as_flags(text).into_owned().into();
+        }
+    }
 }
 
 /// Returns a message with its options as Python's keywords: `` `classes=all` `` becomes `classes="all"`, and a switch

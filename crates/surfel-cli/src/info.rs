@@ -7,6 +7,7 @@ use crate::stdout;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use surfel_app::options::Options;
+use surfel_app::wording::notes_as_flags;
 use surfel_load::words::{self, counted, shortest};
 
 pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
@@ -22,7 +23,8 @@ pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
         ..surfel_io::LoadOptions::default()
     };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
-    let facts = surfel_app::info::info(path, &options, from_stdin.as_deref())?;
+    let mut facts = surfel_app::info::info(path, &options, from_stdin.as_deref())?;
+    notes_as_flags(&mut facts);
     if args.json {
         return stdout::json_result(&facts);
     }

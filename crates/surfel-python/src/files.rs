@@ -214,9 +214,9 @@ pub(crate) fn info(
         // On threads of its own: a forked process has none of the global pool's.
         named(input.as_ref(), &SplatOptions::default(), || on_threads(0, read)?)
     })?;
-    if let Some(input) = input {
-        let notes = facts["notes"].as_array().into_iter().flatten().filter_map(|note| note.as_str());
-        facts["notes"] = named_notes(Some(&input), notes.map(str::to_owned).collect()).into();
+    let notes = facts["notes"].as_array().into_iter().flatten().filter_map(|note| note.as_str());
+    facts["notes"] = named_notes(input.as_ref(), notes.map(str::to_owned).collect()).into();
+    if input.is_some() {
         facts["file"] = errors::ARRAYS.into();
     }
     Ok(facts.to_string())

@@ -12,7 +12,7 @@ pub const SHADOW_MAP_SIDE: u32 = 1024;
 
 /// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/conformance/shadow_maps.rs`) as the
 /// loss of light on surfaces that face the light. k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵.
-/// None of them lets light into the shadow.
+/// Light enters the shadow with none of them.
 pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
 /// Largest half-angle of a spot light with one map, in degrees; a wider light has six maps in all directions.

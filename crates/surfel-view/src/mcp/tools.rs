@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use surfel_app::options::Options;
 use surfel_app::session::Session;
-use surfel_app::wording::as_flags;
+use surfel_app::wording::{as_flags, notes_as_flags};
 use surfel_backend::BackendOptions;
 use surfel_figure::{Figure, Panel, Picture, Row, Style};
 use surfel_io::{LoadOptions, to_srgb8};
@@ -262,8 +262,9 @@ impl Tools {
         let path = arguments.text("path")?.ok_or("path: expected the name of a file")?;
         let path = self.access.check(path)?;
         if !is_scene_file(&path) {
-            let facts = surfel_app::info::info(&path, &LoadOptions::default(), None);
-            return facts.map(|facts| result(facts, Vec::new())).map_err(|e| e.to_string());
+            let mut facts = surfel_app::info::info(&path, &LoadOptions::default(), None).map_err(|e| e.to_string())?;
+            notes_as_flags(&mut facts);
+            return Ok(result(facts, Vec::new()));
         }
         let asked = Asked::new(vec![path], State::new(), None, SIZE)?;
         let notes = self.show(&asked)?;
