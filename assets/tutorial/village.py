@@ -23,7 +23,7 @@ def ground(x, y):
     bank = abs(x - brook)
     hills = 3.2 * math.sin(x / 27 + 0.6) * math.cos(y / 33) + 0.7 * math.sin(x / 7 + y / 9)
     slope = min(1.0, max(0.0, (bank - 3.0) / 22))
-    z = LEVEL + 1.2 + (5.0 + hills) * slope * slope * (3 - 2 * slope)
+    z = LEVEL + 1.2 * min(1.0, max(0.0, bank - 3.2)) + (5.0 + hills) * slope * slope * (3 - 2 * slope)
     if bank < 3.2:
         return LEVEL + 0.02 * math.sin(x * 3 + y * 5), 9, (58, 96, 128)
     if abs(x - road) < 2.6:

@@ -32,12 +32,12 @@ pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
     match shard {
         Some(part) if !is_shard(output) => Err(Error::Usage(format!(
             "-o {name}: --shard {}/{} writes a name that ends in .shard\n  help: `surfel convert *.shard -o \
-             OUT.copc.laz` puts all shares together",
+             OUT.copc.laz` combines all shards",
             part.index(),
             part.count()
         ))),
         None if is_shard(output) => {
-            let what = "is the name of a share, expected --shard I/N, or a cluster's variables that say it";
+            let what = "is the name of a shard, expected --shard I/N, or a cluster's variables that state it";
             Err(Error::Usage(format!("-o {name}: {what}")))
         }
         _ => Ok(()),

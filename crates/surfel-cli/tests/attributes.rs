@@ -129,7 +129,7 @@ fn splats_have_the_colours_of_their_values_in_convert_and_render() {
     assert_eq!((colors[0], colors[19]), ([0; 3], [255; 3]));
     assert!(said.contains("from 0 to 190, the 2nd to the 98th percentile"), "{said}");
     let (colors, said) = convert("classification");
-    assert_eq!((colors[0], colors[19]), ([170, 110, 50], [225, 80, 70]), "ground and building");
+    assert_eq!((colors[0], colors[19]), ([201, 174, 130], [225, 80, 70]), "ground and building");
     assert!(said.contains("2 ground 200, 6 building 200"), "{said}");
     let (colors, _) = convert("return_number");
     assert_eq!((colors[0], colors[20]), ([174, 199, 232], [255, 127, 14]), "1 and 2 of tab20");

@@ -128,7 +128,7 @@ fn legends_hold_the_classes_of_all_inputs_with_their_names() {
     for i in [0, 59] {
         f.write(&format!("t{i:02}.csv"), tile(i));
     }
-    let (ground, water) = ([170, 110, 50], [60, 140, 230]);
+    let (ground, water) = ([201, 174, 130], [60, 140, 230]);
     let both = |bar: &str| {
         let bar = f.image(bar);
         assert!(shows(&bar, ground) && shows(&bar, water) && bar.width > 100 && bar.height > 80);

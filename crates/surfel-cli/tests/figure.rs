@@ -24,7 +24,7 @@ fn figures_are_pdf_svg_and_png() {
         f.run(&format!("{words} -o {name}")).code(0);
     }
     let svg = String::from_utf8(f.read("fig.svg")).unwrap();
-    for text in ["Both", "Truth", "Ours", "distance [m]", "mean 0 m"] {
+    for text in ["Both", "Truth", "Ours", "distance [m]", "CD 0 m"] {
         assert!(svg.contains(&format!(">{text}</text>")), "{text}");
     }
     assert!(f.read("fig.pdf").starts_with(b"%PDF"));

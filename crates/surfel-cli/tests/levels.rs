@@ -401,7 +401,7 @@ fn shares_of_a_conversion_are_put_together() {
     folder.run("convert a-0001.shard a-0000.shard -o merged.copc.laz").fails(1, "already exists");
     for (words, part) in [
         ("-o x.copc.laz --shard 0/2", "--shard 0/2 writes a name that ends in .shard"),
-        ("-o x.shard", "is the name of a share, expected --shard I/N"),
+        ("-o x.shard", "is the name of a shard, expected --shard I/N"),
         ("-o x.ply --shard 0/2", "--shard 0/2 writes a name that ends in .shard"),
         ("-o x.ply --resume", "--resume is of OUT.copc.laz"),
         ("-o x.shard --shard 0/2 --cull none", "no flag on splats"),

@@ -96,7 +96,7 @@ impl surfel_render::Renderer for Renderer {
             });
         }
         let mut stats = Stats::default().with_splats(plan.splats).with_threads(self.info.threads);
-        stats.bytes_per_splat = scene.bytes() as f64 / scene.summary.splats.max(1) as f64;
+        stats.bytes_per_splat = scene.bytes() as f64 / (scene.summary.splats + scene.summary.balls).max(1) as f64;
         let (instructions, tuning, pools) = (self.instructions, self.tuning, &self.pools);
         let inputs = FrameInputs { instructions, tuning, pools, scene, view, plan: &plan };
         self.threads.install(|| frame::draw(&inputs, frame, &mut stats));

@@ -22,7 +22,7 @@ pub struct Figure {
 /// A row of panels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// Text to the left of the row.
+    /// Text to the left of the row, and of the rows without a label that follow it.
     pub label: Option<String>,
     /// Panels from left to right; `None` leaves a place empty.
     pub panels: Vec<Option<Panel>>,
@@ -75,7 +75,7 @@ impl Panel {
 /// A mark over an image. Places and lengths are in pixels of the image, with y down.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mark {
-    /// A scale bar in the lower left corner.
+    /// A scale bar in the lower left corner, or in the lower right if only that corner's content has one colour.
     Scale {
         /// Length of the bar.
         length: f64,

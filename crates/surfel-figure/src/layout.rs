@@ -1,13 +1,16 @@
 //! Placement of a figure's content.
 
 use crate::drawing::{Anchor, Drawing, Item, Rect, Text};
-use crate::figure::{Figure, Key, Panel, Style};
+use crate::figure::{Figure, Key, Panel, Row, Style};
 use crate::keys::{self, SizedKey};
 use crate::{font, marks};
+use std::ops::Range;
 
 /// Lengths in ems.
 const MARGIN: f64 = 0.8;
 const GAP: f64 = 0.7;
+/// Distance between groups of several rows.
+const GROUP_GAP: f64 = 1.6;
 const TITLE_SIZE: f64 = 1.25;
 const TITLE_HEIGHT: f64 = 2.4;
 const CAPTION_HEIGHT: f64 = 1.7;
@@ -22,6 +25,8 @@ struct Grid {
     columns: Vec<f64>,
     /// Heights of the images of each row, and of the captions below them.
     rows: Vec<(f64, f64)>,
+    /// Tops of the images of each row, from the top of the first.
+    tops: Vec<f64>,
     /// Width of the texts to the left.
     labels: f64,
 }
@@ -45,39 +50,40 @@ impl Grid {
             rows.push((height, caption));
         }
         let has_labels = figure.rows.iter().any(|row| row.label.is_some());
-        Self { columns, rows, labels: if has_labels { (ROW_LABEL_WIDTH * em).round() } else { 0.0 } }
+        let labels = if has_labels { (ROW_LABEL_WIDTH * em).round() } else { 0.0 };
+        let mut tops = vec![0.0];
+        for (r, (height, caption)) in rows.iter().enumerate().take(rows.len().saturating_sub(1)) {
+            let ends_group = figure.group(r).len() > 1 && !figure.group(r).contains(&(r + 1));
+            let gap = if ends_group { GROUP_GAP } else { GAP };
+            tops.push(tops[r] + height + caption + (gap * em).round());
+        }
+        Self { columns, rows, tops, labels }
     }
 
     fn width(&self, gap: f64) -> f64 {
         self.labels + self.columns.iter().sum::<f64>() + gap * self.columns.len().saturating_sub(1) as f64
     }
 
-    /// Returns the top of each row.
-    fn tops(&self, gap: f64) -> Vec<f64> {
-        let mut y = 0.0;
-        self.rows
-            .iter()
-            .map(|(height, caption)| {
-                let top = y;
-                y += height + caption + gap;
-                top
-            })
-            .collect()
-    }
-
-    fn height(&self, gap: f64) -> f64 {
-        let rows: f64 = self.rows.iter().map(|(height, caption)| height + caption).sum();
-        rows + gap * self.rows.len().saturating_sub(1) as f64
+    fn height(&self) -> f64 {
+        let last = self.tops.last().zip(self.rows.last());
+        last.map_or(0.0, |(top, (height, caption))| top + height + caption)
     }
 }
 
 impl Figure {
+    /// Returns the rows that share the label of row `r`: the row that has it, and the rows without a label below it.
+    fn group(&self, r: usize) -> Range<usize> {
+        let has_label = |row: &Row| row.label.is_some();
+        let Some(first) = self.rows[..=r].iter().rposition(has_label) else { return r..r + 1 };
+        let below = self.rows[first + 1..].iter().position(has_label);
+        first..below.map_or(self.rows.len(), |more| first + 1 + more)
+    }
+
     /// Computes the layout: the size of the figure, and the position of each panel, text, mark and key.
     pub fn layout(&self) -> Drawing {
         let (style, em) = (&self.style, self.style.font);
         let (margin, gap) = ((MARGIN * em).round(), (GAP * em).round());
         let grid = Grid::of(self);
-        let tops = grid.tops(gap);
         let mut drawing = Drawing { background: style.background, ..Drawing::default() };
         let title_height = if self.title.is_some() { (TITLE_HEIGHT * em).round() } else { 0.0 };
         let heading_height = if self.headings.is_empty() { 0.0 } else { (CAPTION_HEIGHT * em).round() };
@@ -95,8 +101,10 @@ impl Figure {
             drawing.items.push(Item::Text(text));
         }
         for (r, row) in self.rows.iter().enumerate() {
-            let (top, (height, _)) = (origin[1] + tops[r], grid.rows[r]);
+            let (top, (height, _)) = (origin[1] + grid.tops[r], grid.rows[r]);
             if let Some(label) = &row.label {
+                let last = self.group(r).end - 1;
+                let height = grid.tops[last] + grid.rows[last].0 - grid.tops[r];
                 let area = Rect::new([margin, top], [grid.labels, height]);
                 let at = [margin + font::CAP_HEIGHT * em, top + 0.5 * height];
                 let text = fitted(label, at, height, style);
@@ -109,10 +117,10 @@ impl Figure {
                 }
             }
         }
-        let panels = Rect::new(origin, [grid.width(gap), grid.height(gap)]);
+        let panels = Rect::new(origin, [grid.width(gap), grid.height()]);
         let has_panels = !grid.columns.is_empty();
         let keys_at = if has_panels { (panels.end()[0] + KEY_GAP * em).round() } else { margin };
-        self.place_keys(keys_at, origin[1], &grid, &tops, &mut drawing);
+        self.place_keys(keys_at, origin[1], &grid, &mut drawing);
         let mut end = if has_panels { panels.end() } else { origin };
         for (_, area) in drawing.areas.iter().filter(|(name, _)| *name == "key") {
             end = [end[0].max(area.end()[0]), end[1].max(area.end()[1])];
@@ -132,7 +140,8 @@ impl Figure {
     }
 
     /// Places the keys in a column, each beside its rows or below the key before.
-    fn place_keys(&self, x: f64, top: f64, grid: &Grid, tops: &[f64], drawing: &mut Drawing) {
+    fn place_keys(&self, x: f64, top: f64, grid: &Grid, drawing: &mut Drawing) {
+        let tops = &grid.tops;
         let em = self.style.font;
         let mut free = top;
         for key in &self.keys {
@@ -155,7 +164,7 @@ impl Figure {
     }
 }
 
-fn rows_of(key: &Key, count: usize) -> std::ops::Range<usize> {
+fn rows_of(key: &Key, count: usize) -> Range<usize> {
     if key.rows.is_empty() { 0..count } else { key.rows.start.min(count)..key.rows.end.min(count) }
 }
 

@@ -47,4 +47,4 @@ mod ticks;
 
 pub use drawing::{Anchor, Drawing, Item, Picture, Rect, Rgb, Text};
 pub use figure::{Axis, Figure, Key, KeyContent, Mark, Panel, Row, Style};
-pub use ticks::{Ticks, round_length};
+pub use ticks::{Ticks, round_end, round_length};

@@ -15,22 +15,26 @@ const DOT: f64 = 0.22;
 /// Distance between a mark in a corner and the border of the image's content.
 const CLEARANCE: f64 = 0.25;
 /// Largest distance along each axis by which a mark moves away from that border, and the step of the search.
-const MOST_MOVE: f64 = 3.0;
+const MOST_MOVE: f64 = 5.0;
 const MOVE: f64 = 0.25;
 /// Largest difference of levels, per channel, between the background and a pixel without content.
 const SAME_LEVELS: u8 = 24;
+/// Largest difference of levels, per channel, between the pixels of an area of one colour. The shades of one surface in
+/// soft light differ by less, and the colours of two classes by more.
+const ONE_COLOR_LEVELS: u8 = 48;
 
 /// Places the marks of a panel, whose image lies in the rectangle `at`.
 pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawing) {
     let marks = &panel.marks;
     let mut placer = Placer { panel: at, picture: panel.picture.as_deref(), style, drawing, taken: Vec::new() };
-    // Lines lie below all words. Labels avoid the marks in the corners, so that they come last.
+    // Lines lie below all words. Scale bars avoid the marks in fixed corners, and labels avoid all marks.
     let order = |mark: &Mark| match mark {
         Mark::Line { .. } => 0,
-        Mark::Scale { .. } | Mark::Axes(_) | Mark::North { .. } => 1,
-        Mark::Label { .. } => 2,
+        Mark::Axes(_) | Mark::North { .. } => 1,
+        Mark::Scale { .. } => 2,
+        Mark::Label { .. } => 3,
     };
-    for step in 0..3 {
+    for step in 0..4 {
         for mark in marks.iter().filter(|mark| order(mark) == step) {
             match mark {
                 Mark::Scale { length, label } => placer.scale(*length, label),
@@ -63,24 +67,39 @@ impl Placer<'_> {
         self.drawing.areas.push(("mark", area));
     }
 
-    /// Returns how far a mark in a corner has to move so that it lies wholly inside the content of the image, or wholly
-    /// outside of it: the shortest way, within the panel. The mark stays where it is if there is no such place nearby.
-    fn move_off_border(&self, area: Rect) -> [f64; 2] {
+    /// Returns the place of a mark that should lie in one of these areas in corners of the panel. From each area, in
+    /// their order, the mark moves by the shortest way to a place where the image has one colour. Without such a place
+    /// near any area, it moves to where it lies wholly inside the content of the image, or wholly outside of it; without
+    /// that, it stays in the first area.
+    fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
-        let Some(picture) = self.picture else { return [0.0; 2] };
         let steps = (MOST_MOVE / MOVE) as i32;
         let all = (-steps..=steps).flat_map(|y| (-steps..=steps).map(move |x| [x, y]));
         let mut moves: Vec<[i32; 2]> = all.collect();
         moves.sort_by_key(|[x, y]| x * x + y * y);
-        let margin = CLEARANCE * em;
-        let is_clear = |[x, y]: &[f64; 2]| {
-            let area = Rect::new([area.at[0] + x, area.at[1] + y], area.size);
-            let around = Rect::new(area.at.map(|c| c - margin), area.size.map(|c| c + 2.0 * margin));
-            self.panel.contains(&area)
-                && !self.taken.iter().any(|taken| taken.overlaps(&area))
-                && is_uniform(picture, self.panel, around, self.style)
+        let moved = |corner: &Rect, step: [i32; 2]| {
+            let [x, y] = step.map(|n| f64::from(n) * MOVE * em);
+            Rect::new([corner.at[0] + x, corner.at[1] + y], corner.size)
         };
-        moves.into_iter().map(|step| step.map(|n| f64::from(n) * MOVE * em)).find(is_clear).unwrap_or_default()
+        let free: Vec<Rect> = corners
+            .iter()
+            .flat_map(|corner| moves.iter().map(move |step| moved(corner, *step)))
+            .filter(|area| self.is_free(*area))
+            .collect();
+        let margin = CLEARANCE * em;
+        let first = |is_even: fn(&Picture, Rect, Rect, &Style) -> bool| {
+            let picture = self.picture?;
+            free.iter().find(|area| {
+                let around = Rect::new(area.at.map(|c| c - margin), area.size.map(|c| c + 2.0 * margin));
+                is_even(picture, self.panel, around, self.style)
+            })
+        };
+        first(has_one_color).or_else(|| first(is_uniform)).or(corners.first()).copied().unwrap_or(self.panel)
+    }
+
+    /// True if an area lies within the panel and covers no other word or mark.
+    fn is_free(&self, area: Rect) -> bool {
+        self.panel.contains(&area) && !self.taken.iter().any(|taken| taken.overlaps(&area))
     }
 
     fn words(&mut self, text: &str, at: [f64; 2], anchor: Anchor, color: Rgb) -> Rect {
@@ -108,10 +127,11 @@ impl Placer<'_> {
         let (width, cap) = ((0.16 * em).max(1.0), 0.3 * em);
         // The words may be wider than the bar.
         let half = 0.5 * length.max(font::width(label) * em);
-        let corner = [self.panel.at[0] + INSET * em, self.panel.end()[1] - INSET * em];
         let height = cap + (0.25 + font::ASCENT) * em;
-        let moved = self.move_off_border(Rect::new([corner[0], corner[1] - height], [2.0 * half, height]));
-        let [left, bottom] = [corner[0] + moved[0], corner[1] + moved[1]];
+        let lefts = [self.panel.at[0] + INSET * em, self.panel.end()[0] - INSET * em - 2.0 * half];
+        let top = self.panel.end()[1] - INSET * em - height;
+        let area = self.even_area(&lefts.map(|left| Rect::new([left, top], [2.0 * half, height])));
+        let [left, bottom] = [area.at[0], area.end()[1]];
         let middle = left + half;
         let ends = [middle - 0.5 * length, middle + 0.5 * length];
         let bar = vec![[ends[0], bottom - cap], [ends[0], bottom], [ends[1], bottom], [ends[1], bottom - cap]];
@@ -154,9 +174,8 @@ impl Placer<'_> {
             return;
         }
         let ([x, y], reach) = ([x / length, y / length], (0.5 * ARROW + 1.0) * em);
-        let corner = [self.panel.end()[0] - INSET * em - reach, self.panel.at[1] + INSET * em + reach];
-        let moved = self.move_off_border(Rect::new(corner.map(|c| c - reach), [2.0 * reach; 2]));
-        let center = [corner[0] + moved[0], corner[1] + moved[1]];
+        let corner = [self.panel.end()[0] - INSET * em - 2.0 * reach, self.panel.at[1] + INSET * em];
+        let center = self.even_area(&[Rect::new(corner, [2.0 * reach; 2])]).at.map(|c| c + reach);
         let at = |along: f64, across: f64| {
             [center[0] + (along * x - across * y) * em, center[1] + (along * y + across * x) * em]
         };
@@ -172,7 +191,8 @@ impl Placer<'_> {
         self.take(Rect::new([center[0] - reach, center[1] - reach], [2.0 * reach; 2]));
     }
 
-    /// Places a text beside a point, where it covers neither other marks nor the panel's border.
+    /// Places a text beside a point, where it covers neither other marks nor the panel's border, and lies on one colour
+    /// of the image if one of the places does.
     fn label(&mut self, at: [f64; 2], text: &str) {
         let em = self.em();
         let at = [self.panel.at[0] + at[0], self.panel.at[1] + at[1]];
@@ -201,14 +221,14 @@ impl Placer<'_> {
             color: self.style.ink(),
             halo: Some(self.style.halo()),
         };
-        let is_free = |text: &Text| {
-            let bounds = text.bounds();
-            self.panel.contains(&bounds) && !self.taken.iter().any(|taken| taken.overlaps(&bounds))
-        };
-        let inside = |text: &Text| self.panel.contains(&text.bounds());
         let candidates: Vec<Text> = places.into_iter().map(text_at).collect();
-        let chosen =
-            candidates.iter().find(|text| is_free(text)).or_else(|| candidates.iter().find(|text| inside(text)));
+        let is_free = |text: &&Text| self.is_free(text.bounds());
+        let is_even = |text: &&Text| {
+            self.picture.is_none_or(|picture| has_one_color(picture, self.panel, text.bounds(), self.style))
+        };
+        let free = || candidates.iter().filter(is_free);
+        let inside = || candidates.iter().find(|text| self.panel.contains(&text.bounds()));
+        let chosen = free().find(is_even).or_else(|| free().next()).or_else(inside);
         let chosen = chosen.unwrap_or(&candidates[0]).clone();
         let dot = Rect::new([at[0] - DOT * em, at[1] - DOT * em], [2.0 * DOT * em; 2]);
         let (ink, halo) = (self.style.ink(), self.style.halo());
@@ -233,8 +253,8 @@ impl Placer<'_> {
     }
 }
 
-/// True if a rectangle of a panel shows nothing but the background, or nothing but the content of its image.
-fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
+/// Returns the pixels of a panel's image that a rectangle of the figure covers, row by row.
+fn pixels_in(picture: &Picture, panel: Rect, area: Rect) -> impl Iterator<Item = [u8; 4]> {
     let [width, height] = picture.size;
     let range = |k: usize, count: u32| {
         let scale = f64::from(count) / panel.size[k].max(1.0);
@@ -242,23 +262,37 @@ fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool
         let end = to.ceil().clamp(0.0, f64::from(count)) as u32;
         (from.floor().max(0.0) as u32).min(end)..end
     };
-    let [r, g, b, a] = style.background;
-    let is_background = |[pr, pg, pb, pa]: [u8; 4]| {
-        let is_same = |(p, own): (u8, u8)| p.abs_diff(own) <= SAME_LEVELS;
-        // Transparent pixels show what is behind the image.
-        pa <= SAME_LEVELS || a > SAME_LEVELS && [(pr, r), (pg, g), (pb, b), (pa, a)].into_iter().all(is_same)
-    };
-    let mut found = [false; 2];
-    for y in range(1, height) {
-        for x in range(0, width) {
-            let pixel = picture.rgba[(y * width + x) as usize];
-            found[usize::from(is_background(pixel))] = true;
-        }
-        if found == [true; 2] {
-            return false;
-        }
+    let (columns, rows) = (range(0, width), range(1, height));
+    rows.flat_map(move |y| columns.clone().map(move |x| picture.rgba[(y * width + x) as usize]))
+}
+
+/// Returns the function that is true for pixels without content.
+fn background_test(style: &Style) -> impl Fn([u8; 4]) -> bool {
+    let own = style.background;
+    // Transparent pixels show what is behind the image.
+    move |pixel| {
+        pixel[3] <= SAME_LEVELS
+            || own[3] > SAME_LEVELS && pixel.iter().zip(own).all(|(p, own)| p.abs_diff(own) <= SAME_LEVELS)
     }
-    true
+}
+
+/// True if a rectangle of a panel shows nothing but the background, or nothing but the content of its image.
+fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
+    let is_background = background_test(style);
+    let mut pixels = pixels_in(picture, panel, area).map(is_background);
+    let first = pixels.next();
+    pixels.all(|pixel| Some(pixel) == first)
+}
+
+/// True if a rectangle of a panel shows nothing but the background, or content of about one colour.
+fn has_one_color(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
+    let (mut low, mut high) = ([u8::MAX; 4], [u8::MIN; 4]);
+    let has_one = pixels_in(picture, panel, area).all(|pixel| {
+        low = std::array::from_fn(|k| low[k].min(pixel[k]));
+        high = std::array::from_fn(|k| high[k].max(pixel[k]));
+        low.iter().zip(high).all(|(low, high)| high - low <= ONE_COLOR_LEVELS)
+    });
+    has_one && is_uniform(picture, panel, area, style)
 }
 
 /// Returns a polygon for a disk.

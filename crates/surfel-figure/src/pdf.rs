@@ -67,7 +67,7 @@ impl Drawing {
         content.transform([s, 0.0, 0.0, -s, 0.0, height as f32]);
         // Square ends and corners, as in the other formats.
         content.set_line_cap(pdf_writer::types::LineCapStyle::ProjectingSquareCap);
-        content.set_line_join(pdf_writer::types::LineJoinStyle::RoundJoin);
+        content.set_line_join(pdf_writer::types::LineJoinStyle::MiterJoin);
         let [r, g, b, a] = self.background;
         if a > 0 {
             fill_color(&mut content, [r, g, b]);

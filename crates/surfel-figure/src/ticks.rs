@@ -31,6 +31,16 @@ pub fn round_length(most: f64) -> f64 {
     factor.unwrap_or(1.0) * power
 }
 
+/// Returns the smallest multiple of a round step that isn't less than `value`. The step is 1, 2 or 5 times a power of
+/// ten, and at least a `count`-th of the value. Returns 0 unless `value` is positive.
+pub fn round_end(value: f64, count: usize) -> f64 {
+    if !(value > 0.0 && value.is_finite()) {
+        return 0.0;
+    }
+    let step = round_up(value / count.max(1) as f64);
+    (value / step * (1.0 - 1e-12)).ceil() * step
+}
+
 impl Ticks {
     /// Returns at least two and about `count` ticks at round values of a range. For a range that is empty, reversed or
     /// infinite, returns its first end as the only tick.
@@ -122,6 +132,17 @@ mod tests {
         assert_eq!(of([0.0, 4e-5]), ("0 1 2 3 4".to_owned(), "×10⁻⁵".to_owned()));
         assert_eq!(Ticks::new([5.0, 5.0], 4).values, [5.0]);
         assert_eq!(Ticks::new([0.0, f64::INFINITY], 4).values, [0.0]);
+    }
+
+    #[test]
+    fn ends_of_ranges_are_ticks() {
+        for (value, expected) in [(0.0372, 0.04), (0.0408, 0.05), (0.006_8, 0.008), (5.0, 5.0), (1.209, 1.5)] {
+            let end = round_end(value, 5);
+            assert!((end / expected - 1.0).abs() < 1e-9, "{value}: {end}");
+            let last = *Ticks::new([0.0, end], 5).values.last().unwrap();
+            assert!((last / end - 1.0).abs() < 1e-9, "{value}: the last tick is {last}");
+        }
+        assert_eq!([0.0, -1.0, f64::NAN, f64::INFINITY].map(|value| round_end(value, 5)), [0.0; 4]);
     }
 
     #[test]

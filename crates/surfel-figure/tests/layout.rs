@@ -129,6 +129,52 @@ fn marks_in_corners_are_inside_the_content_or_outside() {
 }
 
 #[test]
+fn marks_move_to_an_area_of_one_color() {
+    // Two colours meet where the scale bar would be, and where a label would be to the right of its point.
+    let mut picture = Picture::filled([400, 400], [160, 100, 40, 255]);
+    for (y, row) in picture.rgba.chunks_mut(400).enumerate() {
+        let from = if y < 300 { 230 } else { 60 };
+        row[from..from + 40].fill([40, 160, 60, 255]);
+    }
+    let panel = Panel::new(picture)
+        .with_mark(Mark::Scale { length: 40.0, label: "20 m".into() })
+        .with_mark(Mark::Label { at: [220.0, 150.0], text: "bank".into() });
+    let figure = Figure { rows: vec![vec![Some(panel)].into()], style: Style::new(16.0), ..Figure::default() };
+    let drawing = figure.layout();
+    let area = |name: &str| -> Vec<Rect> {
+        drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
+    };
+    let (panel, marks) = (area("panel")[0], area("mark"));
+    let places = [(60.0, 300.0, 100.0), (230.0, 0.0, 300.0)];
+    let strips = places.map(|(x, y, height)| Rect::new([panel.at[0] + x, panel.at[1] + y], [40.0, height]));
+    for mark in &marks {
+        assert!(panel.contains(mark), "{mark:?}");
+        assert!(!strips.iter().any(|strip| strip.overlaps(mark) && !strip.contains(mark)), "{mark:?} {strips:?}");
+    }
+    assert_eq!(marks.len(), 2);
+}
+
+#[test]
+fn a_label_is_beside_its_row_and_the_rows_below_it() {
+    let row = |label: Option<&str>| Row {
+        label: label.map(str::to_owned),
+        panels: vec![Some(Panel::new(Picture::filled([100, 80], [9; 4])).with_caption("a"))],
+    };
+    let rows = vec![row(Some("Chair")), row(None), row(Some("Table")), row(None)];
+    let drawing = Figure { rows, style: Style::new(12.0), ..Figure::default() }.layout();
+    let area = |name: &str| -> Vec<Rect> {
+        drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
+    };
+    let (labels, panels) = (area("row label"), area("panel"));
+    for (label, rows) in labels.iter().zip([0..2, 2..4]) {
+        assert_eq!(label.at[1], panels[rows.start].at[1]);
+        assert_eq!(label.end()[1], panels[rows.end - 1].end()[1]);
+    }
+    let distance = |above: usize| panels[above + 1].at[1] - panels[above].end()[1];
+    assert!(distance(1) > distance(0) + 5.0 && distance(0) == distance(2), "groups are apart");
+}
+
+#[test]
 fn a_fixed_width_is_the_width() {
     let mut figure = figure([100, 100], 10.0);
     let natural = figure.layout().size[0];

@@ -574,6 +574,13 @@ fn gltf_gaussian_splats_are_lifted() {
     assert_eq!((cloud.color(0), cloud.alpha(0)), ([HALF, 1.0, 0.0], 0.75));
     let error = try_load(Format::Gltf, text.replace(":SCALE", ":SIZE")).unwrap_err();
     assert!(error.contains("without KHR_gaussian_splatting:SCALE"), "{error}");
+    let start = text.find(r#"{"mode": 0"#).unwrap();
+    let primitive = &text[start..start + text[start..].find("}}}").unwrap() + 3];
+    let both = text.replace(primitive, &format!("{primitive}, {}", primitive.replace("srgb_", "lin_")));
+    let error = try_load(Format::Gltf, both).unwrap_err();
+    assert!(error.contains("different values of \"colorSpace\""), "{error}");
+    let twice = text.replace(primitive, &format!("{primitive}, {primitive}"));
+    assert_eq!(splats(load(Format::Gltf, twice)).len(), 2);
 }
 
 #[test]

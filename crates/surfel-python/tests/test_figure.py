@@ -15,7 +15,7 @@ def test_figures_of_arrays_have_their_titles_and_an_error_row():
     width, height = figure.size
     assert width > 240 and height > 180 and figure.rgba.shape == (height, width, 4)
     svg = figure.svg()
-    assert all(f">{words}<" in svg for words in ("truth", "ours", "Spheres", "distance [m]", "mean 0.0100 m"))
+    assert all(f">{words}<" in svg for words in ("truth", "ours", "Spheres", "distance [m]", "CD 0.0100 m"))
     assert figure.pdf().startswith(b"%PDF") and figure._repr_png_().startswith(b"\x89PNG")
     assert np.array_equal(np.asarray(figure), figure.rgba)
 

@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Number of points, and largest noise along each axis in the model's units (the model is 1.7 high).
 const POINTS: f64 = 120_000.0;
-const NOISE: f64 = 0.006;
+const NOISE: f64 = 0.003;
 
 /// Returns the points as text, one a line.
 pub(super) fn scan(root: &Path) -> io::Result<Vec<u8>> {
@@ -74,6 +74,6 @@ mod tests {
         let (low, high): (Vec<f64>, Vec<f64>) = text.lines().map(z).partition(|z| *z < 2.5);
         // The areas are 3 and ½, which give 600 and 100 points up to a rounding error of one.
         assert!(low.len().abs_diff(600) <= 1 && high.len().abs_diff(100) <= 1, "{} {}", low.len(), high.len());
-        assert!(low.iter().all(|z| z.abs() < 0.0061) && high.iter().all(|z| (z - 5.0).abs() < 0.0061));
+        assert!(low.iter().all(|z| z.abs() < 0.0031) && high.iter().all(|z| (z - 5.0).abs() < 0.0031));
     }
 }

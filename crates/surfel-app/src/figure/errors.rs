@@ -3,6 +3,7 @@
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel_figure::round_end;
 use surfel_io::Content;
 use surfel_load::coloring::ColorMap;
 use surfel_load::coloring::{ColorScale, paint_values};
@@ -18,6 +19,45 @@ use surfel_sample::Progress;
 const EVEN_LIGHT: f64 = 0.68;
 /// Percentile of all distances at the end of the colour map.
 const PERCENTILE: f64 = 0.98;
+/// Number of ticks of a colour bar to which the end of its range is rounded.
+const TICKS: usize = 5;
+
+/// Distances between the points of a panel and the reference.
+pub(super) struct PanelErrors {
+    /// Distance of each point to the reference.
+    pub(super) distances: Vec<f64>,
+    /// Mean distance of the reference's points to the nearest points of the panel; `None` for a mesh, which has no
+    /// points.
+    pub(super) mean_from_reference: Option<f64>,
+}
+
+impl PanelErrors {
+    /// Returns the caption of the panel: the Chamfer distance to a reference of points, and the mean distance to a
+    /// mesh. The Chamfer distance is the mean of the mean distances in both directions, CD-L1 in papers on completion.
+    pub(super) fn caption(&self, unit: Option<&str>) -> String {
+        let mean = mean(&self.distances);
+        let (name, value) = match self.mean_from_reference {
+            Some(back) => ("CD", 0.5 * (mean + back)),
+            None => ("mean", mean),
+        };
+        let unit = unit.map(|unit| format!(" {unit}")).unwrap_or_default();
+        format!("{name} {}{unit}", digits(value))
+    }
+}
+
+/// Formats a distance with three digits.
+fn digits(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    // The exponent after rounding: 0.009999 becomes 0.0100.
+    let rounded = format!("{value:.2e}");
+    let magnitude: i32 = rounded.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0);
+    if !(-4..=6).contains(&magnitude) {
+        return rounded;
+    }
+    format!("{value:.*}", (2 - magnitude).max(0) as usize)
+}
 
 /// Returns the splats of an object.
 fn splats<'a>(object: &'a Object, path: &Path) -> Result<&'a Arc<SplatCloud>, Error> {
@@ -47,28 +87,35 @@ fn mesh(path: &Path, options: &LoadOptions) -> Result<Option<Vec<[DVec3; 3]>>, E
     })
 }
 
-/// Returns the distances from the splats of every object but the first to the first object: to the surface of its
-/// file's mesh, or else to its points. `is_of_points` is true if the first file contains points.
-pub(super) fn distances(
+/// Measures the distances between the splats of every object but the first and the first object: the surface of its
+/// file's mesh, or else its points. `is_of_points` is true if the first file contains points.
+pub(super) fn measure(
     objects: &[Object],
     paths: &[PathBuf],
     is_of_points: bool,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<f64>>, Error> {
+) -> Result<Vec<PanelErrors>, Error> {
     let (Some((first, others)), Some((path, other_paths))) = (objects.split_first(), paths.split_first()) else {
         return Ok(Vec::new());
     };
     let clouds: Vec<&Arc<SplatCloud>> =
         others.iter().zip(other_paths).map(|(object, path)| splats(object, path)).collect::<Result<_, _>>()?;
     let triangles = if is_of_points { None } else { mesh(path, &LoadOptions::default())? };
-    let reference = match triangles {
-        Some(triangles) => Distances::to_triangles(triangles),
-        None => Distances::to_points(centers(splats(first, path)?)),
+    let points = if triangles.is_none() { Some(centers(splats(first, path)?)) } else { None };
+    let reference = match (triangles, &points) {
+        (Some(triangles), _) => Distances::to_triangles(triangles),
+        (None, points) => Distances::to_points(points.clone().unwrap_or_default()),
     };
-    Ok(clouds.into_iter().map(|cloud| reference.of(&centers(cloud), progress)).collect())
+    let errors = clouds.into_iter().map(|cloud| {
+        let own = centers(cloud);
+        let distances = reference.of(&own, progress);
+        let back = points.as_ref().map(|points| mean(&Distances::to_points(own).of(points, progress)));
+        PanelErrors { distances, mean_from_reference: back }
+    });
+    Ok(errors.collect())
 }
 
-/// Returns the end of the colour map for distances: the 98th percentile, rounded up to two digits.
+/// Returns the end of the colour map for distances: the 98th percentile, rounded up to a tick of the colour bar.
 pub(super) fn end_of_range<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
     let mut values: Vec<f64> = all.flatten().copied().filter(|value| value.is_finite()).collect();
     let Some(last) = values.len().checked_sub(1) else { return 1.0 };
@@ -78,8 +125,7 @@ pub(super) fn end_of_range<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
         // All points lie on the reference.
         return 1.0;
     }
-    let digit = 10_f64.powf(value.log10().floor() - 1.0);
-    (value / digit * (1.0 - 1e-12)).ceil() * digit
+    round_end(value, TICKS)
 }
 
 /// Returns the mean of the finite distances.
@@ -131,9 +177,22 @@ mod tests {
     #[test]
     fn ranges_end_at_a_round_percentile() {
         let values: Vec<f64> = (0..=100).map(|i| f64::from(i) * 0.012_34).collect();
-        assert!((end_of_range([values].iter()) - 1.3).abs() < 1e-12, "98 x 0.01234 is 1.209");
+        assert!((end_of_range([values].iter()) - 1.5).abs() < 1e-12, "98 x 0.01234 is 1.209");
         assert_eq!(end_of_range([vec![0.0, 0.0]].iter()), 1.0);
         assert_eq!(end_of_range([vec![f64::INFINITY]].iter()), 1.0);
         assert_eq!(mean(&[1.0, 3.0, f64::INFINITY]), 2.0);
+    }
+
+    #[test]
+    fn captions_state_chamfer_distances_to_points_and_means_to_meshes() {
+        let errors = |mean_from_reference| PanelErrors { distances: vec![0.01, 0.03], mean_from_reference };
+        assert_eq!(errors(Some(0.1)).caption(Some("m")), "CD 0.0600 m");
+        assert_eq!(errors(None).caption(None), "mean 0.0200");
+    }
+
+    #[test]
+    fn distances_have_three_digits() {
+        let all = [0.0, 1.0, 0.012_345, 0.009_999, 123.456, 98_765.4, 1.5e-7].map(digits);
+        assert_eq!(all, ["0", "1.00", "0.0123", "0.0100", "123", "98765", "1.50e-7"]);
     }
 }

@@ -27,6 +27,7 @@ pub use surfel_figure::{Drawing, Picture};
 
 use crate::color_bar;
 use crate::request::{Pictures, RenderOptions, Request, Resolved, Source, shared_coloring};
+use errors::PanelErrors;
 use panels::Panels;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -129,8 +130,8 @@ struct Subject<'a> {
     is_split: bool,
     /// True if the camera is placed so that it sees the files, and may move away from them.
     is_framed: bool,
-    /// Distances of all panels but the first to the first.
-    distances: Vec<Vec<f64>>,
+    /// Distances between the points of all panels but the first and the first file.
+    errors: Vec<PanelErrors>,
 }
 
 impl Subject<'_> {
@@ -260,7 +261,7 @@ impl FigureRequest<'_> {
             let resolved = request.resolve(loaded, progress, note)?;
             let is_split = !is_scene;
             let is_framed = !resolved.has_own_camera && options.eye.is_none() && options.target.is_none();
-            subjects.push(Subject { paths, resolved, is_of_points, is_split, is_framed, distances: Vec::new() });
+            subjects.push(Subject { paths, resolved, is_of_points, is_split, is_framed, errors: Vec::new() });
         }
         Ok(subjects)
     }
@@ -270,9 +271,9 @@ impl FigureRequest<'_> {
         let Some(map) = self.figure.error_row else { return Ok(None) };
         for subject in subjects.iter_mut() {
             let objects = &subject.resolved.scene.objects;
-            subject.distances = errors::distances(objects, subject.paths, subject.is_of_points, progress)?;
+            subject.errors = errors::measure(objects, subject.paths, subject.is_of_points, progress)?;
         }
-        let all = || subjects.iter().flat_map(|subject| &subject.distances);
+        let all = || subjects.iter().flat_map(|subject| &subject.errors).map(|errors| &errors.distances);
         let end = self.figure.error_max.unwrap_or_else(|| errors::end_of_range(all()));
         let is_exceeded = all().flatten().any(|distance| *distance > end);
         Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))

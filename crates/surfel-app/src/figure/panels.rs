@@ -113,14 +113,12 @@ impl<'a> Panels<'a> {
                 is_error,
             };
             self.cells.extend(members.clone().map(|member| cell(member, row, false)));
-            if content.distances.is_empty() {
+            if content.errors.is_empty() {
                 continue;
             }
             // The reference has no error, so that its place stays empty.
             let panels = members.clone().map(|member| {
-                let distances = content.distances.get(member.checked_sub(1)?)?;
-                let unit = options.unit.as_ref().map(|unit| format!(" {unit}")).unwrap_or_default();
-                let caption = format!("mean {}{unit}", digits(errors::mean(distances)));
+                let caption = content.errors.get(member.checked_sub(1)?)?.caption(options.unit.as_deref());
                 Some(Panel { caption: Some(caption), ..Panel::empty(self.size) })
             });
             self.figure.rows.push(Row { label: None, panels: panels.collect() });
@@ -180,7 +178,7 @@ impl<'a> Panels<'a> {
             scene.objects = vec![resolved.scene.objects[cell.member].clone()];
         }
         let distances = errors.filter(|_| cell.is_error && subject.is_split);
-        let distances = distances.map(|colors| (colors, &subject.distances[cell.member - 1]));
+        let distances = distances.map(|colors| (colors, &subject.errors[cell.member - 1].distances));
         let blended = match distances {
             Some((colors, distances)) => values::split(&scene, distances, colors.end)?,
             None => None,
@@ -242,30 +240,10 @@ fn stem(path: &Path) -> String {
     path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// Formats a distance with three digits.
-fn digits(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    // The exponent after rounding: 0.009999 becomes 0.0100.
-    let rounded = format!("{value:.2e}");
-    let magnitude: i32 = rounded.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0);
-    if !(-4..=6).contains(&magnitude) {
-        return rounded;
-    }
-    format!("{value:.*}", (2 - magnitude).max(0) as usize)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use surfel_model::Projection;
-
-    #[test]
-    fn distances_have_three_digits() {
-        let all = [0.0, 1.0, 0.012_345, 0.009_999, 123.456, 98_765.4, 1.5e-7].map(digits);
-        assert_eq!(all, ["0", "1.00", "0.0123", "0.0100", "123", "98765", "1.50e-7"]);
-    }
 
     #[test]
     fn intrinsics_are_scaled_with_the_image() {

@@ -18,7 +18,8 @@ pub(super) struct GatheredSplats {
     rotations: Vec<DQuat>,
     alphas: Vec<f32>,
     colors: Vec<[f64; 3]>,
-    linear: bool,
+    /// True if colours are linear, false if sRGB-encoded; `None` before the first primitive.
+    is_linear: Option<bool>,
     /// True if there are spherical harmonics, which the nodes' rotations would have to rotate.
     harmonics: bool,
     /// True if a node's scale isn't uniform.
@@ -39,7 +40,11 @@ impl GatheredSplats {
             let what = format!("the Gaussian splats need the extension {}", quote(name));
             return Err(Problem::new(what).help("export them uncompressed, or as PLY"));
         }
-        self.linear = text("colorSpace").is_some_and(|c| c.starts_with("lin"));
+        let is_linear = text("colorSpace").is_some_and(|c| c.starts_with("lin"));
+        if *self.is_linear.get_or_insert(is_linear) != is_linear {
+            let problem = Problem::new("primitives of Gaussian splats have different values of \"colorSpace\"");
+            return Err(problem.expected("one value in all").help("export them into a file for each colour space"));
+        }
         if text("kernel").is_some_and(|k| k != "ellipse") {
             return Err(Problem::new("the Gaussian splats have an unknown kernel").expected("\"ellipse\""));
         }
@@ -77,7 +82,7 @@ impl GatheredSplats {
             alphas: self.alphas,
             display_colors: self.colors,
             harmonics: if self.harmonics { Harmonics::Unread(None) } else { Harmonics::None },
-            linear_colors: self.linear,
+            linear_colors: self.is_linear.unwrap_or(false),
             up: None,
             comments: Vec::new(),
         })

@@ -249,7 +249,7 @@ pub(super) fn class(number: f64) -> Option<(&'static str, [u8; 3])> {
     let classes: [(&str, [u8; 3]); 23] = [
         ("never classified", [186, 186, 186]),
         ("unclassified", [170, 170, 170]),
-        ("ground", [170, 110, 50]),
+        ("ground", [201, 174, 130]),
         ("low vegetation", [170, 220, 110]),
         ("medium vegetation", [90, 190, 70]),
         ("high vegetation", [20, 130, 40]),
@@ -267,7 +267,7 @@ pub(super) fn class(number: f64) -> Option<(&'static str, [u8; 3])> {
         ("bridge deck", [120, 150, 190]),
         ("high noise", [200, 0, 110]),
         ("overhead structure", [250, 150, 170]),
-        ("ignored ground", [205, 170, 125]),
+        ("ignored ground", [232, 216, 190]),
         ("snow", [235, 245, 255]),
         ("temporal exclusion", [130, 130, 60]),
     ];
