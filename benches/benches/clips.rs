@@ -15,7 +15,7 @@ use surfel_math::clip_paper::PaperCurve;
 use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 
-// The renderer's own lanes and instruction levels, of which this bench needs only a part.
+// The renderer's own lanes and instruction levels. The benchmark needs only a part of them.
 #[allow(dead_code, unused_imports, unreachable_pub)]
 #[path = "../../crates/surfel-cpu/src/simd"]
 mod simd {
@@ -27,20 +27,20 @@ mod simd {
 use simd::lanes::{LANES, Lanes};
 use simd::level::{Instructions, SimdLevel, with_instructions};
 
-/// Number of timed pairs of splat and block: they fit the second-level cache.
+/// Number of timed pairs of a splat and a block; they fit the second-level cache.
 const TIMED: usize = 1024;
 /// Number of pairs over which differing decisions are counted.
 const COUNTED: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug)]
 enum Way {
-    /// The conic's implicit form, composed with the mapping into forms over pixels.
+    /// Implicit form of the conic, composed with the mapping into forms over pixels.
     Implicit,
-    /// `Implicit` if a pixel of the block lies within the control triangle, else the chord (C12 §3.3).
+    /// `Implicit` if a pixel of the block is within the control triangle, else the chord (C12 §3.3).
     ImplicitBounded,
-    /// C12 eq. 7, corrected, over (u, v).
+    /// C12 eq. 7, corrected, evaluated in (u, v).
     Paper,
-    /// `Paper` if a pixel of the block lies within the control triangle, else the chord (C12 §3.3).
+    /// `Paper` if a pixel of the block is within the control triangle, else the chord (C12 §3.3).
     PaperBounded,
     /// The chord in place of the curve (C12 §3.3).
     Chord,
@@ -48,7 +48,7 @@ enum Way {
 
 const WAYS: [Way; 5] = [Way::Implicit, Way::ImplicitBounded, Way::Paper, Way::PaperBounded, Way::Chord];
 
-/// Splat with a curve, and a block of its pixels.
+/// Splat with a clip curve, and a block of its pixels.
 struct Pair {
     footprint: Footprint<f32>,
     clip: Clip<f32>,
@@ -57,7 +57,7 @@ struct Pair {
     first: [f32; 2],
 }
 
-/// Uniform in [0, 1), by SplitMix64 (Steele, Lea and Flood 2014).
+/// Generator of random numbers in [0, 1): SplitMix64 (Steele, Lea and Flood 2014).
 struct Random(u64);
 
 impl Random {
@@ -74,7 +74,7 @@ impl Random {
     }
 }
 
-/// Largest distance in pixels between the curve and the first pixel of a block beside it.
+/// Largest distance between the curve and the first pixel of a block beside it, in pixels.
 const NEAR_PX: f64 = 1e-4;
 
 /// Returns the pixel offset at which a footprint has the coordinates `q`.
@@ -86,8 +86,8 @@ fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
     V2::new(e * b.y - f * a.y, f * a.x - e * b.x) * (1.0 / a.cross(b))
 }
 
-/// Returns curves like those of `convert --sharp`, from nearly straight to strongly bent either way, on splats of 4 to
-/// 32 pixels.
+/// Returns pairs of a splat and a block. Curves are like those of `convert --sharp`, from nearly straight to strongly
+/// bent in either direction. The longer half-axes of splats are 4 to 32 pixels.
 fn pairs(count: usize, near: bool) -> Vec<Pair> {
     let mut random = Random(5);
     let pair = |_| {
@@ -111,7 +111,7 @@ fn pairs(count: usize, near: bool) -> Vec<Pair> {
         let anywhere = [0, 1].map(|_| random.within(-long, long).floor() as f32 + 0.25);
         let beside = [on_curve.x, on_curve.y].map(|v| (v + random.within(-NEAR_PX, NEAR_PX)) as f32);
         let first = if near { beside } else { anywhere };
-        // Both ways start from the numbers of the same stored clip.
+        // Both ways to evaluate a clip start from the numbers of the same stored clip.
         Pair { clip: clip.through(&footprint, &Turn::none(1.0)), footprint, paper, first }
     };
     (0..count).map(pair).collect()
@@ -156,7 +156,7 @@ fn paper<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> mask32x16<S> {
     PaperCurve { p1: point(p1), p2: point(p2), p3: point(p3), w: k(*w), turn: k(*turn) }.keeps(q)
 }
 
-/// Returns true if some pixel is within the control triangle, and the mask of the chord alone.
+/// Returns true if some pixel is within the control triangle, and the mask of the pixels inside the chord.
 #[inline(always)]
 fn bounded<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> (bool, mask32x16<S>) {
     let zero = d.x.zero();

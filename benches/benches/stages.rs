@@ -1,9 +1,9 @@
-//! Times setup, binning and the tile loops by size of splat, and pixels by shader. Run it as `cargo bench -p
-//! surfel-benches --bench stages`.
+//! Benchmark of setup, binning and the tile loops for several sizes of splats, and of pixels for several shaders. Run
+//! it as `cargo bench -p surfel-benches --bench stages`.
 //!
 //! It uses one thread and an image of 512×512 pixels, which a plane of tilted disks covers 3.8 times. The view is in
-//! perspective, since otherwise the cheapest evaluators draw most splats. Each stage's time is the renderer's own. It
-//! thus runs as in a frame, with the caches in the state that the stage before it leaves.
+//! perspective, since otherwise the cheapest evaluators draw most splats. The time of each stage is measured by the
+//! renderer within a frame, so that caches contain the data of the previous stage.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use surfel_render::{Frame, Planes, Renderer as _, SceneSummary, Stats, View};
 #[path = "../../crates/surfel-cpu/examples/plane/scene.rs"]
 mod scene;
 
-/// Radii of the splats in pixels: below a pixel, the common case, large, huge.
+/// Radii of the splats in pixels: below a pixel, common, large, and huge.
 const RADII_PX: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
 fn stages(criterion: &mut Criterion) {
@@ -32,7 +32,7 @@ fn stages(criterion: &mut Criterion) {
     }
 }
 
-/// Times tiles of few and large splats by shader, where work per pixel dominates.
+/// Times tiles with few large splats, in which the work per pixel dominates, for several shaders.
 fn pixels(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("pixels");
     let (mut scene, view) = scene::plane(128.0).expect("the scene is valid");
@@ -51,7 +51,7 @@ fn pixels(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Times a stage of frames.
+/// Times one stage of repeated frames.
 fn measure(
     group: &mut BenchmarkGroup<'_, WallTime>,
     id: BenchmarkId,

@@ -1,4 +1,4 @@
-//! Makes the modules available to `include_bytes!`, and empty ones where they aren't built.
+//! Build script that copies the modules for `include_bytes!`, or writes empty files if they aren't built.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Gives the module a stack as large as that of the drawing threads of the CPU backend.
+//! Build script that sets the size of the WebAssembly module's stack, which equals that of the CPU backend's threads.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

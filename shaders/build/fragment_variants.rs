@@ -1,10 +1,10 @@
-//! Generates the fragment entry points: one for each layer, set of sums and clip variant. They differ in a few names
-//! only, so they are written here once instead of thirty times. They are called `VARIANT_LAYER_WHAT_fragment`; whole
-//! splats have no variant in the name.
+//! Generates the fragment entry points: one for each layer, set of sums and clip variant. They differ only in a few
+//! names, so they are generated from one template. Their names are `VARIANT_LAYER_WHAT_fragment`; without a variant for
+//! splats without clips.
 
 use std::fmt::Write as _;
 
-/// Layers that have a depth threshold, and so a visibility pass.
+/// Layers that have a depth threshold, and therefore a visibility pass.
 const THRESHOLD_LAYERS: [&str; 4] = ["front", "shown", "edge_background", "peeled"];
 
 /// Sums of an attribute pass over a layer.
@@ -24,11 +24,11 @@ const LAYERS: [LayerSums; 8] = [
     LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
 ];
 
-/// Layers whose nearest splats may be requested. The flag is true if polygons are among them.
+/// Layers for which the plane of nearest splats may be requested. The flag is true if the layer includes polygons.
 const NEAREST_LAYERS: [(&str, bool); 5] =
     [("front", false), ("mesh_blend", true), ("shown", false), ("shown_mesh_blend", true), ("remaining", false)];
 
-/// Clip variants: prefix of the entry points' names, and additional parameter of their fragments.
+/// Clip variants: the prefix of the entry points' names, and an additional parameter of the entry points.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
 
 /// Returns the WGSL type of a set of sums.
@@ -54,7 +54,7 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
             writeln!(text, "    if !({layer}_is_visible(in, z){visible}) {{\n        discard;\n    }}")?;
             writeln!(text, "    return {value};\n}}\n")
         };
-        // The other side of oriented splats has a limit of its own.
+        // The front and back sides of oriented splats have different depth thresholds.
         let limit = |layer: &str| if layer == "shown" { "shown_limit(in, z)" } else { "z + in.anchor.w" };
         for layer in ["front", "shown", "peeled"] {
             let value = format!("threshold_output(in, z, {})", limit(layer));

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use naga::Module;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 
-/// Prefix of the line that precedes each module in the text.
+/// Beginning of the comment line that names a module's file, before the module's text.
 const MODULE: &str = "// ==== ";
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -36,7 +36,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Concatenates the modules that a folder's manifest lists, in its order. A line before each module gives its file.
+/// Concatenates the modules that a folder's manifest lists, in this order. A comment line before each module names its
+/// file.
 fn concatenate(root: &Path, folder: &str) -> Result<String, Box<dyn Error>> {
     let manifest = std::fs::read_to_string(root.join(folder).join("manifest.txt"))?;
     let names = || manifest.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
@@ -56,7 +57,7 @@ fn concatenate(root: &Path, folder: &str) -> Result<String, Box<dyn Error>> {
     Ok(text)
 }
 
-/// Parses and validates a text. An error is naga's message.
+/// Parses and validates WGSL. The error is naga's message.
 fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     let module = naga::front::wgsl::parse_str(text).map_err(|e| {
         let line = e.location(text).map(|at| at.line_number);
@@ -70,10 +71,10 @@ fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     Ok((module, info))
 }
 
-/// Reports an error in a form that cargo displays.
+/// Prints an error in a form that cargo displays.
 fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     result.map_err(|message| {
-        // Cargo accepts a build script's errors one line at a time.
+        // Cargo displays one line per message of a build script.
         for line in message.lines() {
             println!("cargo::error={line}");
         }
@@ -81,7 +82,7 @@ fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     })
 }
 
-/// Returns the file and line of a module for a line of the whole text, counted from 1.
+/// Returns the file and line of a module for line `line` of the concatenated text, counted from 1.
 fn place(text: &str, line: Option<u32>) -> String {
     let Some(line) = line else { return String::new() };
     let before = text.lines().take(line as usize).enumerate();

@@ -1,4 +1,4 @@
-//! Generates Rust source from a parsed shader, so that nothing is written twice.
+//! Generates Rust source from a parsed shader, so that no layout or binding is written by hand.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ pub(crate) fn functions(module: &Module) -> String {
     format!("&{names:?}")
 }
 
-/// Returns a module of offsets for each struct in buffers, and the constants.
+/// Returns the Rust text of a module of byte offsets for each struct in buffers, and of the shaders' constants.
 pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
     let mut shared = Vec::new();
     for (_, variable) in module.global_variables.iter() {
@@ -47,7 +47,7 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
     Ok(text)
 }
 
-/// Adds `ty` and the structs that it contains.
+/// Adds `ty` and all structs that it contains to `found`.
 fn collect(module: &Module, ty: naga::Handle<naga::Type>, found: &mut Vec<naga::Handle<naga::Type>>) {
     match &module.types[ty].inner {
         TypeInner::Struct { members, .. } if !found.contains(&ty) => {
@@ -70,7 +70,7 @@ fn snake(name: &str) -> String {
     text
 }
 
-/// Returns the table of entry points and their bindings.
+/// Returns the Rust text of the table of entry points with their bindings.
 pub(crate) fn entries(module: &Module, info: &ModuleInfo) -> Result<String, Box<dyn Error>> {
     let mut text = String::from("&[\n");
     for (index, entry) in module.entry_points.iter().enumerate() {

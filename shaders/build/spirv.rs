@@ -1,4 +1,5 @@
-//! Generates SPIR-V for Vulkan with all of naga's options explicit: its defaults flip y and invent missing bindings.
+//! Generates SPIR-V for Vulkan. All of naga's options are explicit, because its defaults flip y and invent missing
+//! bindings.
 
 use std::error::Error;
 
@@ -8,21 +9,21 @@ use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-/// Returns the Rust text of a slice with each entry point's name and module.
+/// Returns the Rust text of a slice of entry points: each name with the words of its SPIR-V module.
 pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
     let one = |entry: &naga::EntryPoint| Ok(format!("    ({:?}, &{:?}),\n", entry.name, words(module, &entry.name)?));
     let all: Result<String, Box<dyn Error>> = module.entry_points.iter().map(one).collect();
     Ok(format!("&[\n{}]", all?))
 }
 
-/// Returns a module with one entry point and the code that it uses. Some drivers expect a descriptor for everything
-/// that a module declares.
+/// Returns the words of a SPIR-V module with one entry point and the code that it uses. Some drivers expect a
+/// descriptor for every binding that a module declares.
 fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);
     compact(&mut module, KeepUnused::No);
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module)?;
-    // The compute path bounds its loops and indices by its own counts, and it has the tightest loops.
+    // The compute path bounds its loops and indices itself, and its loops dominate the time.
     let is_bounded = entry.starts_with("cell_");
     let options = Options {
         // The newest version that Vulkan 1.1 accepts.
@@ -56,7 +57,7 @@ fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     Ok(write_vec(&module, &info, &options, None)?)
 }
 
-/// Returns the binding map that preserves each number: a group becomes a descriptor set.
+/// Returns a map of bindings that preserves all numbers: a bind group becomes the descriptor set with its number.
 fn bindings(module: &Module) -> BindingMap {
     let used = module.global_variables.iter().filter_map(|(_, variable)| variable.binding);
     let info = |at: naga::ResourceBinding| BindingInfo {

@@ -80,7 +80,7 @@ fn contribution_at(
     return Contribution(weight(rho_squared, frame.cutoff) * weight_scale, z, inside && exists(z));
 }
 
-// True for fragments no deeper than the visibility pass's threshold.
+// True for fragments no deeper than the depth threshold of the visibility pass.
 fn is_within_threshold(in: AttributeVertex, z: f32) -> bool {
     return textureLoad(depth_threshold, vec2i(floor(in.position.xy)), 0) <= reversed_depth(z);
 }
@@ -101,7 +101,7 @@ fn mesh_blend_accumulates(in: AttributeVertex, z: f32) -> bool {
     return nearest <= reversed_depth(z) && (!shows || z - in.w.w <= polygon);
 }
 
-// Σw·(colour, 1).
+// Returns Σw·(colour, 1).
 fn color_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return vec4f(in.color, 1.0) * c.weight;
 }
@@ -111,12 +111,12 @@ struct SurfaceSums {
     @location(1) surface: vec4f,
 }
 
-// Σw·(colour, 1) and Σw·(normal, z).
+// Returns Σw·(colour, 1) and Σw·(normal, z).
 fn surface_sums_of(in: AttributeVertex, c: Contribution) -> SurfaceSums {
     return SurfaceSums(color_sums_of(in, c), vec4f(in.normal, c.z * frame.per_depth_unit) * c.weight);
 }
 
-// Σw·material factors.
+// Returns Σw·material factors.
 fn material_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return objects[in.flags >> RECORD_OBJECT].material * c.weight;
 }

@@ -1,8 +1,9 @@
 // Balls and dots (rendering model §11), pixel by pixel: each invocation searches the balls of its cell for the
 // fragments that it composites, from near to far.
 
-// Lists and records, set up by the CPU in f64: BALLS_… words, the first entry of each cell and the end of the last, the
-// entries, the records of BALL_WORDS words each, and the pixels' states where there are layers.
+// Lists and records, set up by the CPU in f64. The words are, in order: the BALLS_… header, the first entry of each
+// cell and the end of the last, the entries, the records of BALL_WORDS words each, and the pixels' states if there are
+// layers.
 @group(1) @binding(31) var<storage, read_write> balls: array<u32>;
 
 const BALLS_COLUMNS: u32 = 0u;
@@ -13,7 +14,7 @@ const BALLS_STARTS: u32 = 3u;
 // Side of a cell in pixels.
 const BALL_CELL: u32 = 8u;
 
-// Words of a record. Offsets are from the whole pixel BALL_BASE of the targets.
+// Offsets of the words of a record. Positions are offsets from the whole pixel BALL_BASE of the targets.
 const BALL_BASE: u32 = 0u;
 const BALL_ANCHOR: u32 = 2u;
 const BALL_MIDDLE: u32 = 4u;
@@ -27,7 +28,7 @@ const BALL_ALPHA: u32 = 14u;
 const BALL_FLAGS: u32 = 15u;
 const BALL_COLOR: u32 = 16u;
 const BALL_MATERIAL: u32 = 19u;
-// Stored light, in place of the material, which the shader that shows it doesn't need.
+// Stored light. It takes the place of the material, which the shader that shows stored light doesn't need.
 const BALL_LIGHT: u32 = 19u;
 const BALL_WORDS: u32 = 28u;
 
@@ -35,7 +36,7 @@ const BALL_IS_FLAT: u32 = 1u;
 const BALL_IS_LARGE: u32 = 2u;
 const BALL_HAS_LIGHT: u32 = 4u;
 
-// A fragment, by its depth and its record; a depth of 0 means none.
+// A fragment, given by its depth and its record; a depth of 0 means no fragment.
 struct BallFragment {
     z: f32,
     coverage: f32,
@@ -94,8 +95,8 @@ fn ball_entries(pixel: vec2i) -> vec2u {
     return vec2u(balls[at], balls[at + 1u]);
 }
 
-// Returns a pixel's nearest fragment behind `last` and before the depth `until`. Equally near ones follow in the order
-// of their records.
+// Returns the nearest fragment of a pixel that lies behind `last` and before the depth `until`. Fragments of equal
+// depth are in the order of their records.
 fn next_ball(pixel: vec2i, last: BallFragment, until: f32) -> BallFragment {
     let entries = ball_entries(pixel);
     var found = BallFragment(0.0, 0.0, 0u);
@@ -120,7 +121,7 @@ fn ball_alpha(at: u32) -> f32 {
     return ball_number(at + BALL_ALPHA);
 }
 
-// Returns the depth of a pixel's nearest fragment that covers all of it; +∞ without one.
+// Returns the depth of the nearest fragment that covers the whole pixel; +∞ without one.
 fn full_ball_depth(pixel: vec2i) -> f32 {
     var end = frame.empty_depth;
     if frame.has_balls == 0u {
@@ -143,7 +144,8 @@ fn has_ball_center(at: u32, pixel: vec2i) -> bool {
     return all(along >= vec2f(0.0, 0.0)) && all(along < vec2f(1.0, 1.0));
 }
 
-// Returns a pixel's nearest fragment before `until` that shows in the planes of depth, normal and nearest splat.
+// Returns the nearest fragment of a pixel before `until` that is visible in the planes of depth, normal and nearest
+// splat.
 fn shown_ball(pixel: vec2i, until: f32) -> BallFragment {
     var found = BallFragment(0.0, 0.0, 0u);
     if frame.has_balls == 0u {
@@ -155,7 +157,7 @@ fn shown_ball(pixel: vec2i, until: f32) -> BallFragment {
         let record = balls[i];
         let at = ball_record_at(record);
         let z = ball_hit(at, pixel).depth;
-        // The ball that covers the whole pixel is the last that may show.
+        // Nothing is visible behind the ball that covers the whole pixel.
         if z < end || (z == end && z < until && found.z == 0.0) {
             let coverage = ball_coverage(at, pixel);
             if coverage >= BALL_SOLID || (coverage > 0.0 && has_ball_center(at, pixel)) {
@@ -171,7 +173,7 @@ fn ball_triple(at: u32) -> vec3f {
     return vec3f(ball_pair(at), ball_number(at + 2u));
 }
 
-// Returns the light stored at some words for a unit normal in world space (§12).
+// Returns the light stored at an offset in words, for a unit normal in world space (§12).
 fn stored_light(at: u32, n: vec3f) -> f32 {
     let linear = v3_dot(ball_triple(at), n);
     let squares = v3_dot(ball_triple(at + 3u), n * n);
@@ -204,7 +206,7 @@ fn ball_color(fragment: BallFragment, pixel: vec2i) -> vec3f {
     return color;
 }
 
-// Balls composited so far.
+// State of compositing a pixel's balls, from near to far.
 struct BallColors {
     // Premultiplied colour and opacity.
     color: vec4f,
@@ -216,7 +218,7 @@ fn no_balls() -> BallColors {
     return BallColors(vec4f(0.0, 0.0, 0.0, 0.0), BallFragment(0.0, 0.0, 0u), 0u);
 }
 
-// Composites a pixel's fragments behind those so far and before the depth `until`.
+// Composites those fragments of a pixel that lie behind `so_far` and before the depth `until`.
 fn composite_balls(so_far: BallColors, pixel: vec2i, until: f32) -> BallColors {
     var colors = so_far;
     while colors.color.a < 1.0 {
@@ -234,7 +236,7 @@ fn composite_balls(so_far: BallColors, pixel: vec2i, until: f32) -> BallColors {
     return colors;
 }
 
-// Returns the offset of a pixel's state: the depth and record of the last fragment that was composited.
+// Returns the offset of a pixel's state, which is the depth and record of the last fragment that was composited.
 fn ball_state_at(pixel: vec2i) -> u32 {
     return balls[BALLS_STATES_AT] + 2u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x));
 }
@@ -250,7 +252,7 @@ fn put_last_ball(pixel: vec2i, last: BallFragment) {
     balls[at + 1u] = last.record;
 }
 
-// Composites the fragments before the depth `until` under a pixel's layers.
+// Composites the fragments before the depth `until` behind a pixel's layers.
 fn balls_under(layers: LayerComposite, pixel: vec2i, until: f32) -> LayerComposite {
     if frame.has_balls == 0u {
         return layers;
@@ -270,13 +272,13 @@ fn balls_under(layers: LayerComposite, pixel: vec2i, until: f32) -> LayerComposi
     return more;
 }
 
-// Returns what the fragments behind a pixel's front, at an edge, add to its colour.
+// Returns the colour that balls behind the nearest surface add to an edge pixel.
 fn balls_behind(pixel: vec2i, opaque: Pixel) -> vec4f {
     if frame.has_balls == 0u || opaque.share >= 1.0 {
         return vec4f(0.0, 0.0, 0.0, 0.0);
     }
     var colors = no_balls();
-    // Fragments at the depth itself still count: the record before the first is none.
+    // Fragments at exactly the end of the nearest surface count, too.
     colors.last = BallFragment(before_depth(opaque.end), 0.0, 0xffffffffu);
     colors = composite_balls(colors, pixel, opaque.back);
     return (colors.color - opaque.behind * colors.color.a) * (1.0 - opaque.share);
@@ -287,7 +289,7 @@ fn before_depth(z: f32) -> f32 {
     return select(bitcast<f32>(bitcast<u32>(z) - 1u), 0.0, z <= 0.0);
 }
 
-// Entry point for frames with balls. It binds one buffer more than `shade`.
+// Entry point for frames with balls. It binds one more buffer than `shade`.
 @compute @workgroup_size(8, 8)
 fn shade_balls(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
@@ -347,7 +349,7 @@ fn ball_hides(at: u32, texel: vec2i) -> bool {
     return outline_contains(ball_outline(at), ball_offset(at, texel, BALL_MIDDLE) + 0.5);
 }
 
-// Returns the least depth of the centres of the balls that hide a texel's centre, and of `z`.
+// Returns the smallest depth of `z` and the centres of the balls that hide a texel's centre.
 fn ball_shadow(z: f32, texel: vec2i) -> f32 {
     var least = z;
     if frame.has_balls == 0u {

@@ -2,11 +2,11 @@
 // cell. If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in
 // their order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
 
-// Number of edge pixels of a cell, and the same number for uniform control flow.
+// Number of edge pixels in a cell, and a copy of this number for uniform control flow.
 var<workgroup> counted_edges: atomic<u32>;
 var<workgroup> edges_of_cell: u32;
 
-// True if a neighbour steps back behind the end of a pixel's nearest surface.
+// True if a neighbouring surface lies farther than the end of a pixel's nearest surface.
 fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
     let reach = own.x + own.y;
     let last = vec2i(frame.size_px) - 1;
@@ -22,11 +22,11 @@ fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
     return edge;
 }
 
-// A pixel of the targets, as the pass over edges sees it.
+// A pixel of the targets in the edge pass.
 struct EdgePixel {
-    // Coverage decides how much of what lies behind shows.
+    // True if the pixel is an edge: the surface behind is visible in part.
     is_edge: bool,
-    // Reversed depth of the nearest surface; 0 if nothing lies behind it or the pixel is no edge.
+    // Reversed depth of the nearest surface; 0 if the pixel is no edge, or if nothing lies behind the surface.
     nearest: f32,
 }
 
@@ -60,7 +60,7 @@ fn cell_has_edges(i: u32, is_edge: bool) -> bool {
     return workgroupUniformLoad(&edges_of_cell) > 0u;
 }
 
-// Blends the colour of an edge pixel over what lies behind it.
+// Blends the colour of an edge pixel over the surface behind it.
 fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
     let point = point_of(sums.color, sums.surface, sums.material);
     var behind = frame.background;
@@ -112,7 +112,7 @@ fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invoca
     draw_edges(cell.xy, i, true);
 }
 
-// The parts of dense cells, for what lies behind their edges.
+// Finds the depth thresholds of parts of dense cells behind their edges.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true));

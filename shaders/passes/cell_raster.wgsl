@@ -26,21 +26,21 @@ var<workgroup> block_bits: array<atomic<u32>, 48>;
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
 // Depth threshold of each pixel as the bits of its reversed depth. The bits of positive floats compare like the floats.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
-// Only where sides of oriented splats are separated: in the first loop the nearness of back-facing splats, afterwards
-// the side that each pixel shows. Behind edges: the reversed depth of each pixel's nearest surface, or 0.
+// Sides of oriented splats, if sides are separated: in the first loop the nearness of back-facing splats, afterwards
+// the side that each pixel shows. In the edge pass: the reversed depth of each pixel's nearest surface, or 0.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
 // Parts of the loops that a pass needs. All are compile-time constants.
 struct CellPass {
-    // Sums normals and depths.
+    // True to sum normals and depths.
     surface: bool,
-    // Shades by everything (see `shade`).
+    // True to shade with all effects (see `shade`).
     full: bool,
-    // Separates the sides of oriented splats.
+    // True to separate the sides of oriented splats.
     sided: bool,
-    // Finds the splat that defines each pixel's threshold, and sums coverage.
+    // True to find the splat that defines each pixel's threshold, and to sum coverage.
     edges: bool,
-    // Draws only fragments behind the depths in `sides`.
+    // True to draw only fragments behind the depths in `sides`.
     behind: bool,
 }
 
@@ -179,7 +179,7 @@ struct CellSums {
     surface: vec4f,
     material: vec4f,
     fragments: f32,
-    // Only summed for edges.
+    // Sum of coverage, only for edges.
     coverage: f32,
     // Depth and record of the nearest fragment; only found if a plane of indices is requested.
     nearest_z: f32,
@@ -271,12 +271,11 @@ fn is_within(threshold: f32, c: Contribution) -> bool {
     return c.is_there && threshold <= reversed_depth(c.z);
 }
 
-// Fragments that the second loop sums at a pixel: fragments up to a reversed depth and, if sides are separated, of one
-// side.
+// Limit of the fragments that the second loop sums at a pixel: a reversed depth and, if sides are separated, a side.
 struct CellLimit {
     threshold: f32,
     side: u32,
-    // The z + ε and the ε of the splat that defines the threshold, or 0. Only found for edges.
+    // The z + ε and the ε of the splat that defines the threshold, or 0. It is only found for edges.
     writer: vec2f,
 }
 
@@ -494,7 +493,7 @@ struct Writers {
     back_nearest: vec2f,
 }
 
-// Returns the splat that defines the threshold of a limit.
+// Returns the z + ε and the ε of the splat that defines the threshold of a limit.
 fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
     if limit.threshold == m.threshold || limit.side == 0u {
         return writers.threshold;
@@ -506,8 +505,8 @@ fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
     return select(writers.front_nearest, writers.back_nearest, is_front);
 }
 
-// Like `find_limit`, and also finds the splat that defines the threshold: of several, the first one. A pixel visits the
-// splats that may do so in their order.
+// Finds the limit like `find_limit`, and also the splat that defines the threshold. Of several such splats, the first
+// is found, because a pixel visits candidates in order.
 fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
@@ -717,7 +716,7 @@ fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(loc
     draw_cell(cell.xy, i, CellPass(true, true, true, false, false));
 }
 
-// The same passes for an image with antialiased edges.
+// The same passes for images with antialiased edges.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, false, false, true, false));
@@ -950,7 +949,7 @@ fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invo
     combine_cell(cell.xy, i, CellPass(true, true, false, false, false));
 }
 
-// The same passes for an image with antialiased edges.
+// The same passes for images with antialiased edges.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     combine_cell(cell.xy, i, CellPass(true, false, false, true, false));

@@ -3,7 +3,8 @@
 // of cells.wgsl set up and sort the splats of active cells alone. A workgroup then draws the samples of a cell, and
 // writes their means to the colours of the sampled pixels.
 
-// Pixels along the side of a cell of samples, and cells along the side of a workgroup of `cell_steps`.
+// Number of pixels along the side of a cell of samples, and number of cells along the side of a workgroup of
+// `cell_steps`.
 const SAMPLED_SIDE: u32 = 4u;
 const STEP_CELLS: u32 = 2u;
 
@@ -23,7 +24,7 @@ fn cell_reach(pixel: vec2u) -> Reach {
     return reach;
 }
 
-// Finds sampled pixels, and the cells that contain some. An invocation looks at a pixel.
+// Finds sampled pixels, and the cells that contain one. Each invocation tests a pixel.
 @compute @workgroup_size(8, 8)
 fn cell_steps(
     @builtin(global_invocation_id) id: vec3u,
@@ -63,7 +64,7 @@ fn cell_steps(
         }
     }
     if all(id.xy == vec2u(0u, 0u)) {
-        // The last element of the scan.
+        // Last element of the scan.
         cell_active_out[frame.cell_count] = 0u;
     }
 }
@@ -81,7 +82,7 @@ fn cell_list_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     }
 }
 
-// Like `among_neighbours`, from the depths in `planes`.
+// Applies the effects of neighbours like `among_neighbours`, from the depths in `planes`.
 fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) -> vec3f {
     let is_toon = frame.shader_kind == SHADER_TOON;
     if !is_toon && frame.shader_kind != SHADER_EDL {
@@ -121,8 +122,8 @@ fn draw_samples(number: u32, i: u32, drawn: CellPass) {
         let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
         color = vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0);
     }
-    // The batches' memory is no longer needed. Each colour is scaled before it is added: colours may be as large as an
-    // f32.
+    // The memory of the batches is free now. Each colour is scaled before it is added, because colours may be as large
+    // as the largest f32.
     workgroupBarrier();
     staged[in_cell.y * CELL_SIDE + in_cell.x] = bitcast<vec4u>(color * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE)));
     workgroupBarrier();

@@ -1,5 +1,5 @@
 // Entry points for clipped splats (rendering model §7). Their vertices also pass the index of the record whose clip the
-// fragments evaluate. Splats without a clip have separate entry points, and don't pay for clipping.
+// fragments evaluate. Splats without a clip have separate entry points, so that drawing them doesn't cost more.
 
 @group(1) @binding(1) var<storage, read> record_clips: array<RecordClip>;
 
@@ -59,7 +59,7 @@ fn clip_keeps_visible(in: VisibilityVertex, record: u32) -> bool {
 // follows the stretched axes, and alone could remove every fragment of a pixel.
 fn clip_keeps_filtered(in: AttributeVertex, record: u32) -> bool {
     let d = offset_of(in.position, in.base, in.anchor.xy);
-    // Where w ≤ 0, which only `clamp` reaches, the clip is evaluated at the centre.
+    // If w ≤ 0, which only happens with `clamp`, the clip is evaluated at the centre.
     let w = form_at(in.w.xy, d, in.at_anchor.z);
     if clip_keeps(record_clips[record].filtered, select(vec2f(0.0, 0.0), d, 0.0 < w)) {
         return true;

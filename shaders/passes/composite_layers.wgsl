@@ -88,7 +88,8 @@ fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     layer_composites[id.y * frame.size_px.x + id.x] = layers;
 }
 
-// Porter and Duff's "under": compositing front to back, with the same result as "over" back to front.
+// Composites a layer behind the layers before it (Porter and Duff's "under"). Front-to-back compositing gives the same
+// result as "over" from back to front.
 fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f32) -> LayerComposite {
     var more = layers;
     let through = 1.0 - layers.opacity;
@@ -169,7 +170,7 @@ fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
     let counts = textureLoad(layer_counts, pixel, 0).xy;
     let point = layer_point(pixel);
     if point.is_there {
-        // The splats were lit one by one before they were summed.
+        // The splats were lit separately before they were summed.
         let color = limit_rgb(textureLoad(layer_color, pixel, 0).rgb / point.weight);
         layers = composite_under(balls_under(layers, pixel, point.z), point, color, counts.y / point.weight);
     }

@@ -1,8 +1,9 @@
-// Edge detection (rendering model §5): a pixel is an edge if a neighbour steps back by more than both tolerances.
+// Edge detection (rendering model §5): a pixel is an edge if the depth steps back to a neighbour by more than both
+// tolerances.
 
 @group(1) @binding(1) var edge_pass_tolerance: texture_2d<f32>;
 
-// A triangle that covers the whole target.
+// Draws a triangle that covers the whole target.
 @vertex
 fn fullscreen_vertex(@builtin(vertex_index) vertex: u32) -> @builtin(position) vec4f {
     let corner = vec2f(f32((vertex << 1u) & 2u), f32(vertex & 2u));

@@ -1,10 +1,10 @@
 // Separation of front- and back-facing splats of oriented clouds (rendering model §5). A separate pass finds the side
-// that each pixel shows: that of its nearest fragment. The other side then contributes nothing to sums, and to
-// visibility only the end of what blends.
+// that each pixel shows, which is the side of the nearest fragment. The other side adds nothing to sums. In the
+// visibility pass, it only limits the depth of blending.
 
 const RECORD_FACING: u32 = 24u;
 
-// Nearness of the shown side: less than 0 where it is the back, 0 where a pixel has no oriented fragment.
+// Nearness of the side that each pixel shows: negative for the back side, 0 without an oriented fragment.
 @group(2) @binding(4) var shown_facing: texture_2d<f32>;
 
 struct FacingOutput {
@@ -40,7 +40,7 @@ fn shown_is_visible(in: VisibilityVertex, z: f32) -> bool {
     return z > 0.0;
 }
 
-// The depth at which a fragment ends what blends with the side that its pixel shows.
+// Returns the depth limit that a fragment sets for blending in its pixel.
 fn shown_limit(in: VisibilityVertex, z: f32) -> f32 {
     if shows(in.position, in.flags) {
         return z + in.anchor.w;

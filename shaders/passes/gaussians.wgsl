@@ -1,7 +1,7 @@
-// Trained Gaussians (docs/gaussians.md), blended once a pixel. The host has projected and sorted them, and listed them
-// by cells of 16×16 pixels.
+// Trained Gaussians (docs/gaussians.md), blended once per pixel. The host has projected and sorted them, and listed
+// them by cells of 16×16 pixels.
 //
-// A dispatch runs a bounded number of steps, because drivers stop shaders that run for long. Some, in software,
+// A dispatch runs a bounded number of steps, because drivers stop shaders that run for long. Some software drivers
 // silently stop after 65,535 iterations of all loops together. The progress of a pixel is stored in its state, and the
 // host dispatches again until every pixel is finished.
 
@@ -17,10 +17,10 @@ struct GaussianRecord {
     normal: vec3f,
     // Factor of α.
     weight: f32,
-    // Depth before which the Gaussian has no fragments. In lists for sorting by pixel, it never decreases from one
-    // record to the next.
+    // Smallest depth at which the Gaussian has fragments. In lists for sorting by pixel, records are in ascending order
+    // of this depth.
     nearest: f32,
-    // Index among the scene's Gaussians.
+    // Index of the Gaussian in the scene.
     number: u32,
 }
 
@@ -32,11 +32,11 @@ const MIN_TRANSMITTANCE: f32 = 1e-4;
 const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
 @group(1) @binding(28) var<storage, read> gaussian_records: array<GaussianRecord>;
-// The begin of each cell's entries, and the end of the last cell's; then the entries, which are ascending indices of
-// records.
+// Lists of the cells: the begin of each cell's entries, and the end of the last cell's; then the entries, which are
+// ascending indices of records.
 //
-// If pixels have states, their words follow from `frame.gaussian_states_at` on, and then their waiting fragments. Word
-// k of all pixels is stored before word k + 1.
+// If pixels have states, the words of the states begin at `frame.gaussian_states_at`, and the waiting fragments follow.
+// Word k of all pixels is stored before word k + 1.
 @group(1) @binding(29) var<storage, read_write> gaussian_lists: array<u32>;
 
 // Words of a pixel's state: its sums, then its progress.
@@ -65,8 +65,8 @@ struct GaussianSums {
     is_open: bool,
 }
 
-// A fragment of a Gaussian. α is negative if there is none; α = 0 is possible, since a filter may reduce a tiny one to
-// 0.
+// A fragment of a Gaussian. α is negative if there is no fragment. α can be 0, since a filter may reduce a tiny value
+// to 0.
 struct GaussianFragment {
     alpha: f32,
     z: f32,

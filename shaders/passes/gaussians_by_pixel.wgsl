@@ -1,4 +1,4 @@
-// Trained Gaussians sorted for each pixel (docs/gaussians.md). The fragments of a pixel wait in a heap, which is a part
+// Trained Gaussians sorted in each pixel (docs/gaussians.md). The fragments of a pixel wait in a heap, which is a part
 // of `gaussian_lists`, until no nearer fragment can follow. Identifiers call the heap's memory the pixel's room.
 
 // A fragment in a pixel's heap.
@@ -12,8 +12,8 @@ struct WaitingGaussian {
 // Steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of a loop.
 const GAUSSIAN_STEPS: u32 = 1024u;
 const NO_LIMIT: u32 = 0xffffffffu;
-// Number of fragments that may wait in a pixel's first turn. Each further turn allows four times as many, up to the
-// size of the heap.
+// Number of fragments that may wait in a pixel's first turn. Each further turn quadruples the number, up to the size of
+// the heap.
 const FIRST_WAITING: u32 = 32u;
 
 // State of a pixel: reading the list, sorting the waiting fragments, blending them, or finished.
@@ -104,7 +104,7 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     // Range of keys whose fragments this turn accepts: from `first` on, before `limit`.
     var first = vec2u(0u, 0u);
     var limit = vec2u(NO_LIMIT, NO_LIMIT);
-    // Entry at which the next turn begins.
+    // Entry of the list at which the next turn begins.
     var next = list.y;
     var state = GAUSSIANS_READ;
     // Numbers of fragments: waiting, allowed to wait, and already sorted or blended.

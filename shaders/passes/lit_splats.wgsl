@@ -22,7 +22,7 @@ fn lit_corner(vertex: u32, instance: u32) -> AttributeVertex {
     if frame.has_colors != 0u {
         albedo = r.color;
     }
-    // The centre may lie before z_near, where the stored depth would exceed 1.
+    // The centre may be nearer than z_near, where the stored depth would exceed 1.
     let z = max(center.z, frame.projection.near);
     v.color = color_of(center, Point(albedo, r.normal, material, z, 0.0, true), true);
     v.anchor.w *= r.coverage;

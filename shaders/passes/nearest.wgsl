@@ -59,7 +59,7 @@ fn is_before_polygon(position: vec4f, z: f32) -> bool {
 @group(1) @binding(26) var nearest_front: texture_2d<f32>;
 @group(1) @binding(27) var nearest_layer: texture_2d<f32>;
 
-// Returns the depth that a pixel shows without balls; +∞ without any surface.
+// Returns the depth that a pixel shows if balls are ignored; +∞ without any surface.
 fn nearest_depth(pixel: vec2i) -> f32 {
     var z = front_depth(pixel);
     if frame.has_layers != 0u {

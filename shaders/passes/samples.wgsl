@@ -1,7 +1,7 @@
 // Edge antialiasing by samples (rendering model §5): selects the pixels to sample, and averages their samples. Samples
 // are the pixels of an image four times as wide and high, drawn part by part into the same targets.
 
-// Nearest threshold of transparent splats, and the ε of the splat that defines it.
+// Nearest depth threshold of transparent splats, and the ε of the splat that defines it.
 @group(1) @binding(24) var layer_tolerance: texture_2d<f32>;
 // Steps of the tile of pixels: 1 for a sampled pixel, and the depth that it shows, for shaders that read neighbours.
 @group(1) @binding(25) var pixel_steps: texture_2d<f32>;
@@ -15,11 +15,11 @@ struct Reach {
 struct PixelReach {
     opaque_surface: Reach,
     nearest_layer: Reach,
-    // Number of layers that aren't empty.
+    // Number of layers with fragments.
     layers: u32,
 }
 
-// A threshold of 0 is infinitely far.
+// Returns the depth interval of a threshold; a threshold of 0 is infinitely far.
 fn reach_of(threshold_tolerance: vec2f) -> Reach {
     if threshold_tolerance.x <= 0.0 {
         return Reach(frame.empty_depth, frame.empty_depth);
@@ -69,7 +69,7 @@ fn is_step(a: PixelReach, b: PixelReach) -> bool {
         || a.layers != b.layers;
 }
 
-// Writes `pixel_steps`.
+// Writes `pixel_steps` for each pixel.
 @fragment
 fn steps_fragment(@builtin(position) position: vec4f) -> @location(0) vec2f {
     let pixel = vec2i(floor(position.xy));
@@ -90,7 +90,8 @@ fn steps_fragment(@builtin(position) position: vec4f) -> @location(0) vec2f {
     return vec2f(select(0.0, 1.0, is_sampled), z);
 }
 
-// Returns the colour of a sample's opaque surface, with the effects of shaders that read the neighbours of its pixel.
+// Returns the colour of a sample's opaque surface. It includes the effects of shaders that read the neighbours of the
+// sample's pixel.
 fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     let is_toon = frame.shader_kind == SHADER_TOON;
     if !is_toon && frame.shader_kind != SHADER_EDL {
@@ -147,7 +148,7 @@ fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
         if frame.has_layers != 0u {
             layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];
         }
-        // Each colour is scaled before it is added: colours may be as large as an f32.
+        // Each colour is scaled before it is added, because colours may be as large as the largest f32.
         sum += composite_over(layers, color) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
     }
     let shaded = pixel - frame.shade_origin_px;

@@ -1,23 +1,23 @@
-// The shading pass (rendering model §5), once a pixel: divides the sums by Σw, normalises the normal, reconstructs the
-// position, and shades it.
+// The shading pass (rendering model §5), once per pixel: divides the sums by Σw, normalises the normal, reconstructs
+// the position, and shades it.
 
 @group(1) @binding(0) var color_sums: texture_2d<f32>;
 @group(1) @binding(1) var surface_sums: texture_2d<f32>;
 @group(1) @binding(2) var material_sums: texture_2d<f32>;
 @group(1) @binding(3) var count_sums: texture_2d<f32>;
 @group(1) @binding(4) var<storage, read_write> planes: array<f32>;
-// Bound where edges are antialiased.
+// Bound only if edges are antialiased.
 @group(1) @binding(5) var shade_edge_threshold: texture_2d<f32>;
 @group(1) @binding(6) var threshold_tolerance: texture_2d<f32>;
 @group(1) @binding(7) var edge_background_color: texture_2d<f32>;
 @group(1) @binding(8) var edge_background_surface: texture_2d<f32>;
 @group(1) @binding(9) var edge_background_material: texture_2d<f32>;
-// Bound where there are polygons.
+// Bound only if there are polygons.
 @group(1) @binding(10) var shade_threshold: texture_depth_2d;
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
-// Σw below which attributes have been lost to underflow, so that the pixel is empty. Only splats smaller than 1e-18
-// pixels weigh less.
+// Smallest Σw of a surface. Below it, attributes have been lost to underflow, and the pixel is empty. Only splats
+// smaller than 1e-18 pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
 // A surface sample to be lit; a pixel has up to three.
@@ -132,7 +132,7 @@ fn polygon_is_visible(pixel: vec2i, hit: vec2f) -> bool {
     return hit.x > 0.0 && textureLoad(shade_threshold, pixel, 0) <= reversed_depth(hit.x);
 }
 
-// Returns the fraction of a polygon's pixel that splats before it cover.
+// Returns the fraction of a polygon's pixel that is covered by splats in front of the polygon.
 fn splat_coverage(pixel: vec2i) -> f32 {
     return min(textureLoad(count_sums, pixel, 0).g / frame.full_coverage, 1.0);
 }
@@ -176,11 +176,11 @@ fn has_outline(pixel: vec2i, surface: Surface) -> bool {
 // A pixel of the opaque image.
 struct Pixel {
     front: Surface,
-    // Premultiplied.
+    // Premultiplied colour.
     color: vec4f,
     // Depth of the nearest opaque surface; +∞ without one.
     end: f32,
-    // Fraction of the pixel that the front covers; what lies behind it at an edge, and its depth.
+    // Fraction of the pixel that the nearest surface covers; at an edge, the colour behind it and its depth.
     share: f32,
     behind: vec4f,
     back: f32,
@@ -288,7 +288,7 @@ fn shade(@builtin(global_invocation_id) id: vec3u) {
     shade_pixel(id, true);
 }
 
-// Entry point for frames of opaque splats alone: the branches for everything else are compiled away.
+// Entry point for frames that have only opaque splats: all other branches are compiled away.
 @compute @workgroup_size(8, 8)
 fn shade_splats(@builtin(global_invocation_id) id: vec3u) {
     shade_pixel(id, false);

@@ -3,7 +3,7 @@
 // View of a light, and the location of its texels.
 struct ShadowMap {
     view_from_world: mat3x3f,
-    // Vector from the light to the eye, world axes.
+    // Vector from the light to the eye, in world axes.
     eye: vec3f,
     // Index of the map's first texel.
     texels_at: u32,
@@ -11,7 +11,7 @@ struct ShadowMap {
 }
 
 @group(0) @binding(3) var<storage, read> shadow_maps: array<ShadowMap>;
-// Depth up to which a texel is lit, bias included, row by row.
+// Largest depth at which each texel is lit, bias included, row by row.
 @group(0) @binding(4) var<storage, read> shadow_texels: array<f32>;
 
 // Returns the fraction of a light that reaches a point in a map's view.
@@ -48,7 +48,7 @@ fn light_visibility(light: Light, position: vec3f, normal: vec3f) -> f32 {
     if light.map_count == 0u {
         return 1.0;
     }
-    // Of several maps, the one along whose axis the point lies farthest is used.
+    // If several maps contain the point, the map along whose axis the point lies farthest is used.
     var best = light.first_map;
     var p = vec3f(0.0, 0.0, 0.0);
     for (var i = 0u; i < light.map_count; i++) {

@@ -57,8 +57,8 @@ fn stored_form(at: u32, n: u32) -> Linear {
     return Linear(stored_f32(at, n), stored_f32(at, n + 1u), stored_f32(at, n + 2u));
 }
 
-// Returns the clip of splat i over its (u, v), by the frame's clip policy. Stored are nine numbers of the curve and its
-// sign, twelve numbers of the lines and their sign, and three numbers of the chord.
+// Returns the clip of splat i over its (u, v), by the frame's clip policy. A stored clip has nine numbers of the curve
+// and its sign, twelve numbers of the lines and their sign, and three numbers of the chord.
 fn stored_clip(i: u32) -> Clip {
     let at = i * segment.stride + segment.clip_at;
     let lines = array<Linear, 4>(

@@ -3,16 +3,17 @@
 
 // The layers of a pixel, composited front to back. All fields except the two depths are zero before the first layer.
 struct LayerComposite {
-    // Premultiplied colour of the layers so far, and their opacity.
+    // Premultiplied colour of the composited layers, and their opacity.
     color: vec3f,
     opacity: f32,
-    // Attributes of the nearest layer; a depth of 0 means that there is none yet.
+    // Attributes of the nearest layer; a depth of 0 means that no layer has fragments yet.
     normal: vec3f,
     z: f32,
     weight: f32,
     // Number of fragments; from bit LAYER_COUNT on, number of layers that aren't empty.
     counts: u32,
-    // Reversed depths: unpeeled fragments are deeper than the first, and no deeper than the opaque surface (0: none).
+    // Reversed depths of the last peeled layer and of the opaque surface (0: none). Fragments to be drawn lie between
+    // the two.
     peeled_depth: f32,
     opaque_depth: f32,
 }
@@ -44,13 +45,13 @@ fn remaining_accumulates(in: AttributeVertex, z: f32) -> bool {
     return is_unpeeled(in.position, z);
 }
 
-// A layer of an A-buffer: fragments are also weighted by their coverage.
+// True for fragments of an A-buffer layer, which are also weighted by their coverage.
 fn gathered_accumulates(in: AttributeVertex, z: f32) -> bool {
     return peeled_accumulates(in, z);
 }
 
-// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight. Under every
-// filter the other one is 1. A record of an A-buffer thus stores both, and alpha, in full precision.
+// True if a record's factor scales the coverage (§5), false if it scales the weight. With every filter, the other
+// factor is 1. A record of an A-buffer thus stores both factors, and alpha, in full precision.
 fn scale_is_coverage() -> bool {
     return frame.filter_kind == FILTER_CLAMP || frame.filter_kind == FILTER_ADJUST;
 }

@@ -1,5 +1,6 @@
-// The visibility pass (rendering model §5): splats are drawn as quads over their records' pixel boxes, and the depth
-// buffer stores the least z + ε of a pixel, the depth threshold. The attribute pass uses the same quads and depths.
+// The visibility pass (rendering model §5): splats are drawn as quads over their records' pixel boxes. The depth buffer
+// stores the depth threshold, which is the smallest z + ε of a pixel. The attribute pass uses the same quads and
+// depths.
 
 @group(1) @binding(0) var<storage, read> records: array<Record>;
 
@@ -93,12 +94,12 @@ fn visible_depth(in: VisibilityVertex) -> f32 {
 
 struct ThresholdOutput {
     @builtin(frag_depth) depth: f32,
-    // The z + ε and the ε of the threshold's writer, for edge detection. Of equal thresholds the first one drawn
-    // remains, in the order of the buffers, not of the cloud.
+    // The z + ε and the ε of the splat that defines the threshold, for edge detection. If several thresholds are equal,
+    // the first one drawn remains, in the order of the buffers, not of the cloud.
     @location(0) threshold_tolerance: vec2f,
 }
 
-// The threshold of a fragment at depth z that ends what blends at the depth `limit`.
+// Returns the output of a fragment at depth z that limits blending to the depth `limit`.
 fn threshold_output(in: VisibilityVertex, z: f32, limit: f32) -> ThresholdOutput {
     return ThresholdOutput(reversed_depth(limit), vec2f(z + in.anchor.w, in.anchor.w));
 }

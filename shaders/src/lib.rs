@@ -99,9 +99,9 @@ pub const ENTRIES: &[Entry] = include!(concat!(env!("OUT_DIR"), "/entries.rs"));
 /// Function that exists both in WGSL and in Rust.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Twin {
-    /// Name in [`WGSL`].
+    /// Name of the function in [`WGSL`].
     pub wgsl: &'static str,
-    /// Path in `surfel-math`.
+    /// Path of the function in `surfel-math`.
     pub rust: &'static str,
 }
 
@@ -189,8 +189,8 @@ pub const TWINS: &[Twin] = &[
     twin("ball_hit_new", "ball::BallHit::new"),
 ];
 
-/// Functions of [`WGSL`] without a twin. They are parts of functions that have one, since WGSL has no closures and no
-/// reliable fused multiply-add.
+/// Functions of [`WGSL`] without a twin. They are parts of functions that have a twin, since WGSL has no closures and
+/// no reliable fused multiply-add.
 pub const HELPERS: &[&str] = &[
     "upper_half",
     "product_head",

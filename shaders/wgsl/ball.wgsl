@@ -1,12 +1,13 @@
 // Balls and dots (rendering model §11): coverage of a pixel by the ellipse on the screen, and the point of the sphere
 // that a pixel shows. Twin: surfel-math, ball.rs.
 
-// Coverage from which on a pixel counts as fully covered: 1 − 2⁻¹².
+// Smallest coverage at which a pixel counts as fully covered: 1 − 2⁻¹².
 const BALL_FULL: f32 = 0.999755859375;
-// Coverage from which on a fragment shows in the planes of depth, normal and nearest splat.
+// Smallest coverage at which a fragment is visible in the planes of depth, normal and nearest splat.
 const BALL_SOLID: f32 = 0.5;
 
-// The ellipse dx = extent.x·(skew·v + width·u), dy = extent.y·v over the unit disk u² + v² ≤ 1.
+// Outline of a ball on the screen: the ellipse dx = extent.x·(skew·v + width·u), dy = extent.y·v over the unit disk u²
+// + v² ≤ 1.
 struct Outline {
     extent: vec2f,
     skew: f32,
@@ -43,7 +44,8 @@ fn ball_segment(v: f32) -> f32 {
     return select(area, -area, v < 0.0);
 }
 
-// Returns the integral up to the column at `x` over the rows between both of `down`, whose segments are `rows`.
+// Returns the area of the unit disk that lies left of `x` and between the two rows `down`. `rows` are the values of
+// ball_segment at the two rows.
 fn ball_left_of(outline: Outline, x: f32, down: vec2f, rows: vec2f) -> f32 {
     let inside = clamp(x, -1.0, 1.0);
     let half = outline.width * sqrt(max(1.0 - inside * inside, 0.0));
@@ -56,7 +58,8 @@ fn ball_left_of(outline: Outline, x: f32, down: vec2f, rows: vec2f) -> f32 {
     return full * outline.width + (last - first) * (inside - outline.skew * middle);
 }
 
-// Returns the area of the ellipse inside a pixel whose upper left corner has this offset from the ellipse's centre.
+// Returns the area of the ellipse inside a pixel. `corner` is the offset of the pixel's upper left corner from the
+// ellipse's centre.
 fn outline_coverage(outline: Outline, corner: vec2f) -> f32 {
     let down = clamp(vec2f(corner.y, corner.y + 1.0) / outline.extent.y, vec2f(-1.0, -1.0), vec2f(1.0, 1.0));
     let rows = vec2f(ball_segment(down.x), ball_segment(down.y));
@@ -65,12 +68,12 @@ fn outline_coverage(outline: Outline, corner: vec2f) -> f32 {
     return ball_limited((right - left) * (outline.extent.x * outline.extent.y));
 }
 
-// Returns the greatest coverage that is the rounding of 0.
+// Returns the largest coverage that rounding errors alone can produce.
 fn outline_rounding(outline: Outline) -> f32 {
     return outline.extent.x * outline.extent.y * 4e-7;
 }
 
-// Approximates outline_coverage for a large ellipse by the half plane of its tangent.
+// Approximates outline_coverage for a large ellipse by the half plane of the ellipse's tangent.
 fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
     let at = outline_unit(outline, corner + 0.5);
     let length = sqrt(at.x * at.x + at.y * at.y);
@@ -86,7 +89,7 @@ fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
     let b = max(min(normal.x, normal.y), 1e-3);
     let sum = (a + b) * 0.5;
     let difference = (a - b) * 0.5;
-    // Farther inside the area is 1, too, but its differences of squares lose all digits.
+    // Farther inside, the area is 1, too, but the differences of squares below would lose all digits.
     let inside = min(distance, sum);
     let p = max(inside + sum, 0.0);
     let q = max(inside + difference, 0.0);
@@ -98,16 +101,16 @@ fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
     return ball_limited(area - slope * chord * chord * (1.0 / 24.0) * chord);
 }
 
-// The point of a ball that a pixel's centre shows.
+// Point of a ball that is visible at a pixel's centre.
 struct BallHit {
-    // Unit outward normal, view axes.
+    // Unit outward normal in view axes.
     normal: vec3f,
-    // Depth over that of the centre (perspective), or less that (orthographic).
+    // Depth divided by the centre's depth (perspective), or minus the centre's depth (orthographic).
     depth: f32,
 }
 
-// Returns the point. `center` is p_xy/p_z, `size` radius/p_z (orthographic: the radius), and `offset` the pixel's
-// distance from the centre's projection over the focal length.
+// Returns the visible point. `center` is p_xy/p_z and `size` is radius/p_z (orthographic: the radius). `offset` is the
+// pixel's distance from the centre's projection, divided by the focal length.
 fn ball_hit_new(center: vec2f, size: f32, offset: vec2f, projection: Projection) -> BallHit {
     if projection.kind == ORTHOGRAPHIC {
         let root = sqrt(max(size * size - v2_dot(offset, offset), 0.0));

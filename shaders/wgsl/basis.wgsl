@@ -22,7 +22,7 @@ fn orthonormal(n: vec3f) -> Pair {
     return Pair(s, vec3f(b, fma(n.y * n.y, a, side), -n.y));
 }
 
-// Returns the direction of two octahedral coordinates, not of unit length. Twin: surfel-math, quantise.rs.
+// Decodes two octahedral coordinates to a direction, which isn't of unit length. Twin: surfel-math, quantise.rs.
 fn unfolded(x: f32, y: f32) -> vec3f {
     let z = 1.0 - abs(x) - abs(y);
     let below = max(-z, 0.0);

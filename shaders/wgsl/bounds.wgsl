@@ -6,7 +6,7 @@ struct Extent {
     greatest: vec2f,
 }
 
-// Returns the extremes of one coordinate of an ellipse; j is a row of J. See bounds_ellipse.
+// Returns the smallest and largest value of one coordinate of an ellipse; j is a row of J. See bounds_ellipse.
 fn ellipse_extremes(j: vec2f, slope: vec2f, d: f32) -> vec2f {
     let b = v2_dot(j, slope);
     let square = v2_dot(j, j);
@@ -34,7 +34,7 @@ fn bounds_unfiltered(projected: Projected, projective: bool) -> Extent {
     return bounds_ellipse(projected.j_s, projected.j_t, select(vec2f(0.0, 0.0), projected.slope, projective));
 }
 
-// Returns the box of a footprint about its centre (constants 0, 0, 1), from its forms alone.
+// Returns the box of a footprint about its centre (constants 0, 0, 1), from its linear forms.
 fn bounds_footprint(f: Footprint) -> Extent {
     let u = vec2f(f.u.x, f.u.y);
     let v = vec2f(f.v.x, f.v.y);

@@ -1,8 +1,8 @@
 // Clip curves and lines as linear forms (rendering model §7). Twin: surfel-math, clip.rs, which also makes the forms.
 
-// Orthogonal map from a filtered footprint's (u', v') to the (u, v) in which a clip is given.
+// Orthogonal map from a filtered footprint's (u', v') to the (u, v) of the splat's clip.
 struct Turn {
-    // The (u, v) of (u', v') = (1, 0), and of (0, 1).
+    // The (u, v) of (u', v') = (1, 0), and the (u, v) of (0, 1).
     first: vec2f,
     second: vec2f,
 }
@@ -17,7 +17,7 @@ struct Clip {
     curve_sign: f32,
     // Lines, multiplied by line_sign. Absent lines are positive everywhere.
     lines: array<Linear, 4>,
-    // 1 if a point has to be inside every line, −1 if inside one of them.
+    // 1 if a point has to be inside every line, −1 if a single line suffices.
     line_sign: f32,
 }
 
@@ -66,7 +66,7 @@ fn clip_curve_keeps(clip: Clip, d: vec2f) -> bool {
     let chord = linear_at(clip.chord, d);
     let side1 = linear_at(clip.side1, d);
     let side3 = linear_at(clip.side3, d);
-    // Comparing the square with the product is enough: where it holds, side3 has the sign of side1.
+    // It suffices to compare the square with the product. If the comparison is true, side3 has the sign of side1.
     let inside = chord <= 0.0 || (0.0 <= side1 && chord * chord <= side1 * side3);
     return inside != (clip.curve_sign < 0.0);
 }

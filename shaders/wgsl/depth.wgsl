@@ -1,27 +1,27 @@
 // Depth of a fragment, and depth tolerance between fragments of one surface (rendering model §3, §5). Twin:
 // surfel-math, depth.rs.
 
-// z = scale/(at_anchor + gradient·d): the plane in perspective.
+// Form of the depth z = scale/(at_anchor + gradient·d): a plane in perspective.
 const DEPTH_RECIPROCAL: u32 = 0u;
-// z = scale + gradient·d: orthographic, or perspective under the affine mapping.
+// Form of the depth z = scale + gradient·d: orthographic, or perspective with the affine mapping.
 const DEPTH_LINEAR: u32 = 1u;
 
 const TOLERANCE_RELATIVE: u32 = 0u;
 const TOLERANCE_ABSOLUTE: u32 = 1u;
 
-// Pixels beyond the filter radius that the slope term includes: half a pixel's diagonal.
+// Margin of the slope term beyond the filter radius, in pixels: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f32 = 0.7;
 
 struct DepthPlane {
     gradient: vec2f,
     scale: f32,
     at_anchor: f32,
-    // Depth range of the disk.
+    // Smallest and largest depth of the disk.
     z_min: f32,
     z_max: f32,
 }
 
-// A tolerance as a multiple of the larger radius, or in world units.
+// Depth tolerance as a multiple of the larger radius, or in world units.
 struct Tolerance {
     value: f32,
     kind: u32,
@@ -39,8 +39,8 @@ fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     return select(plane.z_max, max(min(z, plane.z_max), plane.z_min), 0.0 < w);
 }
 
-// Returns ε (§5) in world units; h_px is 0 for a splat drawn without a filter. The slope term is Surfel's own: without
-// it a surface seen at a grazing angle rejects half of its own filter.
+// Returns the depth tolerance ε (§5) in world units; h_px is 0 for a splat drawn without a filter. The slope term is
+// Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
 fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
     let p = splat.p;
     let n = splat.n;
@@ -53,7 +53,7 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
         let q = p * inverse;
         let facing = abs(fma(n.x, q.x, fma(n.y, q.y, n.z * q.z)));
         let length = sqrt(fma(q.x, q.x, fma(q.y, q.y, q.z * q.z)));
-        // A splat at the eye itself has neither facing nor length; its slope term is 0.
+        // For a splat at the eye, both facing and length are 0, and so is the slope term.
         slope = per_pixel * (q.z * p.z) / max(max(facing, 0.02 * length), 1e-30);
         z = max(p.z, projection.near);
     }
@@ -78,10 +78,11 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     return across * -(p.z * p.z / away_from_zero(v3_dot(n, p), 0.02 * v3_length(p)));
 }
 
-// Pixels over which a polygon's own slope accounts for a depth step to one of its eight neighbours.
+// Distance over which a polygon's slope may explain a depth step to one of its eight neighbours, in pixels.
 const STEP_PX: f32 = 2.0;
 
-// Returns how far behind a polygon's depth z its own surface may lie in a neighbouring pixel.
+// Returns the largest distance behind a polygon's depth z at which a neighbouring pixel may still show the same
+// surface.
 fn step_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return max(min(STEP_PX * v2_length(gradient), 0.1 * scale), 1e-3 * scale);

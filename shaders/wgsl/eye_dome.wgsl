@@ -1,9 +1,10 @@
 // Eye-dome lighting (rendering model §5). Twin: surfel-math, eye_dome.rs.
 
-// Distance of the sampled neighbours in pixels.
+// Distance of the sampled neighbours, in pixels.
 const EYE_DOME_REACH: i32 = 2;
 
-// Returns the contribution of a neighbour at an offset to the mean rise, per unit that it is nearer.
+// Returns the contribution to the mean rise of a neighbour at an offset in pixels, per unit of depth that the neighbour
+// is nearer.
 fn eye_dome_rise_weight(offset: vec2f, projection: Projection) -> f32 {
     return 0.125 / v2_length(offset / projection.focal_px);
 }

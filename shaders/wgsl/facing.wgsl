@@ -1,19 +1,19 @@
 // Front- and back-facing splats of one oriented surface (rendering model §2, §5). Twin: surfel-math, facing.rs.
 
-// Fraction of its ε by which a back-facing fragment has to lie before the front-facing ones for a pixel to show it.
+// Fraction of its ε by which a back-facing fragment has to be nearer than all front-facing ones, so that the pixel
+// shows its side.
 const BACK_FACING_LAG: f32 = 0.125;
 
-// Sine of the largest angle between a back-facing splat's plane and the ray to it at which it is lit as if it were
-// front-facing: 10°.
+// Sine of 10°. A back-facing splat is lit like a front-facing one if the angle between its plane and the ray to it is
+// smaller.
 const RIM_SINE: f32 = 0.173648178;
 
-// Returns the depth of a visibility fragment that decides which side a pixel shows.
+// Returns the depth by which a fragment competes for the side that its pixel shows.
 fn nearness(z: f32, epsilon: f32, back_facing: bool) -> f32 {
     return select(z, fma(BACK_FACING_LAG, epsilon, z), back_facing);
 }
 
-// Returns the depth behind which nothing blends with the side that a pixel shows, from the nearest depths of both
-// sides.
+// Returns the depth limit of blending with the side that a pixel shows, from the nearest depths of both sides.
 fn sheet_limit(shown: f32, other: f32) -> f32 {
     return (shown + other) * 0.5;
 }

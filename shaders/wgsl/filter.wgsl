@@ -2,11 +2,11 @@
 
 struct Filtered {
     footprint: Footprint,
-    // Factor of the weight: the area ratio if the filter includes it in the weight, else 1.
+    // Factor of the weight: the area ratio if the filter includes the ratio in the weight, else 1.
     weight_scale: f32,
-    // Area ratio of §5's coverage if the weight doesn't include it, else 1.
+    // Factor of the coverage (§5): the area ratio if the weight doesn't include the ratio, else 1.
     coverage_scale: f32,
-    // Maps the footprint's (u, v) to the splat's own. Only clips use it (§7).
+    // Map from the footprint's (u, v) to the splat's own. Only clips use it (§7).
     turn: Turn,
 }
 

@@ -1,13 +1,13 @@
 // Trained Gaussians (docs/gaussians.md). Twins: surfel-math, gaussian.rs and srgb.rs.
 
-// Linear forms of an offset d from a projected centre: the ray intersects the Gaussian's plane at (u, v)/w standard
-// deviations and depth z/w.
+// Linear forms of the offset d of a pixel from a projected centre. The ray intersects the Gaussian's plane at (u, v)/w
+// standard deviations and at depth z/w.
 struct GaussianForms {
     u: vec2f,
     v: vec2f,
     w: vec3f,
     z: vec3f,
-    // Weight of |d|².
+    // Factor of |d|² in the low-pass filter.
     low_pass: f32,
 }
 
@@ -22,17 +22,17 @@ fn gaussian_forms_at(forms: GaussianForms, d: vec2f) -> vec2f {
     return vec2f(min(on_plane, on_screen), fma(forms.z.x, d.x, fma(forms.z.y, d.y, forms.z.z)) * inverse);
 }
 
-// Returns a positive depth rounded to 17 bits, by which pixels sort fragments.
+// Returns a positive depth rounded to 17 bits, which pixels use as the sort key of fragments.
 fn depth_step_f32(z: f32) -> u32 {
     return (bitcast<u32>(z) + 64u) >> 7u;
 }
 
-// Returns the depth that the plane `distortion` compares.
+// Returns the mapped depth that the plane `distortion` compares.
 fn distortion_depth(z: f32) -> f32 {
     return (1.0 - 0.2 / z) * 1.002004008;
 }
 
-// Largest f32, less a margin for a few roundings.
+// Largest f32, minus a margin for a few roundings.
 const LARGEST_COLOR: f32 = 3.4028e38;
 
 // Clamps a channel of a colour to ±LARGEST_COLOR.

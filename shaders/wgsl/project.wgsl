@@ -6,7 +6,7 @@
 const PERSPECTIVE: u32 = 0u;
 const ORTHOGRAPHIC: u32 = 1u;
 
-// A splat is edge-on if |n·p| is at most this times |p| (§2). It then takes part in no pass.
+// Cosine at which a splat is edge-on: |n·p| is at most this value times |p| (§2). No pass draws an edge-on splat.
 const EDGE_ON: f32 = 1e-5;
 
 struct Projection {
@@ -14,11 +14,11 @@ struct Projection {
     focal_px: vec2f,
     // Pixel coordinates of the optical axis.
     principal_px: vec2f,
-    // Planar depth before which nothing is drawn.
+    // Planar depth of the near plane; nothing nearer is drawn.
     near: f32,
-    // Planar depth beyond which an orthographic view draws nothing.
+    // Planar depth of the far plane of an orthographic view; nothing farther is drawn.
     far: f32,
-    // Height of an orthographic view, world units.
+    // Height of an orthographic view, in world units.
     height: f32,
     // PERSPECTIVE or ORTHOGRAPHIC.
     kind: u32,
@@ -36,16 +36,16 @@ struct ViewSplat {
 }
 
 struct Projected {
-    // Affine projections of s and t at the centre, pixels: the columns of J.
+    // Affine projections of s and t at the centre, in pixels: the columns of J.
     j_s: vec2f,
     j_t: vec2f,
-    // det J, from the normal.
+    // Determinant of J, computed from the normal.
     det_j: f32,
     // s_z/p_z and t_z/p_z; zero in an orthographic projection.
     slope: vec2f,
     // Gradient g of the depth. Perspective: p_z/z = 1 − g·d; orthographic: z = p_z + g·d.
     depth_gradient: vec2f,
-    // Half the disk's depth range, world units.
+    // Half the disk's depth range, in world units.
     depth_extent: f32,
     // n·p relative to p_z (orthographic: n_z). The splat is back-facing if it is at least 0.
     facing: f32,

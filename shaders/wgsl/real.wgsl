@@ -7,13 +7,13 @@
 // through integer arithmetic, across which nothing is fused. The error is below 2 ulp of the result, however much
 // cancels.
 
-// Returns a with the upper 12 bits of its significand. The difference to a is exact and has 12 bits, too.
+// Returns a rounded to the upper 12 bits of its significand. The difference from a is exact and has 12 bits, too.
 fn upper_half(a: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
 }
 
-// Returns a·b, rounded. No product is as large as the bound, but compilers can't know, so they can't fuse it into a
-// sum.
+// Returns a·b, rounded. The comparison prevents compilers from fusing the product into a sum. No product is as large as
+// the bound, but compilers can't know that.
 fn product_head(a: f32, b: f32) -> f32 {
     let product = a * b;
     return bitcast<f32>(bitcast<u32>(product) ^ select(0u, 1u, abs(product) > 3.4e38));

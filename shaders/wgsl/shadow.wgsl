@@ -12,7 +12,7 @@ struct Taps {
     weights: vec4f,
 }
 
-// Returns the texels along an axis that a lookup reads: a box three texels wide about the point.
+// Returns the texels along an axis that a lookup reads: a box around the point, three texels wide.
 fn taps(texel: f32) -> Taps {
     let from_center = texel - 0.5;
     let whole = floor(from_center);
@@ -20,14 +20,14 @@ fn taps(texel: f32) -> Taps {
     return Taps(whole - 1.0, tap_weights(share));
 }
 
-// Returns the weights of the taps. `share` is the point's position from the second texel's centre (0) to the third's
-// (1).
+// Returns the weights of the taps. `share` is the position of the point between the second texel's centre (0) and the
+// third's (1).
 fn tap_weights(share: f32) -> vec4f {
     let third = 1.0 / 3.0;
     return vec4f((1.0 - share) * third, third, third, share * third);
 }
 
-// Returns how far behind a polygon's depth z its own surface may lie within a texel.
+// Returns the largest distance behind a polygon's depth z at which a texel may still show the same surface.
 fn slope_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return min(SLOPE_MARGIN_PX * v2_length(gradient), 0.2 * scale);

@@ -4,7 +4,7 @@
 
 // A triangle in pixel offsets from an anchor.
 struct Triangle {
-    // Edge form of each vertex, of the edge opposite to it; all are positive inside.
+    // Edge form of each vertex, which describes the opposite edge; all forms are positive inside.
     edges: array<Linear, 3>,
     // Depths of the vertices.
     z: vec3f,

@@ -1,5 +1,5 @@
-//! Prints the error of each filter on a checkerboard that extends to the horizon: `cargo run --release -p
-//! surfel-conformance --example checkerboard`.
+//! Example that prints the error of each filter on a checkerboard that extends to the horizon:
+//! `cargo run --release -p surfel-conformance --example checkerboard`.
 
 use surfel_conformance::checkerboard;
 

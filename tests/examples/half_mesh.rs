@@ -18,7 +18,7 @@ use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Number of pixels on each side of the seam that are measured.
+/// Maximum distance from the seam of the pixels that are measured.
 const REACH: usize = 6;
 const LIGHT: [f64; 3] = [-0.6, -0.8, -1.0];
 const LIGHT_COLOR: f64 = 0.9;
@@ -30,7 +30,7 @@ fn main() -> Result<(), Failure> {
         return Err(format!("{input} holds no mesh").into());
     };
     if mesh.texture.is_some() || mesh.colors.is_some() {
-        // The seam is measured without the texture too, since splats are too coarse for fine patterns.
+        // The seam is also measured without the texture, because splats are too coarse for fine patterns.
         measure(&Mesh { texture: None, colors: None, ..mesh.clone() }, "white", None)?;
     }
     measure(&mesh, "as it is", Some(out))
@@ -50,10 +50,11 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
         Ok(render(&mut reference, &case, Planes::ALL)?)
     };
     let truth = draw(false, None, Shader::Phong)?;
-    // The interior weight is so low that a splat hides the polygon up to its rim.
+    // With such a small interior weight, a splat hides the polygon up to its rim.
     let naive = draw(true, Some(1e-6), Shader::Phong)?;
     let smooth = draw(true, None, Shader::Phong)?;
-    // Albedo, normals and depths are blended and lit once, which is G06's deferred shading applied to polygons too.
+    // Albedo, normals and depths are blended, and then lit once. This is the deferred shading of G06, applied to
+    // polygons, too.
     let attributes = lit(draw(true, None, Shader::Unlit)?, &camera);
     for (name, frame) in [("naive", &naive), ("smooth", &smooth), ("attributes", &attributes), ("polygons", &truth)] {
         let planes = PlanesView {
@@ -76,8 +77,8 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns a case in which leaves left of the middle are splats with their transitions, and the others polygons.
-/// Without `half` all leaves are polygons.
+/// Returns a case in which the leaves left of the middle are drawn as splats with their transitions, and the others as
+/// polygons. Without `half`, all leaves are polygons.
 fn case(octree: &Octree, place: DAffine3, camera: &Camera, half: bool, weight: Option<f64>) -> Result<Case, Failure> {
     let is_splats = |i: u32| half && octree.nodes()[i as usize].center[0] < octree.nodes()[0].center[0];
     let leaves = || (0u32..).zip(octree.nodes()).filter(|(_, n)| n.is_leaf());
@@ -124,14 +125,14 @@ fn lit(mut frame: Frame, camera: &Camera) -> Frame {
     frame
 }
 
-/// Returns pairs of neighbouring pixels, at most [`REACH`] pixels from the border between splats and polygons. Both are
-/// on the truth's surface, which is continuous between them.
+/// Returns pairs of neighbouring pixels, at most [`REACH`] pixels from the border between splats and polygons. Both
+/// pixels show the surface, which is continuous between them in the ideal image `truth`.
 fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     let (w, h) = (frame.width() as usize, frame.height() as usize);
     let has_splats = |at: usize| frame.weight()[at] > 0.0;
     let alike = |a: f32, b: f32| (a - b).abs() < 0.003 * b;
     let on_surface = |at: usize| frame.depth()[at].is_finite() && alike(frame.depth()[at], truth.depth()[at]);
-    // Both kinds have to be on one surface: a silhouette of splats in front of polygons is no seam.
+    // Both kinds have to be on one surface. A silhouette of splats in front of polygons isn't a seam.
     let near_seam = |x: usize, y: usize| {
         let own = truth.depth()[y * w + x];
         let rows = y.saturating_sub(REACH)..(y + REACH + 1).min(h);
@@ -160,8 +161,8 @@ fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Steps over pairs of pixels. `value` is the largest step of the image. The others are steps beyond the truth's own:
-/// the largest, and the one that one pair in a thousand exceeds.
+/// Differences ("steps") between neighbouring pixels at the seam. `value` is the largest step of the image. The other
+/// fields are steps beyond those of the ideal image: the largest, and the 99.9 % quantile.
 struct Steps {
     value: f64,
     value_beyond: [f64; 2],

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Returns hashes of colour, depth, normal, weight, fragments, and colour in 8 bits.
+/// Returns the hashes of six planes: colour, depth, normal, weight, fragments, and colour in 8 bits.
 fn numbers(frame: &Frame) -> [u64; 6] {
     let of = |values: &[f32]| fnv1a(values.iter().map(|value| value.to_bits()));
     [
@@ -35,7 +35,7 @@ fn numbers(frame: &Frame) -> [u64; 6] {
     ]
 }
 
-/// Returns the FNV-1a hash, a word at a time.
+/// Returns the FNV-1a hash of 32-bit words.
 fn fnv1a(words: impl Iterator<Item = u32>) -> u64 {
     words.fold(0xcbf2_9ce4_8422_2325, |sum, word| (sum ^ u64::from(word)).wrapping_mul(0x100_0000_01b3))
 }

@@ -44,7 +44,7 @@ fn arguments() -> Result<Arguments, Error> {
     let mut found = Arguments {
         mesh: all.next().ok_or("give a mesh file")?.into(),
         splats: vec![2500, 5000, 12_946, 52_000],
-        // The paper's occupancies.
+        // These are the fractions of the image covered in the paper.
         zooms: vec![0.031, 0.375, 0.807],
         view: DVec3::new(0.62, 0.52, 0.9),
         images: None,
@@ -109,7 +109,7 @@ fn save(path: &Path, size: u32, color: &[[f32; 4]]) -> Result<(), Error> {
     Ok(surfel_io::save_png(path, true, &planes, &surfel_io::PngOptions::default())?)
 }
 
-/// Returns the differing pixels in colours: red is missing, blue is superfluous, orange has another normal.
+/// Returns an image of the differing pixels: red is missing, blue is superfluous, orange has another normal.
 fn marks(pixels: &[Pixel]) -> Vec<[f32; 4]> {
     let color = |p: &Pixel| match p {
         Pixel::Empty => [1.0; 4],

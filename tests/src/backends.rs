@@ -24,7 +24,7 @@ impl Backend {
     /// All backends.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Wgpu, Self::Ash];
 
-    /// Returns the name on the command line.
+    /// Returns the name of the backend on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -36,11 +36,11 @@ impl Backend {
 
 /// Result of comparing a backend with the reference.
 pub struct Run {
-    /// Backend and adapter that drew.
+    /// Backend and adapter that drew the images.
     pub info: RendererInfo,
-    /// A note on the run: that calls weren't validated.
+    /// Note on the run: that the calls weren't validated, if so.
     pub note: Option<String>,
-    /// One result per truth, in their order, followed by results without an image.
+    /// Results of the truths, in their order, followed by results without an image.
     pub checked: Vec<Checked>,
 }
 
@@ -54,11 +54,11 @@ impl Run {
 /// Options for starting a backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// Part of the adapter's name; `None` for any adapter.
+    /// Part of the adapter's name, in any case; `None` for any adapter.
     pub adapter: Option<&'a str>,
     /// True if validation layers check every call, if they are installed.
     pub validation: bool,
-    /// Compute shaders or raster hardware, on a GPU.
+    /// GPU path: compute shaders or raster hardware.
     pub path: GpuPath,
 }
 
@@ -67,7 +67,7 @@ pub struct Start<'a> {
 pub struct Repeated {
     /// Names of the timed passes; empty if the backend times none.
     pub passes: Vec<String>,
-    /// A hash of each frame, by plane.
+    /// Hashes of each plane, one per frame, by the name of the plane.
     pub hashes: BTreeMap<String, Vec<String>>,
 }
 
@@ -97,7 +97,8 @@ enum Drawing {
 }
 
 impl Session {
-    /// Starts a backend. If it uses an adapter, the first whose name contains `adapter` is selected.
+    /// Starts a backend with validation. If the backend uses an adapter, the first one whose name contains `adapter` is
+    /// selected.
     ///
     /// # Errors
     /// [`RenderError`] if the backend doesn't start.
@@ -105,7 +106,7 @@ impl Session {
         Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto })
     }
 
-    /// Starts a backend.
+    /// Starts a backend with the options in `start`.
     ///
     /// # Errors
     /// [`RenderError`] if the backend doesn't start.
@@ -124,7 +125,7 @@ impl Session {
             Backend::Ash => {
                 let options = surfel_ash::Options::default().with_adapter(adapter).with_path(start.path);
                 if start.validation {
-                    // A message of the layer is an error of the call.
+                    // With this option, a message of the validation layer is an error of the call.
                     let (renderer, note) = start_ash(options)?;
                     return Ok(Self { drawing: Drawing::Ash(Box::new(renderer)), note });
                 }
@@ -156,7 +157,7 @@ impl Session {
         }
     }
 
-    /// Returns the backend and adapter that draw.
+    /// Returns the backend and adapter of the session.
     pub fn info(&self) -> &RendererInfo {
         match &self.drawing {
             Drawing::Cpu(renderer) => renderer.info(),
@@ -179,7 +180,8 @@ impl Session {
     }
 }
 
-/// Compares a backend with the reference. If it uses an adapter, the first whose name contains `adapter` is selected.
+/// Compares a backend with the reference. If the backend uses an adapter, the first one whose name contains `adapter`
+/// is selected.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
@@ -187,7 +189,8 @@ pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Ex
     run_reporting(backend, Start { adapter, validation: true, path: GpuPath::Auto }, truths, extent, |_, _, _, _| ())
 }
 
-/// Compares as [`run`] does, and passes each scene's report and drawing time to `report` at once.
+/// Compares a backend with the reference like [`run`]. Passes the report and drawing time of each scene to `report` as
+/// soon as the scene is compared.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
@@ -204,7 +207,7 @@ pub fn run_reporting(
         let begin = Instant::now();
         let one = session.check(truth);
         let time = begin.elapsed();
-        // Expectations of one scene depend on no other scene.
+        // Expectations for a scene don't depend on other scenes.
         let mut known = vec![Checked { report: one.report.clone(), got: None }];
         expect(session.info(), Extent::SomeScenes, &mut known);
         report(&mut session, truth, &known[0].report, time);
@@ -214,8 +217,8 @@ pub fn run_reporting(
     Ok(Run { info: session.info().clone(), note: session.note, checked })
 }
 
-/// Starts the Vulkan backend with validation, whose messages become errors of the calls. If validation doesn't start
-/// but the backend does, also returns a note.
+/// Starts the Vulkan backend with validation, whose messages become errors of the calls. If only validation can't be
+/// started, starts the backend without it, and also returns a note.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start, or validation doesn't and `SURFEL_REQUIRE` names it.
@@ -230,7 +233,7 @@ pub fn start_ash(options: surfel_ash::Options) -> Result<(surfel_ash::Renderer, 
     }
 }
 
-/// True if `SURFEL_REQUIRE`, a comma-separated list, names `what`; then none of its checks may be skipped.
+/// True if `SURFEL_REQUIRE`, a comma-separated list, contains `what`; then its tests may not be skipped.
 pub fn is_required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
 }
@@ -246,8 +249,8 @@ impl log::Log for Listener {
     }
     fn log(&self, record: &log::Record<'_>) {
         let text = record.args().to_string();
-        // naga's debug information names WGSL as its source language, which layers from before 2023 don't know. The
-        // objects of a message follow it as a record of their own.
+        // Validation layers from before 2023 don't recognise WGSL, the source language in naga's debug information. The
+        // objects of a message follow the message in a log record of their own.
         let is_known = text.contains("Invalid source language operand: 10") || text.trim().starts_with("objects:");
         if self.enabled(record.metadata()) && !is_known {
             let message = format!("{} {}", record.target(), record.args());
@@ -259,13 +262,13 @@ impl log::Log for Listener {
 
 /// Starts recording the messages of wgpu and of the layers below it.
 pub fn listen() {
-    // An earlier caller may have installed the listener already.
+    // The logger may be installed already.
     if log::set_logger(&Listener).is_ok() {
         log::set_max_level(log::LevelFilter::Warn);
     }
 }
 
-/// Returns and removes the messages recorded since [`listen`].
+/// Removes and returns the messages recorded since [`listen`].
 pub fn take_messages() -> Vec<String> {
     std::mem::take(&mut *MESSAGES.lock().unwrap_or_else(PoisonError::into_inner))
 }

@@ -9,7 +9,7 @@ use surfel_model::{
     OnInvalid, Projection, Scene, Shape, SplatCloud,
 };
 
-/// An ellipse p + u·s + v·t.
+/// Elliptical splat: the points p + u·s + v·t with u² + v² ≤ 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
     /// Centre.
@@ -54,23 +54,23 @@ pub fn cloud(splats: &[Splat]) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// A splat and its clip.
+/// Splat with its clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clipped {
-    /// The whole splat.
+    /// The splat without its clip.
     pub splat: Splat,
-    /// Curve of the clip.
+    /// Clip curve; `None` for no curve.
     pub curve: Option<ClipCurve>,
-    /// Up to four lines.
+    /// Clip lines; at most four.
     pub lines: Vec<ClipLine>,
-    /// Combination of the lines.
+    /// Combination of the clip lines.
     pub mode: ClipMode,
 }
 
 /// Creates a cloud of clipped ellipses.
 ///
 /// # Panics
-/// If a splat is invalid, as [`cloud`].
+/// If a splat is invalid, like [`cloud`].
 pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
     let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
     let mut data = cloud(&splats.iter().map(|c| c.splat).collect::<Vec<_>>()).into_data();
@@ -83,10 +83,10 @@ pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// Creates a cloud of disks, given as normals and radii, the other shape that a cloud can have.
+/// Creates a cloud of disks of one colour, given by centres, normals and radii.
 ///
 /// # Panics
-/// If a disk is invalid, as [`cloud`].
+/// If a disk is invalid, like [`cloud`].
 pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud {
     let centers: Vec<DVec3> = disks.iter().map(|d| d.0).collect();
     let normals: Vec<DVec3> = disks.iter().map(|d| d.1).collect();
@@ -97,7 +97,7 @@ pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud 
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// Returns the cloud with these alphas.
+/// Returns the cloud with the alpha `alpha(i)` for splat `i`.
 ///
 /// # Panics
 /// If an alpha is outside [0, 1].
@@ -107,7 +107,7 @@ pub fn with_alpha(cloud: SplatCloud, alpha: impl Fn(usize) -> f32) -> SplatCloud
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// Creates an object in its own coordinates, with the default material.
+/// Creates an object of a cloud at its own position, with the default material.
 pub fn object(cloud: SplatCloud) -> Object {
     Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
@@ -116,12 +116,12 @@ pub fn object(cloud: SplatCloud) -> Object {
     }
 }
 
-/// Creates a scene of one cloud, over a background colour that no splat has.
+/// Creates a scene of one cloud. No splat has the colour of its background.
 pub fn scene(splats: &[Splat]) -> Scene {
     Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::from(cloud(splats)) }
 }
 
-/// Returns a camera at (0, 0, distance) that looks at the origin, +y up.
+/// Returns a camera at (0, 0, `distance`) that looks at the origin, with +y up.
 pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
     Camera {
         eye: [0.0, 0.0, distance],
@@ -134,8 +134,8 @@ pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
     }
 }
 
-/// Returns `count` disks spread evenly over the unit sphere (Fibonacci), in random colours from `seed`. The radius is
-/// `overlap` times the spacing.
+/// Returns `count` disks on the unit sphere, evenly distributed (Fibonacci), in random colours. Their radius is
+/// `overlap` times the spacing; `seed` determines the colours.
 pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
     let mut random = Random::new(seed);
     let radius = overlap * (4.0 * std::f64::consts::PI / count as f64).sqrt();
@@ -150,8 +150,8 @@ pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
         .collect()
 }
 
-/// Returns `columns`×`rows` disks of radius `radius` on the parallelogram around `center` that ±`across` and ±`along`
-/// span. The outward normal is across × along; `color(column, row)` returns the colours.
+/// Returns `columns`×`rows` disks of radius `radius` on the parallelogram with the centre `center` and the half-sides
+/// `across` and `along`. The outward normal is across × along; `color(column, row)` returns the colour of a disk.
 pub fn sheet(
     center: DVec3,
     [across, along]: [DVec3; 2],
@@ -171,8 +171,8 @@ pub fn sheet(
     splats
 }
 
-/// Returns `count` splats in the unit ball with random positions, axes and colours, and half-axes of `radius`·(1 …
-/// `aspect`).
+/// Returns `count` splats in the unit ball with random positions, axes and colours. Their half-axes have lengths from
+/// `radius` to `radius`·`aspect`.
 pub fn confetti(count: usize, radius: f64, aspect: f64, seed: u64) -> Vec<Splat> {
     let mut random = Random::new(seed);
     (0..count)
@@ -193,11 +193,11 @@ pub fn axes(camera: &Camera) -> [DVec3; 3] {
     [right, forward.cross(right), forward]
 }
 
-/// Returns the world direction through a pixel's centre with unit planar depth, from the fields of a perspective camera
-/// alone.
+/// Returns the world direction through the centre of a pixel, with planar depth 1. It is computed only from the fields
+/// of the camera.
 ///
 /// # Panics
-/// If the camera's field of view isn't given.
+/// If the camera isn't [`Projection::Perspective`].
 pub fn ray(camera: &Camera, x: u32, y: u32) -> DVec3 {
     let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("the camera has no field of view") };
     let [right, down, forward] = axes(camera);

@@ -1,5 +1,5 @@
-//! A checkerboard that extends to the horizon, which measures the detail that a filter preserves and the aliasing that
-//! remains (§5).
+//! Measurement of filters on a checkerboard that extends to the horizon: the detail that a filter preserves, and the
+//! aliasing that remains (§5).
 //!
 //! The scene is a square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, with 40×40 fields and
 //! 400×400 disks of r = spacing = 0.005; fov_y 60°, 512². The truth is the exact pattern under a box filter of one
@@ -21,10 +21,10 @@ const DISTANCE: f64 = 1.2;
 const TURN_DEG: f64 = 80.0;
 const SAMPLES: u32 = 16;
 
-/// RMSE in the five bands, far to near: 1/16, 1/16, 1/8, 1/4 and 1/2 of the square's rows.
+/// RMSE in five bands of the square's rows, from far to near. The bands have 1/16, 1/16, 1/8, 1/4 and 1/2 of the rows.
 pub type Bands = [f64; 5];
 
-/// Returns the lines of the table: names and settings.
+/// Returns the measured variants: names and settings.
 pub fn variants() -> Vec<(&'static str, Settings)> {
     let filter = |filter| Settings::default().with_filter(filter);
     let papers = filter(Filter::Ewa)
@@ -41,7 +41,7 @@ pub fn variants() -> Vec<(&'static str, Settings)> {
     ]
 }
 
-/// Returns the square's in-plane direction away from the eye and its normal, in view space.
+/// Returns, in view space, the direction within the square away from the eye, and the square's normal.
 fn directions() -> (DVec3, DVec3) {
     let (sin, cos) = TURN_DEG.to_radians().sin_cos();
     (DVec3::new(0.0, -cos, sin), DVec3::new(0.0, -sin, -cos))
@@ -52,10 +52,10 @@ fn is_white(a: f64, b: f64) -> bool {
     (index(a) + index(b)).rem_euclid(2) == 0
 }
 
-/// Returns the scene with default filters.
+/// Returns the scene with default settings.
 pub fn case() -> Case {
     let (away, normal) = directions();
-    // The camera at the origin looks along −z with +y up: y and z of view space are negated.
+    // The camera at the origin looks along −z with +y up, so y and z of view space are negated.
     let world = |v: DVec3| DVec3::new(v.x, -v.y, -v.z);
     let at = |i: usize| (i as f64 + 0.5) * SPACING - 1.0;
     let mut splats = Vec::with_capacity(DISKS * DISKS);
@@ -72,7 +72,7 @@ pub fn case() -> Case {
     Case::new("checkerboard", Scene { background: [0.0; 4], ..scene(&splats) }, camera)
 }
 
-/// Returns the exact image: `None` for pixels not wholly inside the square.
+/// Returns the exact image: a brightness per pixel, or `None` for pixels that aren't wholly inside the square.
 pub fn truth(view: &View) -> Vec<Option<f64>> {
     let (away, normal) = directions();
     let center = DVec3::new(0.0, 0.0, DISTANCE);
@@ -88,7 +88,7 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
     for y in 0..SIZE {
         for x in 0..SIZE {
             let (x, y) = (f64::from(x), f64::from(y));
-            // The projected square is convex: a pixel is inside if its corners are.
+            // The projected square is convex, so a pixel is inside if its corners are.
             let inside = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
             if !inside.iter().all(|(dx, dy)| on_square(x + dx, y + dy).is_some()) {
                 image.push(None);
@@ -105,7 +105,7 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
     image
 }
 
-/// Returns the RMSE of an image's red channel by bands.
+/// Returns the RMSE of an image's red channel in each band.
 pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
     let width = SIZE as usize;
     let rows: Vec<usize> =
@@ -114,7 +114,7 @@ pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
     let ends = [0, n / 16, n / 8, n / 4, n / 2, n];
     std::array::from_fn(|band| {
         let (mut sum, mut count) = (0.0, 0usize);
-        // Far rows are the upper ones.
+        // The upper rows are the far ones.
         for &y in &rows[ends[band]..ends[band + 1]] {
             for at in y * width..(y + 1) * width {
                 if let Some(want) = truth[at] {
@@ -127,10 +127,10 @@ pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
     })
 }
 
-/// Measures variants on the reference.
+/// Measures the errors of these variants in images that the reference draws.
 ///
 /// # Errors
-/// [`RenderError`] if the reference can't render them.
+/// [`RenderError`] if the reference can't draw them.
 pub fn measure(variants: &[(&'static str, Settings)]) -> Result<Vec<(&'static str, Bands)>, RenderError> {
     let case = case();
     let view = case.view();

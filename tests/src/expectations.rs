@@ -1,4 +1,4 @@
-//! The table of known differences of backends, with reasons.
+//! Table of known differences of backends from the reference, with reasons.
 //!
 //! An entry lets one plane of one scene exceed the tolerance on one backend and adapter, up to a factor. An entry that
 //! is no longer needed is a failure, so that the table stays true.
@@ -7,18 +7,18 @@ use crate::backends::Backend;
 use crate::harness::{Plane, Report, Verdict};
 use surfel_render::RendererInfo;
 
-/// A known difference.
+/// Known difference of a backend from the reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// The backend that differs.
+    /// Backend that differs.
     pub backend: Backend,
-    /// Part of the adapter's name, any case; empty for every adapter.
+    /// Part of the adapter's name, in any case; empty for every adapter.
     pub adapter: &'static str,
     /// Full name of the scene.
     pub scene: &'static str,
-    /// The plane that differs.
+    /// Plane that differs.
     pub plane: Plane,
-    /// Maximum error as a multiple of the tolerance: above 1.
+    /// Maximum error in multiples of the tolerance; above 1.
     pub factor: f64,
     /// Reason why the difference is right or unavoidable.
     pub because: &'static str,
@@ -34,29 +34,29 @@ impl Expectation {
     }
 }
 
-/// Every known difference; so far there is none.
+/// All known differences.
 pub const EXPECTATIONS: &[Expectation] = &[];
 
-/// The set of scenes that were compared.
+/// Set of scenes that were compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// All scenes: an entry without a matching result is unused.
+    /// All scenes, so that an entry without a matching result is unused.
     EveryScene,
     /// Some of the scenes.
     SomeScenes,
 }
 
-/// Applies a table to the results of a backend, and returns a failure for each entry that isn't needed.
+/// Applies a table to the results of a backend. Returns a failure for each entry that isn't needed.
 ///
-/// A report that failed only within entries' limits becomes [`Verdict::Expected`]. A report fails if it needed none of
-/// its entries; the entry has to be removed.
+/// A failed report whose errors are within the limits of its entries becomes [`Verdict::Expected`]. A report that
+/// didn't need its entries fails, so that the entries are removed.
 pub fn apply<'a>(
     table: &[Expectation],
     info: &RendererInfo,
     extent: Extent,
     reports: impl IntoIterator<Item = &'a mut Report>,
 ) -> Vec<Report> {
-    // Of two entries for the same place only the first is used.
+    // If two entries are for the same place, only the first is used.
     let mut open: Vec<&Expectation> = table.iter().filter(|entry| entry.is_about(info)).collect();
     for report in reports {
         let mut own: Vec<&Expectation> = Vec::new();
@@ -79,7 +79,7 @@ pub fn apply<'a>(
     if extent == Extent::EveryScene { open.iter().map(unused).collect() } else { Vec::new() }
 }
 
-/// Sets the verdict of a report whose entries are `own`, at most one per plane.
+/// Sets the verdict of a report. `own` are the table's entries for the report, at most one per plane.
 fn judge(report: &mut Report, own: &[&Expectation]) {
     let worst = |plane| report.planes.iter().find(|p| p.plane == plane).map_or(0.0, |p| p.worst);
     let factor = |plane| own.iter().find(|entry| entry.plane == plane).map_or(1.0, |entry| entry.factor);

@@ -1,8 +1,8 @@
 //! Comparison of a backend with the reference, pixel by pixel.
 //!
-//! Every plane is compared linearly. A pixel beyond the tolerance is an outlier. An outlier is forgiven only if the
-//! reference marks a decision of the model as within its margin there, and only for few pixels of an image. Known
-//! differences of backends are listed in [`crate::expectations`].
+//! Every plane is compared linearly. A pixel whose error exceeds the tolerance is an outlier. An outlier is forgiven
+//! only if a decision of the model in this pixel is within its margin in the reference, and only for a small fraction
+//! of the image. Known differences of backends are listed in [`crate::expectations`].
 
 use crate::expectations::{self, EXPECTATIONS, Extent};
 use crate::scenes::{self, Case};
@@ -11,15 +11,16 @@ use std::sync::OnceLock;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
-/// Absolute tolerance of colour, normal and weight, and, times the median |Z|, of Z. It is an eighth of half an 8-bit
-/// level: invisible, and 16 times the loss of summing a hundred f32 fragments.
+/// Absolute tolerance of colour, normal and weight; the absolute tolerance of Z is this value times the median |Z|. The
+/// tolerance is about 1/16 of an 8-bit level, which is invisible. It is also 16 times the rounding error of a sum of a
+/// hundred f32 fragments.
 pub const ABSOLUTE: f64 = 2e-4;
 /// Relative tolerance of every plane.
 pub const RELATIVE: f64 = 1e-3;
-/// Maximum fraction of an image's pixels that may be outliers within their margin (rendering model, ties).
+/// Maximum fraction of an image's pixels that may be forgiven outliers (rendering model, ties).
 pub const FORGIVEN_SHARE: f64 = 0.025;
 
-/// A compared plane.
+/// Plane of an image that is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plane {
     /// Linear premultiplied RGBA.
@@ -33,7 +34,7 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// Returns the name in messages and EXR files: `color`, `Z`, `normal` or `weight`.
+    /// Returns the name of the plane in messages and EXR files: `color`, `Z`, `normal` or `weight`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Color => "color",
@@ -47,43 +48,43 @@ impl Plane {
 /// Error of one plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneError {
-    /// The plane.
+    /// Plane in which the error was measured.
     pub plane: Plane,
-    /// Largest error outside the margin as a multiple of the tolerance; above 1 is a failure.
+    /// Largest error outside of decision margins, in multiples of the tolerance; above 1 is a failure.
     pub worst: f64,
     /// Column and row of the largest error.
     pub at: [u32; 2],
     /// Values at the largest error: actual and expected.
     pub values: [f32; 2],
-    /// Number of pixels outside the margin with an error above the tolerance.
+    /// Number of outliers outside of decision margins: pixels with an error above the tolerance.
     pub outliers: usize,
 }
 
 /// Result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// All errors are within tolerance.
+    /// All errors are within the tolerance.
     Passed,
-    /// Errors are within the limits of [`EXPECTATIONS`]; the reason.
+    /// Errors are within the limits of [`EXPECTATIONS`]. Contains the reason.
     Expected(String),
-    /// The backend reports that it doesn't draw this scene; the reason.
+    /// The backend reports that it doesn't support this scene. Contains the reason.
     Skipped(String),
-    /// Something is wrong; a description.
+    /// The comparison failed. Contains a description.
     Failed(String),
 }
 
-/// Report on a compared image.
+/// Report of the comparison of one image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// Name of the case.
     pub name: String,
     /// Errors by plane.
     pub planes: Vec<PlaneError>,
-    /// Number of outliers within the margin.
+    /// Number of forgiven outliers, which are within a decision margin.
     pub forgiven: usize,
-    /// Fraction of pixels within the margin.
+    /// Fraction of pixels within a decision margin.
     pub margin_share: f64,
-    /// Faults besides planes' errors: NaN, a missing plane, too many forgiven pixels. No expectation excuses them.
+    /// Faults other than errors of planes: NaN, a missing plane, too many forgiven pixels. No expectation excuses them.
     pub broken: Vec<String>,
     /// Verdict on the image.
     pub verdict: Verdict,
@@ -99,13 +100,13 @@ impl Report {
         Self { name: name.into(), planes: Vec::new(), forgiven: 0, margin_share: 0.0, broken: Vec::new(), verdict }
     }
 
-    /// Returns a failure without an image.
+    /// Creates a report of a failure without an image.
     pub fn failed(name: &str, message: impl fmt::Display) -> Self {
         let message = message.to_string();
         Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
     }
 
-    /// Adds faults that no comparison finds.
+    /// Adds faults that were found outside of the comparison.
     pub(crate) fn fail(&mut self, messages: impl IntoIterator<Item = String>) {
         let before = self.broken.len();
         self.broken.extend(messages);
@@ -114,7 +115,8 @@ impl Report {
         }
     }
 
-    /// Returns descriptions of all faults, if `allowed` is each plane's maximum error in multiples of the tolerance.
+    /// Returns descriptions of all faults. `allowed` returns the maximum error of a plane in multiples of the
+    /// tolerance.
     pub(crate) fn faults(&self, allowed: impl Fn(Plane) -> f64) -> Vec<String> {
         let off = self.planes.iter().filter(|p| p.worst > allowed(p.plane));
         let words =
@@ -127,7 +129,7 @@ impl Report {
         self.planes.iter().max_by(|a, b| a.worst.total_cmp(&b.worst))
     }
 
-    /// Returns the largest number of outliers outside the margin in one plane.
+    /// Returns the number of outliers outside of decision margins in the plane that has most of them.
     pub fn outliers(&self) -> usize {
         self.planes.iter().map(|p| p.outliers).max().unwrap_or(0)
     }
@@ -149,7 +151,8 @@ impl fmt::Display for Report {
     }
 }
 
-/// Compares the planes of `want`. `margin` is the reference's plane: 1 where a decision is within its margin.
+/// Compares the planes of two frames. `margin` is the reference's plane of decision margins: 1 in pixels where a
+/// decision is within its margin.
 pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> Report {
     let pixels = want.width() as usize * want.height() as usize;
     if (got.width(), got.height()) != (want.width(), want.height()) || margin.len() != pixels {
@@ -193,8 +196,8 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
     report
 }
 
-/// Returns each pixel's largest error over all planes, as a multiple of the tolerance. Both frames have the same size;
-/// planes of different lengths are skipped.
+/// Returns the largest error of each pixel over all planes, in multiples of the tolerance. Both frames must have the
+/// same size; planes of different lengths are skipped.
 pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
     let mut worst = vec![0.0f64; want.width() as usize * want.height() as usize];
     for planes in pairs(got, want).iter().filter(|p| p.got.len() == p.want.len() && !p.want.is_empty()) {
@@ -206,7 +209,7 @@ pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
     worst
 }
 
-/// A plane of both frames, flattened, with its absolute tolerance.
+/// One plane of two frames, as flat arrays, with its absolute tolerance.
 struct Pair<'a> {
     plane: Plane,
     got: &'a [f32],
@@ -215,12 +218,13 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// Returns errors of a pixel's channels as multiples of the tolerance, with the actual and the expected value.
+    /// Returns the errors of a pixel's channels in multiples of the tolerance, each with the actual and the expected
+    /// value.
     fn errors(&self, pixel: usize, channels: usize) -> impl Iterator<Item = (f64, [f32; 2])> {
         let of_pixel = pixel * channels..(pixel + 1) * channels;
         self.got[of_pixel.clone()].iter().zip(&self.want[of_pixel]).map(|(&a, &b)| {
             let tolerance = self.absolute + RELATIVE * f64::from(b).abs();
-            // Equal infinities are equal; a single infinity, or NaN, is an infinite error.
+            // Equal infinities have no error. An infinity in only one of the frames, or NaN, is an infinite error.
             let error = if a == b { 0.0 } else { f64::from(a - b).abs() / tolerance };
             (if error.is_finite() { error } else { f64::INFINITY }, [a, b])
         })
@@ -258,7 +262,7 @@ fn compare_plane(planes: &Pair<'_>, width: u32, margin: &[f32], outliers: &mut [
     worst
 }
 
-/// Returns the reference's image of a case, including the margin.
+/// Draws a case with the reference, including the plane of decision margins.
 ///
 /// # Errors
 /// [`RenderError`] if the reference refuses the case.
@@ -270,7 +274,7 @@ pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, 
     Ok(frame)
 }
 
-/// Renders a case on a backend.
+/// Draws a case with a backend.
 ///
 /// # Errors
 /// The backend's [`RenderError`].
@@ -281,11 +285,11 @@ pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Resu
     Ok(frame)
 }
 
-/// A case and the reference's result.
+/// Case with the reference's image of it.
 pub struct Truth {
-    /// The case.
+    /// Case that was drawn.
     pub case: Case,
-    /// The reference's image, including the margin, or the reason why there is none.
+    /// The reference's image, including decision margins, or the reason why there is none.
     pub want: Result<Frame, RenderError>,
 }
 
@@ -296,7 +300,7 @@ impl Truth {
         Self { case, want }
     }
 
-    /// Draws every wanted scene with the reference, in the order of [`scenes::all`].
+    /// Draws the scenes that `is_wanted` selects by name, with the reference, in the order of [`scenes::all`].
     ///
     /// # Errors
     /// [`RenderError`] if the reference doesn't start.
@@ -306,7 +310,7 @@ impl Truth {
         Ok(cases.map(|case| Self::of(&mut reference, case)).collect())
     }
 
-    /// Returns every scene, drawn by the reference once per process.
+    /// Returns the truths of all scenes. The reference draws them once per process.
     ///
     /// # Errors
     /// [`RenderError`] if the reference doesn't start.
@@ -316,15 +320,15 @@ impl Truth {
     }
 }
 
-/// A backend's image and its report.
+/// Image of a backend with the report of its comparison.
 pub struct Checked {
     /// Report of the comparison.
     pub report: Report,
-    /// The image, if the backend drew one.
+    /// Image that the backend drew; `None` if it drew none.
     pub got: Option<Frame>,
 }
 
-/// Renders one case on a backend and compares it with the reference.
+/// Draws one case with a backend and compares the image with the reference's.
 pub fn check<R: Renderer>(backend: &mut R, truth: &Truth) -> Checked {
     let name = &truth.case.name;
     let without = |report| Checked { report, got: None };
@@ -341,12 +345,12 @@ pub fn check<R: Renderer>(backend: &mut R, truth: &Truth) -> Checked {
     }
 }
 
-/// Compares as [`check`] does, with a truth that the reference draws now.
+/// Compares like [`check`], after drawing the truth with the reference.
 pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case: &Case) -> Report {
     check(backend, &Truth::of(reference, case.clone())).report
 }
 
-/// Compares a backend with the reference in these scenes, and applies expectations.
+/// Compares a backend with the reference in these scenes, and applies the expectations.
 ///
 /// Returns one result per truth, in their order, followed by one result without an image for each unused expectation.
 pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
@@ -355,16 +359,16 @@ pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent)
     checked
 }
 
-/// Applies [`EXPECTATIONS`] to the results of a backend; unused entries follow as failures.
+/// Applies [`EXPECTATIONS`] to the results of a backend. Appends a failure for each unused expectation.
 pub(crate) fn expect(info: &RendererInfo, extent: Extent, checked: &mut Vec<Checked>) {
     let reports = checked.iter_mut().map(|c| &mut c.report);
     let unused = expectations::apply(EXPECTATIONS, info, extent, reports);
     checked.extend(unused.into_iter().map(|report| Checked { report, got: None }));
 }
 
-/// Compares a backend with the reference in every scene, as [`check_all`] does.
+/// Compares a backend with the reference in every scene, like [`check_all`].
 ///
-/// Scenes that the backend reports as unsupported are skipped; the caller has to check which these are.
+/// Scenes that the backend reports as unsupported are skipped. The caller has to check that these are the right ones.
 pub fn check_backend<R: Renderer>(backend: &mut R) -> Vec<Report> {
     match Truth::of_every_scene() {
         Ok(truths) => check_all(backend, truths, Extent::EveryScene).into_iter().map(|c| c.report).collect(),

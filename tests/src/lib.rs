@@ -3,16 +3,16 @@
 //!
 //! Modules, in reading order:
 //!
-//! - [`scenes`]: plain seeded functions, small images; [`scenes::Case`] is one image to draw;
+//! - [`scenes`]: functions that return the scenes, with small images; [`scenes::Case`] is one image to draw;
 //! - [`random_scenes`]: random scenes, one for each seed;
 //! - [`harness`]: [`harness::check_backend`] renders all scenes on a backend and on the reference and compares them;
 //! - [`expectations`]: known differences of backends, with reasons;
 //! - [`backends`]: the backends by name, with validation layers enabled;
 //! - [`report`]: results as a table and as a page;
 //! - [`runner`]: the program `cargo xtask conformance`;
-//! - [`truths`]: the reference's images in a file, for machines that shouldn't draw them;
-//! - [`raycast`]: exact images of meshes, with which splats made from them are compared;
-//! - [`stability`]: sweeps of one number to its extreme, against exact arithmetic;
+//! - [`truths`]: the reference's images in a file, for machines on which drawing them would take too long;
+//! - [`raycast`]: exact images of meshes by ray casting, which images of splats made from the meshes are compared with;
+//! - [`stability`]: sweeps of one parameter to extreme values, compared with exact arithmetic;
 //! - [`checkerboard`]: the error of each filter on a pattern that extends to the horizon (§5);
 //! - [`test_data`]: location of test data that isn't shipped.
 //!

@@ -14,13 +14,14 @@ pub fn mesh_object(mesh: Mesh) -> Object {
     Object { geometry: Geometry::Mesh(Arc::new(mesh)), ..crate::build::object(crate::build::cloud(&[])) }
 }
 
-/// Creates a mesh of vertices and triangles, whose outer side is that of counter-clockwise corners.
+/// Creates a mesh of vertices and triangles. The outer side of a triangle is that from which its corners are
+/// counter-clockwise.
 pub fn mesh(vertices: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh { positions: Column3::from_f64(vertices), triangles, ..Mesh::default() }
 }
 
-/// Creates the parallelogram around `center` that ±`across` and ±`along` span, as two triangles. The outward normal is
-/// across × along; texture coordinates run from 0 to `repeats`.
+/// Creates a parallelogram of two triangles, with the centre `center` and the half-sides `across` and `along`. The
+/// outward normal is across × along; texture coordinates run from 0 to `repeats`.
 pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
     let corner = |x: f64, y: f64| center + across * x + along * y;
     let vertices = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
@@ -28,7 +29,7 @@ pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
     Mesh { uvs: Some(uvs.to_vec()), ..mesh(&vertices, vec![[0, 1, 2], [0, 2, 3]]) }
 }
 
-/// Creates the unit sphere: an octahedron whose faces are divided `times` times, with vertex normals.
+/// Creates the unit sphere with vertex normals: an octahedron whose faces are subdivided `times` times.
 pub fn mesh_sphere(times: usize) -> Mesh {
     let axes = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
     let mut faces: Vec<[DVec3; 3]> = Vec::new();
@@ -46,7 +47,7 @@ pub fn mesh_sphere(times: usize) -> Mesh {
             })
             .collect();
     }
-    // One vertex per position, so that adjacent triangles share the ends of their edges to the bit.
+    // Each position has one vertex, so that adjacent triangles share the ends of their edges to the bit.
     let mut vertices: Vec<DVec3> = Vec::new();
     let mut index = std::collections::BTreeMap::new();
     let triangles = faces
@@ -65,7 +66,7 @@ pub fn mesh_sphere(times: usize) -> Mesh {
     Mesh { normals: Some(normals), ..mesh(&vertices, triangles) }
 }
 
-/// Creates a texture of `side`×`side` texels, alternating black and white. Right of the diagonal blue replaces black,
+/// Creates a texture of `side`×`side` texels, alternating black and white. Right of the diagonal, blue replaces black,
 /// so that swapped u and v are visible.
 pub fn checkers(side: u32) -> Arc<Texture> {
     let texel = |i: u32| match (i % side, i / side) {
@@ -83,8 +84,8 @@ pub fn cube() -> Mesh {
     mesh(&(0..8).map(corner).collect::<Vec<_>>(), triangles)
 }
 
-/// Samples `count` points on a mesh, uniformly by area. Each is displaced by up to `noise` times the largest side of
-/// the mesh's bounds in each direction.
+/// Returns `count` random points on a mesh, uniform by area. Each point is displaced along each axis by up to `noise`
+/// times the largest side of the mesh's bounds.
 pub fn sampled(mesh: &Mesh, count: usize, noise: f64, seed: u64) -> PointCloud {
     let mut random = Random::new(seed);
     let corners = |t: &[u32; 3]| t.map(|i| mesh.origin + mesh.positions.get(i as usize));

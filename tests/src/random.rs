@@ -1,8 +1,8 @@
-//! A small pseudo-random generator, the same on every machine.
+//! Pseudo-random generator that returns the same numbers on every machine.
 
 use glam::DVec3;
 
-/// The generator SplitMix64 (Steele, Lea and Flood 2014).
+/// Generator SplitMix64 (Steele, Lea and Flood 2014).
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
@@ -26,22 +26,22 @@ impl Random {
         low + (high - low) * (self.bits() >> 11) as f64 * (-53.0f64).exp2()
     }
 
-    /// Returns a number from `low` to `high`, log-uniform; both limits are above 0.
+    /// Returns a log-uniform number from `low` to `high`; both limits are above 0.
     pub fn factor(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.range(0.0, 1.0))
     }
 
-    /// True with probability `share`.
+    /// Returns true with probability `share`.
     pub fn chance(&mut self, share: f64) -> bool {
         self.range(0.0, 1.0) < share
     }
 
-    /// Returns a uniform integer in 0 … `count` − 1; 0 if `count` is 0.
+    /// Returns a uniform integer from 0 to `count` − 1; 0 if `count` is 0.
     pub fn below(&mut self, count: usize) -> usize {
         (self.bits() % count.max(1) as u64) as usize
     }
 
-    /// Returns one of the items.
+    /// Returns one of the items, each with the same probability.
     pub fn pick<T: Copy, const N: usize>(&mut self, items: [T; N]) -> T {
         items[self.below(N)]
     }
@@ -53,7 +53,7 @@ impl Random {
         DVec3::new(r * angle.cos(), r * angle.sin(), z)
     }
 
-    /// Returns a colour with channels in [0.1, 1), so that none hides an error.
+    /// Returns a colour with channels in [0.1, 1). Channels aren't near 0, where errors would be hidden.
     pub fn color(&mut self) -> [f32; 3] {
         [0; 3].map(|_: i32| self.range(0.1, 1.0) as f32)
     }

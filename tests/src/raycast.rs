@@ -12,20 +12,21 @@ use surfel_render::Frame;
 
 /// Vertical field of view of the cameras, in degrees.
 const FOV_Y_DEG: f64 = 30.0;
-/// Angle above which two normals differ.
+/// Angle between two normals, in degrees, above which they count as different.
 const DIFFERENT_DEG: f64 = 20.0;
 
-/// A mesh prepared for ray casting: traversal of f32 boxes, intersections in f64.
+/// Mesh prepared for ray casting. Traversal uses boxes in f32, and intersections are in f64.
 pub struct Cast {
     corners: Vec<[DVec3; 3]>,
     bvh: Bvh2,
 }
 
-/// The first hit of each pixel's ray: its unit normal, turned to the eye like that of two-sided splats.
+/// Exact image: the unit normal of the first surface that each pixel's ray hits, turned to the eye; `None` without a
+/// hit.
 pub type Truth = Vec<Option<DVec3>>;
 
 impl Cast {
-    /// Builds the acceleration structure of a valid mesh's triangles.
+    /// Builds the acceleration structure for the triangles of a valid mesh.
     pub fn new(mesh: &Mesh) -> Self {
         let at = |i: u32| mesh.positions.get(i as usize);
         let corners: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(at)).collect();
@@ -53,13 +54,13 @@ impl Cast {
                 let normal = e.cross(f).normalize_or_zero();
                 best = (t, Some(if normal.dot(direction) > 0.0 { -normal } else { normal }));
             }
-            // Rounded up, so that nothing nearer is skipped.
+            // The distance is rounded up, so that no nearer triangle is skipped.
             (t as f32).next_up()
         });
         best.1
     }
 
-    /// Returns the image of a perspective camera.
+    /// Returns the exact image of a perspective camera.
     ///
     /// # Panics
     /// For other projections.
@@ -76,8 +77,8 @@ impl Cast {
         (0..w * h).map(|i| self.normal(eye, ray(i % w, i / w))).collect()
     }
 
-    /// Returns a camera that looks at the mesh's middle along −`view`, at a distance from which the mesh covers about
-    /// `share` of the image.
+    /// Returns a camera that looks at the middle of the mesh along −`view`. Its distance is such that the mesh covers
+    /// about the fraction `share` of the image.
     pub fn camera_covering(&self, view: DVec3, share: f64, size: u32) -> Camera {
         let (mut near, mut far) = (1.2f64, 60.0f64);
         for _ in 0..14 {
@@ -88,7 +89,8 @@ impl Cast {
         self.camera(view, (near * far).sqrt(), size)
     }
 
-    /// Returns a camera `distance` half-diagonals from the mesh's middle.
+    /// Returns a camera that looks at the middle of the mesh along −`view`. `distance` is in half-diagonals of the
+    /// mesh's bounds.
     fn camera(&self, view: DVec3, distance: f64, size: u32) -> Camera {
         let points = || self.corners.iter().flatten().copied();
         let (lo, hi) = (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
@@ -105,22 +107,22 @@ impl Cast {
     }
 }
 
-/// Result of comparing a pixel.
+/// Result of comparing one pixel with the exact image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pixel {
     /// Neither image has a surface.
     Empty,
-    /// Both have the same surface, with normals within 20°.
+    /// Both images have a surface, with normals within 20°.
     Same,
-    /// Only the truth has a surface.
+    /// Only the exact image has a surface.
     Missing,
-    /// Only the frame has a surface.
+    /// Only the drawn frame has a surface.
     Extra,
-    /// Normals are more than 20° apart.
+    /// Both images have a surface, with normals more than 20° apart.
     Normal,
 }
 
-/// Compares a frame's coverage (Σw > 0) and normals with the truth.
+/// Compares the coverage (Σw > 0) and the normals of a frame with the exact image.
 pub fn compare(truth: &Truth, frame: &Frame) -> Vec<Pixel> {
     let cosine = DIFFERENT_DEG.to_radians().cos();
     let pixel = |(hit, (weight, normal)): (&Option<DVec3>, (&f32, &[f32; 3]))| match (hit, *weight > 0.0) {
@@ -133,7 +135,7 @@ pub fn compare(truth: &Truth, frame: &Frame) -> Vec<Pixel> {
     truth.iter().zip(frame.weight().iter().zip(frame.normal())).map(pixel).collect()
 }
 
-/// Counts of a comparison.
+/// Counts of differing pixels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Difference {
     /// Number of pixels that the mesh covers.
@@ -147,7 +149,7 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// Counts the pixels of an image `width` pixels wide.
+    /// Counts the results of an image that is `width` pixels wide.
     pub fn of(pixels: &[Pixel], width: usize) -> Self {
         let count = |kind: fn(&Pixel) -> bool| pixels.iter().filter(|p| kind(p)).count();
         let height = pixels.len() / width.max(1);
@@ -165,7 +167,7 @@ impl Difference {
         }
     }
 
-    /// Returns the number of differing pixels over the number of covered ones.
+    /// Returns the number of differing pixels divided by the number of covered ones.
     pub fn share(&self) -> f64 {
         (self.coverage + self.normals) as f64 / self.covered.max(1) as f64
     }

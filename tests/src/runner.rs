@@ -75,7 +75,7 @@ fn whole(flag: &str, value: &str) -> Result<u64, String> {
     value.parse().map_err(|_| format!("{flag} '{value}': expected a whole number"))
 }
 
-/// Parses the command line; `None` if it asks for help.
+/// Parses the command line; `None` if it requests help.
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut found = Arguments::default();
     while let Some(word) = words.next() {
@@ -133,7 +133,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
     Ok(Some(found))
 }
 
-/// Runs the program with these arguments, without the program's name.
+/// Runs the program with these arguments, which don't include the program's name.
 pub fn main(words: impl Iterator<Item = String>) -> ExitCode {
     let arguments = match arguments(words) {
         Ok(Some(arguments)) => arguments,
@@ -206,11 +206,11 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
     Ok(entries.iter().all(Entry::is_ok))
 }
 
-/// Number of frames of a scene that are hashed; the second is for devices that compute on the CPU.
+/// Number of frames of a scene that are hashed. The second number is for devices that compute on the CPU.
 const HASHED: usize = 5;
 const HASHED_BY_SOFTWARE: usize = 2;
 
-/// Returns the record of a scene that was drawn and compared, with hashes of further frames.
+/// Returns the record of a scene that was compared, with hashes of further frames.
 fn line(session: &mut Session, truth: &Truth, report: &Report, time: Duration) -> Conformance {
     let start = Instant::now();
     let drawn = !matches!(report.verdict, Verdict::Skipped(_));

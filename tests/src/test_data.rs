@@ -1,7 +1,7 @@
-//! Location of test data that isn't shipped with the project: golden scenes and scanned models.
+//! Location of the test data that isn't shipped with the project: golden scenes and scanned models.
 //!
 //! The environment variable `SURFEL_TEST_DATA` names the folder with the subfolders `golden/` and `models/`. The
-//! default is the folder `shared` beside the workspace. Tests without their data print that they are skipped.
+//! default is the folder `shared` beside the workspace. Tests whose data is missing print that they are skipped.
 
 use crate::backends::is_required;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ pub const VARIABLE: &str = "SURFEL_TEST_DATA";
 /// Default folder, relative to the workspace.
 const DEFAULT: &str = "../shared";
 
-/// Returns a folder of the data, `golden` or `models`. If it doesn't exist, prints a note and returns `None`.
+/// Returns the subfolder `golden` or `models` of the test data. If it doesn't exist, prints a note and returns `None`.
 ///
 /// # Panics
 /// If the folder doesn't exist and `SURFEL_REQUIRE` names `test-data`.

@@ -1,7 +1,7 @@
-//! The reference's images of scenes, packed into a file, for machines on which drawing them would be too expensive.
+//! File of the reference's images of scenes, for machines on which drawing them would take too long.
 //!
-//! The file is one gzip stream: a line that names the format, then for each scene a line of its name and size and its
-//! planes as f32. Bytes of equal significance are stored together, which makes the stream a third smaller.
+//! The file is one gzip stream. A line names the format. Then follow, for each scene, a line with its name and size,
+//! and its planes as f32. Bytes of equal significance are stored together, which makes the stream a third smaller.
 
 use crate::harness::Truth;
 use crate::scenes::{self, Case};
@@ -15,18 +15,18 @@ use surfel_render::{Frame, Planes};
 
 const FORMAT: &str = "surfel truths 1";
 
-/// Maximum side of a packed image, in pixels.
+/// Maximum side of an image in the file, in pixels.
 pub const MOST_SIDE_PX: u32 = 256;
 /// Number of floats per pixel: colour, depth, normal, weight, margin.
 const FLOATS: usize = 10;
 
-/// True if the scene's image is packed.
+/// True if the file contains the image of this scene.
 pub fn is_packed(case: &Case) -> bool {
     let region = case.view().region;
     region.width.max(region.height) <= MOST_SIDE_PX
 }
 
-/// Writes the images of those truths that are packed to a file.
+/// Writes the images of those truths that the file contains.
 ///
 /// # Errors
 /// If the file can't be written, or if the reference refused a scene.
@@ -44,10 +44,11 @@ pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Er
     Ok(())
 }
 
-/// Reads a file of images and returns truths for this program's packed scenes that `is_wanted` selects.
+/// Reads a file of images. Returns the truths of scenes that the file should contain and that `is_wanted` selects by
+/// name.
 ///
 /// # Errors
-/// If the file is invalid, or if it lacks a scene or has it in another size, since it then belongs to another version.
+/// If the file is invalid, lacks a scene, or has a scene in another size. It then belongs to another version.
 pub fn read(path: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Truth>, Box<dyn std::error::Error>> {
     let place = path.display();
     let mut images = images(path).map_err(|error| format!("{place}: {error}"))?;
@@ -115,12 +116,12 @@ fn frame(width: u32, height: u32, floats: &[f32]) -> Frame {
     frame
 }
 
-/// Returns the bytes of floats, with all first bytes first.
+/// Returns the bytes of floats in the order of their significance: all first bytes, then all second bytes, and so on.
 fn shuffled(floats: &[f32]) -> Vec<u8> {
     (0..4).flat_map(|k| floats.iter().map(move |value| value.to_le_bytes()[k])).collect()
 }
 
-/// Returns the floats of [`shuffled`] bytes.
+/// Restores the floats from bytes in the order of [`shuffled`].
 fn ordered(bytes: &[u8]) -> Vec<f32> {
     let count = bytes.len() / 4;
     (0..count).map(|i| f32::from_le_bytes([0, 1, 2, 3].map(|k| bytes[k * count + i]))).collect()

@@ -5,10 +5,11 @@ use std::process::Command;
 
 use crate::cargo;
 
-/// Backends that are features of surfel-bench. They are built only on request, since they take a minute.
+/// Backends that are Cargo features of surfel-bench. They are compiled only on request, since they take a minute.
 const GPU_BACKENDS: [&str; 2] = ["wgpu", "ash"];
 
-/// Runs the bench with these arguments, in the workspace. The command `start` times the program, so it is built first.
+/// Runs the benchmark program with these arguments in the workspace. For the command `start`, which times the program
+/// `surfel`, builds that program first.
 pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
     if times_own_program(arguments) {
         let mut command = cargo(root);
@@ -26,7 +27,7 @@ pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
     succeeds(command.arg("--").args(arguments), "cargo run")
 }
 
-/// True for the command `start`, unless the arguments name another build of the program.
+/// True for the command `start`, unless the arguments name a build of the program.
 fn times_own_program(arguments: &[&str]) -> bool {
     arguments.first() == Some(&"start") && !arguments.iter().any(|word| word.starts_with("--program"))
 }
@@ -41,7 +42,7 @@ fn succeeds(command: &mut Command, name: &str) -> bool {
     }
 }
 
-/// Returns the features that the requested backends need.
+/// Returns the Cargo features that the requested backends need.
 fn features(arguments: &[&str]) -> Vec<&'static str> {
     let after = arguments.iter().position(|word| *word == "--backend").and_then(|i| arguments.get(i + 1).copied());
     let joined = arguments.iter().find_map(|word| word.strip_prefix("--backend="));

@@ -23,9 +23,9 @@ pub(crate) fn run(root: &Path) -> bool {
             let arguments = ["clippy", "--workspace", "--all-targets", "--features", FEATURES, "--locked"];
             command(cargo(root).args(arguments).args(["--", "-D", "warnings"]))
         }),
-        // The program with default features, and thus without GPU backends.
+        // The program with default features, which don't include GPU backends.
         step("default program", &|| command(cargo(root).args(["check", "--package", "surfel-cli", "--locked"]))),
-        // The library as dependents use it: with default features, and with as few as possible.
+        // The library as dependents use it, with default features and with as few features as possible.
         step("default library", &|| command(cargo(root).args(["check", "--package", "surfel", "--locked"]))),
         step("smallest library", &|| {
             let arguments = ["check", "--package", "surfel", "--no-default-features", "--features", "cpu", "--locked"];

@@ -1,30 +1,31 @@
-//! `cargo xtask conformance` and `stability`: compare the backends with the truth, by programs of the package
-//! `surfel-conformance`.
+//! `cargo xtask conformance` and `stability`: compare the backends with the reference or with exact results, by
+//! programs of the package `surfel-conformance`.
 
 use std::path::Path;
 use std::process::ExitCode;
 
 use crate::{cargo, vulkan};
 
-/// Paths at which distributions install Chromium's software Vulkan driver, used as a second driver if it exists.
+/// Paths at which Linux distributions install Chromium's software Vulkan driver. It is used as a second driver if it
+/// exists.
 const SECOND_DRIVERS: [&str; 3] = [
     "/usr/lib/chromium/vk_swiftshader_icd.json",
     "/usr/lib64/chromium-browser/vk_swiftshader_icd.json",
     "/opt/google/chrome/vk_swiftshader_icd.json",
 ];
 
-/// Environment variable from which the Vulkan loader takes drivers.
+/// Environment variable that lists drivers for the Vulkan loader.
 const DRIVERS: &str = "VK_DRIVER_FILES";
 
-/// Runs a program of the package.
+/// Runs a program of the package `surfel-conformance` with these options.
 pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
-    // The program reports missing parts again, backend by backend.
+    // If Vulkan is incomplete, the program itself reports the missing backends.
     if let Err(problem) = vulkan::prepare(root) {
         eprintln!("error: {problem}");
         return ExitCode::FAILURE;
     }
     let first = run_on(root, program, options, None);
-    // The program has already reported usage errors.
+    // The program has reported the usage error.
     if first != ExitCode::SUCCESS && first != ExitCode::FAILURE {
         return first;
     }
@@ -39,8 +40,8 @@ pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
     if first == ExitCode::SUCCESS { second } else { first }
 }
 
-/// Returns the options of a second run with the backends that use a driver. `None` if there are no such backends, or if
-/// the options select an adapter or other scenes than the usual ones.
+/// Returns the options of a second run, with the backends that use a Vulkan driver. `None` if there are no such
+/// backends, or if the options select an adapter or special scenes.
 fn second_options(options: &[&str]) -> Option<Vec<String>> {
     let (mut kept, mut backends, mut all) = (Vec::new(), Vec::new(), true);
     let mut left = options.iter();
@@ -66,14 +67,14 @@ fn second_options(options: &[&str]) -> Option<Vec<String>> {
         backends = vec!["wgpu", "ash"];
     }
     kept.extend(backends.iter().flat_map(|name| ["--backend".to_owned(), (*name).to_owned()]));
-    // The second run is useful only on another driver.
+    // A second run is useful only on another driver.
     kept.extend(["--adapter".to_owned(), "swiftshader".to_owned()]);
     (!backends.is_empty()).then_some(kept)
 }
 
 fn run_on(root: &Path, program: &str, options: &[&str], driver: Option<&str>) -> ExitCode {
     let mut command = cargo(root);
-    // Paths are relative to the user's folder, not to the workspace.
+    // The program's paths are relative to the current folder, not to the workspace.
     if let Ok(here) = std::env::current_dir() {
         command.current_dir(here).arg("run").arg("--manifest-path").arg(root.join("Cargo.toml"));
     }

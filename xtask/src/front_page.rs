@@ -1,14 +1,15 @@
-//! Tests the program of the front page as a newcomer builds it: in its own crate, with Cargo's default profiles.
+//! Test of the front page's program, compiled as a newcomer would: in its own crate, with Cargo's default profiles.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::{cargo, python};
 
-/// Stack size in bytes of the optimised program's threads: the smallest default of any system.
+/// Stack size of the optimised program's threads, in bytes: the smallest default of any operating system.
 const LEAST_STACK: &str = "524288";
 
-/// Builds the program of README.md and runs it, unoptimised and as a release. Prints failures.
+/// Builds and runs the program of README.md, unoptimised and in release mode. Prints failures; returns true if there
+/// are none.
 pub(crate) fn test(root: &Path) -> bool {
     println!("\n== front page");
     let outcome = written(root).and_then(|folder| {
@@ -22,7 +23,7 @@ pub(crate) fn test(root: &Path) -> bool {
     outcome.is_ok()
 }
 
-/// Writes the crate, and returns its folder.
+/// Writes a crate with the program, and returns the crate's folder.
 fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     let folder = python::target(root).join("front-page");
     let failed = |error: std::io::Error| format!("{}: can't be written: {error}", folder.display());
@@ -38,22 +39,22 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     std::fs::create_dir_all(folder.join("src")).map_err(failed)?;
     std::fs::write(folder.join("Cargo.toml"), manifest).map_err(failed)?;
     std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)?;
-    // The lock file gives the same versions as in the workspace, which are already downloaded.
+    // With this lock file, the crate uses the versions of the workspace, which are already downloaded.
     std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).map_err(failed)?;
     Ok(folder)
 }
 
-/// Returns the first program of the section on the library.
+/// Returns the first program in README.md's section on the library.
 pub(crate) fn program_of(readme: &str) -> Option<&str> {
     first_block(readme, "## As a library", "```rust")
 }
 
-/// Returns the first program of the section on Python.
+/// Returns the first program in README.md's section on Python.
 pub(crate) fn python_of(readme: &str) -> Option<&str> {
     first_block(readme, "## In Python", "```python")
 }
 
-/// Returns the first block of code after a heading.
+/// Returns the first block of code after a heading. `fence` is the line that begins the block.
 fn first_block<'a>(page: &'a str, heading: &str, fence: &str) -> Option<&'a str> {
     let section = page.split_once(heading)?.1;
     let program = section.split_once(fence)?.1.split_once('\n')?.1;

@@ -6,11 +6,11 @@ use std::process::Command;
 
 use crate::{assets, cargo};
 
-/// Conversions that make the input files of images.
+/// Arguments of the conversions that make input files for images.
 const CONVERSIONS: &[&[&str]] =
     &[&["convert", "assets/generated/part.obj", "-o", "assets/generated/part-sharp.ply", "--sharp", "--splats", "960"]];
 
-/// Images: name, and arguments of the program.
+/// Images: the file name without extension, and arguments of the program.
 const IMAGES: &[(&str, &[&str])] = &[
     ("glass", &["assets/gallery/glass.json"]),
     ("half-spot", &["assets/gallery/half-spot.json"]),
@@ -31,24 +31,24 @@ const IMAGES: &[(&str, &[&str])] = &[
 /// Folder of generated inputs of figures.
 const GENERATED: &str = "assets/generated";
 
-/// Page whose commands are run.
+/// Page whose images are drawn by the commands on it.
 const PAGE: &str = "docs/figures.md";
-/// Width of the page's figures in pixels, in place of that in their commands.
+/// Width of the page's figures in pixels, which replaces the width in their commands.
 const FIGURE_WIDTH: &str = "720";
-/// Size of the page's other images, likewise.
+/// Size of the page's other images in pixels, which replaces the size in their commands.
 const IMAGE_SIZE: &str = "640x480";
 
-/// Number of scans of the film of docs/films.md.
+/// Number of scans in the film of docs/films.md.
 const SWINGS: usize = 24;
 
-/// Images of models that the repository may not contain: name of the scene in assets/gallery/models, and file of the
-/// model.
+/// Images of models that the repository may not contain: the scene's name in assets/gallery/models, and the model's
+/// file.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
 
-/// Placeholder for the models' folder in their scenes.
+/// Placeholder in these scenes for the path of the models' folder.
 const PLACEHOLDER: &str = "MODELS/";
 
-/// Output folder of the models' images, relative to the workspace: among build results, outside of the tree.
+/// Output folder of the models' images, relative to the workspace. It is in the build folder, which git ignores.
 const MODEL_IMAGES: &str = "target/gallery";
 
 /// Draws every image of docs/gallery.md, the figures of docs/figures.md and the film of docs/films.md.
@@ -62,7 +62,7 @@ pub(crate) fn run(root: &Path) -> bool {
         && film(root)
 }
 
-/// Draws the images of the models in a folder, which is relative to the current folder.
+/// Draws the images of the models in `folder`, which is relative to the current folder.
 pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     let result = std::env::current_dir().and_then(|here| {
         std::fs::create_dir_all(root.join(MODEL_IMAGES))?;
@@ -89,19 +89,19 @@ pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     })
 }
 
-/// Returns a scene with the placeholder replaced by this folder.
+/// Returns the text of a scene in which the placeholder is replaced by a folder.
 fn in_folder(template: &str, folder: &Path) -> String {
     let escaped = folder.display().to_string().replace('\\', "\\\\").replace('"', "\\\"");
     template.replace(PLACEHOLDER, &format!("{escaped}/"))
 }
 
-/// Draws an image by the CPU backend, which supports all of them and gives the same bits on any machine.
+/// Draws an image with the CPU backend, which supports all images and gives the same bits on every machine.
 fn draw(root: &Path, arguments: &[&str], file: &str) -> bool {
     println!("{file}");
     surfel(root, &[arguments, &["-o", file, "--force", "--backend", "cpu"][..]].concat())
 }
 
-/// Writes the village of the figures, which a script of Python's standard library generates.
+/// Generates the village of the figures with a Python script.
 fn village(root: &Path) -> bool {
     let output = Command::new("python3").current_dir(root).arg("assets/tutorial/village.py").output();
     let written = output.and_then(|output| {
@@ -116,7 +116,7 @@ fn village(root: &Path) -> bool {
     written.is_ok()
 }
 
-/// Draws the film of scans that a script of Python's standard library generates.
+/// Draws the film of scans, which a Python script generates.
 fn film(root: &Path) -> bool {
     let script = ["assets/tutorial/swing.py", GENERATED];
     let written = Command::new("python3").current_dir(root).args(script).status();
@@ -131,7 +131,7 @@ fn film(root: &Path) -> bool {
     draw(root, &words, "docs/images/film-sequence.gif")
 }
 
-/// Draws the images of the page by its own commands.
+/// Draws the images of the page [`PAGE`] by the commands on it.
 fn page(root: &Path) -> bool {
     let text = match std::fs::read_to_string(root.join(PAGE)) {
         Ok(text) => text,
@@ -146,8 +146,8 @@ fn page(root: &Path) -> bool {
     })
 }
 
-/// Returns the images of a page whose text before them is a command of the program: their names, and the command's
-/// words without its output, in the size of the page's images.
+/// Returns the images of a page that follow a command of the program. Each has a name and the words of its command. The
+/// words have no output, and the size of the page's images.
 fn commands(page: &str) -> Vec<(String, Vec<String>)> {
     let (mut command, mut is_command, mut found) = (String::new(), false, Vec::new());
     for line in page.lines() {
@@ -169,7 +169,7 @@ fn commands(page: &str) -> Vec<(String, Vec<String>)> {
     found
 }
 
-/// Splits a shell's words, of which some are in single quotes.
+/// Splits a shell command into words, of which some are in single quotes.
 fn split(text: &str) -> Vec<String> {
     let (mut words, mut word, mut is_quoted) = (Vec::new(), String::new(), false);
     for letter in text.chars() {
@@ -183,7 +183,7 @@ fn split(text: &str) -> Vec<String> {
     words.iter().flat_map(|word| expanded(word)).collect()
 }
 
-/// Expands the lists in braces of a word, as shells do.
+/// Expands a list in braces in a word, as shells do.
 fn expanded(word: &str) -> Vec<String> {
     let Some((before, (list, after))) = word.split_once('{').and_then(|(a, b)| Some((a, b.split_once('}')?))) else {
         return vec![word.to_owned()];
@@ -192,10 +192,10 @@ fn expanded(word: &str) -> Vec<String> {
     list.split(',').flat_map(|item| rest.iter().map(move |after| format!("{before}{item}{after}"))).collect()
 }
 
-/// Replaces a command's output and size.
+/// Returns the words of a command with another output and size.
 fn sized(words: &[String]) -> Vec<String> {
     let is_figure = words.first().is_some_and(|word| word == "figure");
-    // The size of a figure's panel states their proportions.
+    // The size of a figure's panel determines the proportions of the figure, so it isn't replaced.
     let replaced: &[&str] = if is_figure { &["-o", "--width", "--dpi"] } else { &["-o", "--size"] };
     let mut all = Vec::new();
     let mut words = words.iter();
@@ -211,7 +211,7 @@ fn sized(words: &[String]) -> Vec<String> {
     all
 }
 
-/// Runs the program, built for release.
+/// Runs the program `surfel`, built for release.
 fn surfel(root: &Path, arguments: &[&str]) -> bool {
     let mut command = cargo(root);
     command.args(["run", "--quiet", "--release", "--locked", "--package", "surfel-cli", "--"]).args(arguments);

@@ -1,23 +1,23 @@
-//! `cargo xtask gpu-kit` and `gpu-report`: a folder that measures a GPU on a machine without any other software, and
-//! the page of its measurements.
+//! `cargo xtask gpu-kit` and `gpu-report`. The first makes a folder that measures a GPU on a machine without other
+//! software; the second makes the page of its measurements.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::cargo;
 
-/// Folder of the kit, and page of the report.
+/// Folder of the kit.
 const FOLDER: &str = "target/gpu-kit";
 const PAGE: &str = "docs/data/gpu.md";
-/// Maximum size of the folder in bytes: a machine that is lent takes 64 MiB.
+/// Maximum size of the kit's folder, in bytes. It has to fit the 64 MiB that can be transferred to a borrowed machine.
 const MOST_BYTES: u64 = 66_000_000;
 
 const SCRIPT: &str = include_str!("gpu_kit/run.sh");
 
-/// Files of the tree that the kit draws.
+/// Files of the model Spot, which the kit draws.
 const SPOT: [&str; 5] = ["spot.json", "spot.obj", "spot.mtl", "spot_texture.png", "LICENSE.txt"];
 
-/// Libraries of this machine that others may lack: folder in the kit, files, and licence.
+/// Libraries that other machines may lack: their folder in the kit, their files, and their licence.
 const LIBRARIES: [(&str, &[&str], &str); 3] = [
     ("vulkan", &["libvulkan.so.1"], "The Khronos Vulkan loader, Apache License 2.0.\n"),
     ("libgcc", &["libgcc_s.so.1"], "GCC's run-time library, GPL 3 with the GCC Runtime Library Exception.\n"),
@@ -28,7 +28,7 @@ const LIBRARIES: [(&str, &[&str], &str); 3] = [
     ),
 ];
 
-/// Builds the kit.
+/// Builds the kit. Returns true on success.
 pub(crate) fn run(root: &Path) -> bool {
     build(root).map_err(|problem| eprintln!("error: {problem}")).is_ok()
 }
@@ -43,7 +43,7 @@ fn build(root: &Path) -> Result<(), String> {
         return Err("the release build failed".into());
     }
     let release = crate::python::target(root).join("release");
-    // Files of an earlier run would otherwise become part of the kit.
+    // Files of an earlier build would become part of the kit.
     let _ = std::fs::remove_dir_all(&folder);
     make(&folder)?;
     let mut glibc = [2, 0];
@@ -85,7 +85,7 @@ fn build(root: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes the page of the results that the kit's script wrote to a folder.
+/// Writes the page of the results in the folder `out`, which the kit's script has written.
 pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
     let Ok(out) = std::env::current_dir().map(|here| here.join(out)) else { return false };
     let built = root.join(FOLDER).join("gpu-kit");
@@ -94,7 +94,7 @@ pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
         command.current_dir(root).arg("bench");
         command
     } else {
-        // The report measures nothing, so an unoptimised program is enough.
+        // The report needs no optimised program, because it measures nothing.
         let mut command = cargo(root);
         command.args(["run", "--quiet", "--locked", "--package", "surfel-bench", "--"]);
         command
@@ -103,13 +103,13 @@ pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
     command.status().is_ok_and(|status| status.success())
 }
 
-/// Runs `cargo xtask gpu-report OUT`.
+/// Runs `cargo xtask gpu-report OUT`: writes the page [`PAGE`] of the results in the folder `out`.
 pub(crate) fn report_page(root: &Path, out: &str) -> bool {
     report(root, out, Path::new(PAGE))
 }
 
-/// Builds the kit, runs its script on the devices of this machine in an empty environment, and checks its results.
-/// Returns true if all of them are right.
+/// Builds the kit, runs its script on the devices of this machine in an empty environment, and checks the results.
+/// Returns true if there are no problems.
 pub(crate) fn test(root: &Path) -> bool {
     println!("\n== GPU kit");
     if !run(root) {
@@ -119,7 +119,7 @@ pub(crate) fn test(root: &Path) -> bool {
     let _ = std::fs::remove_dir_all(&out);
     let mut script = Command::new(root.join(FOLDER).join("run.sh"));
     script.arg(&out).env_clear().env("PATH", "/usr/bin:/bin:/usr/sbin:/sbin");
-    // A driver that the user selected remains selected.
+    // The user's selection of a driver remains in effect.
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
         script.envs(std::env::var(name).map(|value| (name, value)));
     }
@@ -132,7 +132,7 @@ pub(crate) fn test(root: &Path) -> bool {
     passed && is_written && problems.is_empty()
 }
 
-/// Returns the problems of the script's results, on a machine with Vulkan.
+/// Returns the problems in the results of the script, on a machine with Vulkan.
 fn problems(results: &str, page: &str) -> Vec<String> {
     let mut problems = Vec::new();
     let mut expect = |is_so: bool, problem: &str| problems.extend((!is_so).then(|| format!("GPU kit: {problem}")));
@@ -151,7 +151,7 @@ fn problems(results: &str, page: &str) -> Vec<String> {
     problems
 }
 
-/// Text of the page as long as no GPU is measured.
+/// Text of the page until a GPU is measured.
 pub(crate) const NOT_MEASURED: &str = "**Not measured.**";
 
 fn is_of_gpu(line: &str) -> bool {
@@ -174,10 +174,10 @@ fn copy(from: &Path, to: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Copies a program without its symbols, and returns the version of glibc that it needs.
+/// Copies a program and removes its symbols. Returns the version of glibc that the program needs.
 fn program(from: &Path, to: &Path) -> Result<[u32; 2], String> {
     let bytes = copy(from, to)?;
-    // Binutils come with every linker; without strip the kit is larger.
+    // Every linker's installation has `strip`. Without it, only the size of the kit is larger.
     if !Command::new("strip").arg(to).status().is_ok_and(|status| status.success()) {
         println!("note: strip can't be run, {} keeps its symbols", to.display());
     }
@@ -197,7 +197,7 @@ fn executable(_path: &Path) -> Result<(), String> {
     Err("the kit is for Linux: build it there".into())
 }
 
-/// Returns the greatest version of glibc among the symbols that a program imports, such as `GLIBC_2.35`.
+/// Returns the largest version of glibc among the symbols that a program imports, such as `GLIBC_2.35`.
 fn least_glibc(program: &[u8]) -> [u32; 2] {
     const PREFIX: &[u8] = b"GLIBC_";
     let versions = program.windows(PREFIX.len()).enumerate().filter(|(_, bytes)| *bytes == PREFIX).map(|(at, _)| {
@@ -209,13 +209,13 @@ fn least_glibc(program: &[u8]) -> [u32; 2] {
     versions.max().unwrap_or_default()
 }
 
-/// Returns the path of a library on this machine.
+/// Returns the path of a library on this machine, if it is installed.
 fn library(name: &str) -> Option<PathBuf> {
     let folders = ["/usr/lib/x86_64-linux-gnu", "/lib/x86_64-linux-gnu", "/usr/lib64", "/lib64", "/usr/lib", "/lib"];
     folders.iter().map(|folder| Path::new(folder).join(name)).find(|path| path.is_file())
 }
 
-/// Returns the total size of a folder's files in bytes.
+/// Returns the total size of the files in a folder, in bytes.
 fn size(folder: &Path) -> u64 {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries
@@ -226,7 +226,7 @@ fn size(folder: &Path) -> u64 {
         .sum()
 }
 
-/// Returns the commit, with a trailing `+` if files differ from it; empty without git.
+/// Returns the commit of the source, with a trailing `+` if the working tree has changes; empty without git.
 fn commit(root: &Path) -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").current_dir(root).args(arguments).output().ok()?;

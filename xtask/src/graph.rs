@@ -1,4 +1,4 @@
-//! Packages that the shipped program and the Python package contain, as reported by `cargo metadata`.
+//! Dependency graph of the shipped program and of the Python package, from `cargo metadata`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -7,22 +7,22 @@ use serde_json::Value;
 
 use crate::cargo;
 
-/// Features of the shipped program and extension module.
+/// Cargo features of the shipped program and extension module.
 const SHIPPED: &str = "surfel-cli/gpu,surfel-cli/mcp,surfel-cli/zstd,surfel-python/gpu,surfel-python/zstd";
 
-/// Package that is shipped, or depends on one that is.
+/// Package of the dependency graph.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Package {
     pub(crate) name: String,
     pub(crate) version: String,
-    /// SPDX expression.
+    /// Licence as an SPDX expression.
     pub(crate) licence: String,
     pub(crate) repository: Option<String>,
-    /// Folder of the sources.
+    /// Folder of the package's sources.
     pub(crate) folder: PathBuf,
     /// True if the package belongs to this workspace.
     pub(crate) is_ours: bool,
-    /// SHA-256 of the package's archive, stated by the registry.
+    /// SHA-256 of the package's archive, as stated by the registry.
     pub(crate) checksum: Option<String>,
     /// Package URLs of the dependencies, sorted.
     pub(crate) needs: Vec<String>,
@@ -35,7 +35,7 @@ impl Package {
     }
 }
 
-/// Returns all packages that `roots` contain on Linux, themselves included, sorted by name and version.
+/// Returns all packages that `roots` contain on Linux, including the roots, sorted by name and version.
 pub(crate) fn shipped(root: &Path, roots: &[&str]) -> Result<Vec<Package>, String> {
     let metadata = metadata(root)?;
     let lock = std::fs::read_to_string(root.join("Cargo.lock")).map_err(|error| format!("Cargo.lock: {error}"))?;
@@ -55,7 +55,7 @@ pub(crate) fn shipped(root: &Path, roots: &[&str]) -> Result<Vec<Package>, Strin
     Ok(found)
 }
 
-/// Returns the output of `cargo metadata`. Packages are downloaded only if some are missing.
+/// Runs `cargo metadata` and returns its output. Packages are downloaded only if some are missing.
 fn metadata(root: &Path) -> Result<Value, String> {
     let mut complaint = String::new();
     for extra in [&["--offline"][..], &[]] {
@@ -73,7 +73,7 @@ fn metadata(root: &Path) -> Result<Value, String> {
     Err(format!("cargo metadata failed: {complaint}"))
 }
 
-/// Returns all packages by cargo's ids. Only dependencies that a program links are listed: neither development nor
+/// Returns all packages by their ids in cargo. Only dependencies that a program links are listed, not development or
 /// build dependencies.
 fn packages(metadata: &Value, checksums: &BTreeMap<(String, String), String>) -> Option<BTreeMap<String, Package>> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
@@ -106,7 +106,7 @@ fn packages(metadata: &Value, checksums: &BTreeMap<(String, String), String>) ->
     Some(packages)
 }
 
-/// Returns the checksums of a lock file, by name and version.
+/// Returns the checksums in a lock file, by name and version of the package.
 fn checksums(lock: &str) -> BTreeMap<(String, String), String> {
     let value = |block: &str, key: &str| {
         let line = block.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(" = \""));

@@ -17,7 +17,7 @@ const TITLES: &str = "\
 | peak, MB | near view, warm, s | CPU, s | peak, MB |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
-/// Resources that a program used.
+/// Resources that a run of a program used.
 pub(crate) struct Cost {
     wall_s: f64,
     pub(crate) cpu_s: f64,
@@ -46,7 +46,7 @@ pub(crate) fn run(root: &Path, words: &[&str]) -> bool {
     done.map_err(|problem: String| eprintln!("error: {problem}")).is_ok()
 }
 
-/// Builds packages for release.
+/// Builds packages for release. Each item has cargo's arguments for one build.
 pub(crate) fn build(root: &Path, packages: &[&[&str]]) -> Result<(), String> {
     for of in packages {
         let status = cargo(root).args(["build", "--release", "--locked", "--quiet", "-p"]).args(*of).status();
@@ -89,12 +89,12 @@ fn row(root: &Path, folder: &Path, millions: u32) -> Result<String, String> {
     Ok(format!("| {sizes} | {converted} | {:.1} | {warm} | {near} |", cold.wall_s))
 }
 
-/// Runs a program under GNU time, and returns its cost. The program must succeed.
+/// Runs a program under GNU time, and returns the cost. Returns an error if the program fails.
 fn measured(program: &mut Command) -> Result<Cost, String> {
     measured_with_code(program, 0)
 }
 
-/// Runs a program under GNU time, which must end with this code.
+/// Runs a program under GNU time, and returns the cost. Returns an error if the exit code isn't `code`.
 pub(crate) fn measured_with_code(program: &mut Command, code: i32) -> Result<Cost, String> {
     let mut timed = Command::new("/usr/bin/time");
     timed.args(["-f", "cost %e %U %S %M"]).arg(program.get_program()).args(program.get_args());

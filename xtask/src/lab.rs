@@ -1,4 +1,4 @@
-//! The widget in JupyterLab: runs a notebook's cell in headless Chromium, and turns the scene.
+//! Test of the widget in JupyterLab. It runs a notebook's cell in headless Chromium, and rotates the scene.
 
 use std::fs;
 use std::net::{TcpListener, TcpStream};
@@ -9,15 +9,15 @@ use std::time::Duration;
 
 use crate::{page, python};
 
-/// Cell of the tested notebook: a coloured sphere.
+/// Source of the tested notebook's cell, which draws a coloured sphere.
 const CELL: &str = "import numpy as np, surfel\\n\
     points = np.random.default_rng(1).normal(size=(20000, 3))\\n\
     points /= np.linalg.norm(points, axis=1)[:, None]\\n\
     surfel.scene(points, colors=(points + 1) / 2).widget(backend='cpu')";
-/// Number of attempts to reach the server, each a tenth of a second after the other.
+/// Maximum number of attempts to connect to the server, at intervals of 0.1 s.
 const ATTEMPTS: u32 = 600;
 
-/// Tests the widget; true if it passed, or if the page's tests have installed no packages.
+/// Tests the widget. Returns true if the test passed, or if the packages of the page's tests aren't installed.
 pub(crate) fn test(root: &Path, interpreter: &Path) -> bool {
     let tests = page::folder(root);
     if !tests.join("node_modules").is_dir() {

@@ -1,5 +1,6 @@
-//! `cargo xtask licences`: the licences of all dependencies in one file, and the software bill of materials (SBOM) in
-//! CycloneDX's format. Both are committed, shipped with every artefact, and depend on nothing but Cargo.lock.
+//! `cargo xtask licences`: writes the licences of all dependencies to one file, and the software bill of materials
+//! (SBOM) in the format CycloneDX. Both files are committed and shipped with every artefact. They depend only on
+//! Cargo.lock.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,17 +10,17 @@ use serde_json::{Value, json};
 
 use crate::graph::{self, Package};
 
-/// Files that are written.
+/// Files that the command writes.
 pub(crate) const LICENCES: &str = "THIRD-PARTY.txt";
 pub(crate) const SBOM: &str = "packaging/surfel.cdx.json";
 
-/// Packages that are shipped: the program and the extension module of the Python package.
+/// Packages that are shipped: the program, and the extension module of the Python package.
 const ROOTS: [&str; 2] = ["surfel-cli", "surfel-python"];
 
-/// Beginnings of the names of files with licence texts, in lower case.
+/// Prefixes of the names of licence files, in lower case.
 const TEXTS: [&str; 5] = ["license", "licence", "copying", "notice", "unlicense"];
 
-/// Writes both files.
+/// Writes both files. Returns true on success.
 pub(crate) fn run(root: &Path) -> bool {
     let written = generated(root).and_then(|files| {
         for (name, text) in &files {
@@ -34,7 +35,7 @@ pub(crate) fn run(root: &Path) -> bool {
     written.is_ok()
 }
 
-/// Returns the names of files that differ from what `run` would write.
+/// Returns the names of the committed files that differ from those that [`run`] would write.
 pub(crate) fn outdated(root: &Path) -> Result<Vec<&'static str>, String> {
     let files = generated(root)?;
     let differs = |name: &str, text: &String| std::fs::read_to_string(root.join(name)).ok().as_ref() != Some(text);
@@ -48,7 +49,7 @@ fn generated(root: &Path) -> Result<[(&'static str, String); 2], String> {
     Ok([(LICENCES, licences(&packages)?), (SBOM, sbom + "\n")])
 }
 
-/// Returns the list of packages, then every licence text once.
+/// Returns the text of the licence file: the list of packages, then every licence text once.
 fn licences(packages: &[Package]) -> Result<String, String> {
     let foreign: Vec<&Package> = packages.iter().filter(|package| !package.is_ours).collect();
     let mut page = format!(
@@ -57,7 +58,7 @@ fn licences(packages: &[Package]) -> Result<String, String> {
          This file is generated: cargo xtask licences\n\n",
         foreign.len()
     );
-    // Texts that differ in white space alone are one text.
+    // Texts that differ only in white space count as one text.
     let mut texts: BTreeMap<String, (String, Vec<String>)> = BTreeMap::new();
     for package in &foreign {
         let name = format!("{} {}", package.name, package.version);
@@ -77,7 +78,7 @@ fn licences(packages: &[Package]) -> Result<String, String> {
     Ok(page)
 }
 
-/// Returns the licence texts in a package's folder, by name of file.
+/// Returns the licence texts in a package's folder, sorted by file name.
 fn texts_of(folder: &Path) -> Result<Vec<String>, String> {
     let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
     let mut names = Vec::new();
@@ -97,7 +98,7 @@ fn texts_of(folder: &Path) -> Result<Vec<String>, String> {
     names.iter().map(read).collect()
 }
 
-/// Returns the bill of materials of CycloneDX 1.5. It has no time and no random number, so that the same lock file
+/// Returns the bill of materials in CycloneDX 1.5. It contains no time and no random number, so that the same lock file
 /// gives the same bytes.
 fn sbom(packages: &[Package], version: &str) -> Value {
     let own = format!("pkg:generic/surfel@{version}");

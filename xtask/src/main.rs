@@ -1,5 +1,5 @@
-//! Chores of the project, run as `cargo xtask COMMAND`. This package depends on no other one of the workspace: it
-//! spawns cargo.
+//! Project chores, run as `cargo xtask COMMAND`. This package depends on no other package of the workspace; it starts
+//! cargo as a separate process.
 
 mod assets;
 mod bench;
@@ -27,7 +27,8 @@ use std::process::{Command, ExitCode};
 
 use suites::Gpu;
 
-/// Features that no package enables by default but that are tested: GPU backends, `surfel mcp`, all of the facade's.
+/// Cargo features that are tested although no package enables them by default: GPU backends, `surfel mcp`, and all
+/// features of the facade.
 const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash,surfel-cli/mcp,\
                         surfel/wgpu,surfel/ash,surfel/reference,surfel/sharp";
 
@@ -140,9 +141,10 @@ fn main() -> ExitCode {
     if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// Returns the folder of the workspace: the parent of this package's folder.
+/// Returns the folder of the workspace, which is the parent of this package's folder.
 fn workspace_root() -> PathBuf {
-    // Cargo sets the variable when it runs this program, so that it also works in a checkout that has been moved.
+    // Cargo sets the variable when it runs this program. The program thus works in a checkout that was moved after the
+    // build.
     let package =
         std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
     package.parent().map_or_else(|| package.clone(), Path::to_path_buf)
@@ -155,8 +157,8 @@ fn cargo(root: &Path) -> Command {
     command
 }
 
-/// Returns a command that runs cargo for tests. In a fresh checkout it disables incremental compilation, whose files
-/// take up to half as long again to write and only speed up later builds.
+/// Returns a command that runs cargo for tests. In a fresh checkout, it disables incremental compilation, whose files
+/// take up to half as long again to write and speed up only later builds.
 fn cargo_for_tests(root: &Path) -> Command {
     let mut command = cargo(root);
     let kept = std::fs::read_dir(python::target(root).join("debug").join("incremental"));
@@ -168,7 +170,7 @@ fn cargo_for_tests(root: &Path) -> Command {
     command
 }
 
-/// True if the environment forbids skipping `what`.
+/// True if the environment variable `SURFEL_REQUIRE` forbids skipping `what`.
 fn required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
 }

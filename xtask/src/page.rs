@@ -1,13 +1,13 @@
-//! The page of `surfel view`: its tests in headless Chromium.
+//! Tests of the page of `surfel view` in headless Chromium.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::python::{self, Tested};
 
-/// Folder of the tests.
+/// Folder of the tests' sources.
 const TESTS: &str = "crates/surfel-view/tests/page";
-/// The page's scripts, whose syntax is checked wherever there is node.
+/// Scripts of the page, whose syntax is checked if node is installed.
 const SCRIPTS: [&str; 6] = [
     "crates/surfel-view/page/view.js",
     "crates/surfel-view/page/export.js",
@@ -16,18 +16,18 @@ const SCRIPTS: [&str; 6] = [
     "crates/surfel-view/page/frame.js",
     "crates/surfel-web/tests/module.mjs",
 ];
-/// Files of the tests.
+/// Names of the tests' files.
 const FILES: [&str; 8] =
     ["package.json", "browser.mjs", "hill.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs", "lab.mjs"];
 const CHROMIUM: &str = "/usr/bin/chromium";
 
-/// Returns the folder in which the tests run, with npm's packages.
+/// Returns the folder in which the tests run. It contains npm's packages.
 pub(crate) fn folder(root: &Path) -> PathBuf {
     python::target(root).join("page-tests")
 }
 
-/// Tests the page by the program that the earlier tests have built. With `full`, installs Chromium and npm's packages
-/// where they are missing.
+/// Tests the page with the program that earlier tests have built. With `full`, installs Chromium and npm's packages if
+/// they are missing.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== page of surfel view");
     let runs = |command: &mut Command| command.status().is_ok_and(|status| status.success());

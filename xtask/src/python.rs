@@ -1,4 +1,4 @@
-//! Python package: builds its wheels, and runs its tests in a separate environment.
+//! Python package: builds its wheels, and runs its tests in a virtual environment.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -9,10 +9,10 @@ use crate::{FEATURES, cargo_for_tests, lab};
 const PACKAGE: &str = "crates/surfel-python";
 pub(crate) const SOURCE: &str = "crates/surfel-python/python";
 const TESTS: &str = "crates/surfel-python/tests";
-/// Packages that the tests need, as pip requirements and as module names.
+/// Packages that the tests need: pip requirement and module name.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
-/// Additional packages for the notebooks, engines, rivals and tests of other packages.
+/// Further packages, for notebooks, rendering engines, comparisons with other programs, and tests of other packages.
 const SHOWN_BY: [(&str, &str); 18] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
@@ -34,30 +34,30 @@ const SHOWN_BY: [(&str, &str); 18] = [
     ("torch", "torch"),
 ];
 
-/// Platform of a wheel.
+/// Platform for which a wheel is built.
 pub(crate) struct Platform {
     pub(crate) triple: &'static str,
     /// Platform tag of the wheel, without the processor.
     pub(crate) tag: &'static str,
-    /// Platform and image of a container in which the wheel is tried.
+    /// Docker platform of the container in which the wheel is tested.
     pub(crate) docker: &'static str,
     pub(crate) image: &'static str,
 }
 
 impl Platform {
-    /// True if rustup has installed the platform's standard library.
+    /// True if rustup has installed the standard library of the platform.
     pub(crate) fn is_installed(&self, root: &Path) -> bool {
         has_target(root, self.triple)
     }
 
-    /// True if a wheel of this name is of this platform.
+    /// True if a wheel with this file name is for this platform.
     pub(crate) fn made(&self, wheel: &str) -> bool {
         let processor = self.triple.split('-').next().unwrap_or_default();
         wheel.contains(self.tag) && wheel.ends_with(&format!("{processor}.whl"))
     }
 }
 
-/// Platforms of the wheels.
+/// Platforms for which wheels are built.
 pub(crate) const TARGETS: [Platform; 4] = [
     Platform {
         triple: "x86_64-unknown-linux-gnu",
@@ -93,21 +93,21 @@ pub(crate) enum Tested {
     Skipped(String),
 }
 
-/// Tests the package. With `full`, installs it by maturin, and tests its notebooks, engines and rivals, too.
+/// Tests the package. With `full`, installs it with maturin, and also tests its notebooks, engines and comparisons.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
     let python = match environment(root, &TESTED_BY) {
         Ok(python) => python,
         Err(why) => return Tested::Skipped(why),
     };
-    // The earlier tests have built this program. Building it separately, with fewer features, would compile half of the
-    // crates again.
+    // Earlier tests have built this program. A separate build with fewer features would compile half of the crates
+    // again.
     let program = target(root).join("debug").join("surfel");
     let ran = |words: &[&str]| {
         let mut command = Command::new(&python);
         command.current_dir(root).args(words).env("SURFEL_PROGRAM", &program);
         command.env("PYTHONPATH", root.join(SOURCE));
-        // Maturin installs into the active environment.
+        // Maturin installs into the active virtual environment.
         command.env("VIRTUAL_ENV", folder(root)).status().is_ok_and(|status| status.success())
     };
     let is_built = if full || !cfg!(target_os = "linux") {
@@ -137,13 +137,13 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if shown.iter().all(|words| ran(words)) && lab::test(root, &python) { Tested::Passed } else { Tested::Failed }
 }
 
-/// Builds the extension module in the folder where Python searches for it. It uses the features of the Rust tests,
-/// although it needs none of them, since other features would compile everything again.
+/// Builds the extension module in the folder where Python searches for it. The features are those of the Rust tests,
+/// since other features would compile everything again.
 fn build(root: &Path) -> bool {
     let mut command = cargo_for_tests(root);
     command.args(["build", "--quiet", "--workspace", "--lib", "--tests", "--features", FEATURES, "--locked"]);
     command.args(["--exclude", "surfel-benches"]);
-    // Like maturin, this doesn't link Python itself.
+    // As in builds by maturin, Python itself isn't linked.
     command.env("PYO3_BUILD_EXTENSION_MODULE", "1");
     if !command.status().is_ok_and(|status| status.success()) {
         return false;
@@ -158,7 +158,7 @@ fn build(root: &Path) -> bool {
     }
 }
 
-/// Builds a wheel for each platform that rustup has installed.
+/// Builds the wheels of all platforms that rustup has installed.
 pub(crate) fn wheel(root: &Path) -> bool {
     let out = target(root).join("wheels");
     let mut passed = true;
@@ -175,21 +175,21 @@ pub(crate) fn wheel(root: &Path) -> bool {
     passed
 }
 
-/// Builds the wheel of a platform into `out`, by maturin and zig of pip. `epoch` is the time of the files in it, in
-/// seconds since 1970.
+/// Builds the wheel of a platform into the folder `out`, with maturin and zig from pip. `epoch` is the modification
+/// time of the files in the wheel, in seconds since 1970.
 pub(crate) fn wheel_of(root: &Path, platform: &Platform, out: &Path, target: &Path, epoch: &str) -> Result<(), String> {
     let python = environment(root, &[BUILT_BY[0], ("ziglang", "ziglang")])?;
     let mut command = Command::new(&python);
     let triple = platform.triple;
     command.current_dir(root).args(["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", triple]);
-    // The GPU backends: the whole program with both takes 11 MB when it is compressed.
+    // With the GPU backends, the compressed wheel has 11 MB.
     command.args(["--features", "gpu", "--compatibility", platform.tag, "--out"]).arg(out);
-    // Maturin uses the first python3 of the path to find zig.
+    // Maturin finds zig by the first python3 in the search path.
     command.env("VIRTUAL_ENV", folder(root)).env("PATH", path(root)?).env("CARGO_TARGET_DIR", target);
-    // Zip archives begin in 1980; maturin clamps earlier times.
+    // Zip archives can't store times before 1980; maturin clamps earlier times.
     command.env("SOURCE_DATE_EPOCH", epoch);
     if triple.ends_with("musl") {
-        // An extension module is a shared library, which musl's static C library can't be linked into.
+        // An extension module is a shared library, into which musl's static C library can't be linked.
         let variable = format!("CARGO_TARGET_{}_RUSTFLAGS", triple.to_uppercase().replace('-', "_"));
         command.env(variable, "-C target-feature=-crt-static");
     }
@@ -206,7 +206,7 @@ pub(crate) fn has_target(root: &Path, triple: &str) -> bool {
     installed.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).lines().any(|line| line.trim() == triple))
 }
 
-/// Returns a clause that lists the targets of these that rustup hasn't installed; empty if none is missing.
+/// Returns a clause that lists those of these targets that rustup hasn't installed; empty if none is missing.
 pub(crate) fn not_installed(root: &Path, triples: &[&str]) -> String {
     let missing: Vec<&str> = triples.iter().filter(|triple| !has_target(root, triple)).copied().collect();
     match missing.is_empty() {
@@ -215,7 +215,7 @@ pub(crate) fn not_installed(root: &Path, triples: &[&str]) -> String {
     }
 }
 
-/// Returns the search path with the environment's programs first.
+/// Returns the search path (`PATH`) with the virtual environment's programs first.
 pub(crate) fn path(root: &Path) -> Result<std::ffi::OsString, String> {
     let others = std::env::var_os("PATH").unwrap_or_default();
     let folders = std::iter::once(folder(root).join("bin")).chain(std::env::split_paths(&others));
@@ -226,12 +226,12 @@ pub(crate) fn target(root: &Path) -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder))
 }
 
-/// Returns the environment's folder.
+/// Returns the folder of the virtual environment.
 fn folder(root: &Path) -> PathBuf {
     target(root).join("python")
 }
 
-/// Returns the interpreter of an environment that has these packages, or the reason why there is none.
+/// Returns the Python interpreter of a virtual environment with these packages, or the reason why there is none.
 pub(crate) fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String> {
     if !root.join(PACKAGE).is_dir() {
         return Err(format!("there is no {PACKAGE}"));
@@ -253,7 +253,7 @@ pub(crate) fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<Path
     Ok(python)
 }
 
-/// Installs the packages that are missing.
+/// Installs those of the packages that are missing.
 fn install(python: &Path, packages: &[(&str, &str)]) -> Result<(), String> {
     let found = "import importlib.util as u, sys; sys.exit(any(u.find_spec(name) is None for name in sys.argv[1:]))";
     let names = packages.iter().map(|(_, module)| module);

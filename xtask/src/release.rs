@@ -1,5 +1,5 @@
-//! `cargo xtask release --dry-run`: makes everything that a release publishes, tries it as a stranger would, and prints
-//! what the owner has to do. Nothing is uploaded.
+//! `cargo xtask release --dry-run`: makes everything that a release publishes, tests it as a new user would, and prints
+//! the owner's remaining tasks. Nothing is uploaded.
 
 mod checks;
 mod crates;
@@ -14,7 +14,7 @@ use std::time::Instant;
 pub(crate) enum Verdict {
     Passed(String),
     Failed(String),
-    /// The machine lacks something.
+    /// The step couldn't run, because the machine lacks a program or a service.
     Skipped(String),
 }
 
@@ -27,13 +27,13 @@ impl From<Result<String, String>> for Verdict {
     }
 }
 
-/// Checkout, and the folder for packages, programs and wheels.
+/// Locations of a dry run: the checkout, and the output folder for packages, programs and wheels.
 pub(crate) struct Place {
     root: PathBuf,
     out: PathBuf,
 }
 
-/// Step of the release: name, and function that performs it.
+/// Step of the release: its name, and the function that performs it.
 type Step = (&'static str, fn(&Place) -> Verdict);
 
 const STEPS: [Step; 14] = [
@@ -53,7 +53,8 @@ const STEPS: [Step; 14] = [
     ("debian", programs::debian),
 ];
 
-/// Performs the named steps, or all of them, in order. Prints a summary with times, and the owner's list.
+/// Performs the named steps, or all steps if `names` is empty, in order. Prints a summary with times, and the owner's
+/// tasks.
 pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
     if let Some(unknown) = names.iter().find(|name| STEPS.iter().all(|(step, _)| step != *name)) {
         let known: Vec<&str> = STEPS.iter().map(|(step, _)| *step).collect();
@@ -83,7 +84,7 @@ pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
     passed
 }
 
-/// Returns the verdict on a step: that of a required one is a failure if the step was skipped.
+/// Returns the verdict of a step. A step that is required but was skipped has failed.
 fn not_skipped(verdict: Verdict, required: bool) -> Verdict {
     match verdict {
         Verdict::Skipped(why) if required => Verdict::Failed(format!("SURFEL_REQUIRE forbids skipping it: {why}")),
@@ -91,12 +92,12 @@ fn not_skipped(verdict: Verdict, required: bool) -> Verdict {
     }
 }
 
-/// Compares the libraries' interfaces with those of the last release.
+/// Compares the public interfaces of the libraries with those of the last release.
 pub(crate) fn semver(root: &Path) -> Verdict {
     crates::semver(&Place { root: root.to_path_buf(), out: PathBuf::new() })
 }
 
-/// Returns what only the owner can do, in at most ten lines.
+/// Returns the tasks that only the owner can do, in at most ten lines.
 fn owner_list(root: &Path) -> String {
     let version = version(root).unwrap_or_else(|_| "VERSION".to_owned());
     format!(
@@ -113,7 +114,7 @@ fn owner_list(root: &Path) -> String {
     )
 }
 
-/// Returns the version of all packages.
+/// Returns the version that all packages share.
 pub(crate) fn version(root: &Path) -> Result<String, String> {
     let manifest = std::fs::read_to_string(root.join("Cargo.toml")).map_err(|error| format!("Cargo.toml: {error}"))?;
     let table = manifest.split_once("[workspace.package]").ok_or("Cargo.toml has no [workspace.package]")?.1;
@@ -121,7 +122,7 @@ pub(crate) fn version(root: &Path) -> Result<String, String> {
     value.map(str::to_owned).ok_or_else(|| "Cargo.toml: [workspace.package] has no version".to_owned())
 }
 
-/// Runs a command, whose output is printed. The error names the command.
+/// Runs a command, whose output is shown. If it fails, the error names the command.
 fn ran(command: &mut Command) -> Result<(), String> {
     let shown = shown(command);
     println!("{shown}");
@@ -132,7 +133,7 @@ fn ran(command: &mut Command) -> Result<(), String> {
     }
 }
 
-/// Runs a command and returns its output.
+/// Runs a command and returns its standard output.
 fn output(command: &mut Command) -> Result<Vec<u8>, String> {
     let shown = shown(command);
     let output = command.stderr(Stdio::inherit()).output().map_err(|error| format!("{shown}: {error}"))?;
@@ -144,21 +145,21 @@ fn shown(command: &Command) -> String {
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
 }
 
-/// True if the program starts with this argument.
+/// True if the program can be started with this argument.
 fn is_here(program: &str, argument: &str) -> bool {
     let mut command = Command::new(program);
     command.arg(argument).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     command.status().is_ok_and(|status| status.success())
 }
 
-/// Returns the time of the last commit, in seconds since 1970: archives have it in place of the time of day.
+/// Returns the time of the last commit, in seconds since 1970. Archives contain this time instead of the time of day.
 fn epoch(root: &Path) -> String {
     let stdout = output(Command::new("git").current_dir(root).args(["log", "-1", "--format=%ct"])).unwrap_or_default();
     let time = String::from_utf8_lossy(&stdout).trim().to_owned();
     if time.is_empty() { "0".to_owned() } else { time }
 }
 
-/// Creates an empty folder.
+/// Creates an empty folder. Deletes an existing folder first.
 fn fresh(folder: &Path) -> Result<(), String> {
     if folder.exists() {
         std::fs::remove_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
@@ -166,7 +167,7 @@ fn fresh(folder: &Path) -> Result<(), String> {
     std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))
 }
 
-/// Returns the files of a folder with one of these endings, sorted.
+/// Returns the files of a folder whose names have one of these suffixes, sorted.
 fn files_in(folder: &Path, ends: &[&str]) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let mut files: Vec<PathBuf> =

@@ -1,23 +1,24 @@
-//! `cargo xtask rename PREFIX`: renames the published packages where a name is taken on crates.io or PyPI. `surfel`
-//! becomes PREFIX and `surfel-io` becomes PREFIX-io. The names of libraries, of the program and of Python's module
-//! stay, so no source changes: a program depends on `PREFIX` and writes `use surfel::…`.
+//! `cargo xtask rename PREFIX`: renames the published packages, in case a name is taken on crates.io or PyPI. `surfel`
+//! becomes PREFIX and `surfel-io` becomes PREFIX-io. The names of libraries, of the program and of the Python module
+//! don't change. No source changes: a program depends on `PREFIX` and writes `use surfel::…`.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use crate::cargo;
 
-/// Files that list packages in pairs with a layer or features. In such a pair `surfel` is a package, not the program.
+/// Files that list packages in pairs with a layer or features. In such a pair, `surfel` means the package, not the
+/// program.
 const PAIRS: [&str; 2] = ["xtask/tests/dependencies.rs", "xtask/src/release/crates.rs"];
 
-/// File whose content changes.
+/// File to be changed, with its new text.
 #[derive(Debug, PartialEq, Eq)]
 struct Change {
     file: PathBuf,
     text: String,
 }
 
-/// Renames the packages; with `dry_run` only prints the files that would change.
+/// Renames the packages. With `dry_run`, only prints the files that would change.
 pub(crate) fn run(root: &Path, prefix: &str, dry_run: bool) -> bool {
     let done = changes(root, prefix).and_then(|changes| {
         for change in &changes {
@@ -43,7 +44,7 @@ pub(crate) fn run(root: &Path, prefix: &str, dry_run: bool) -> bool {
     done.is_ok_and(|files| files > 0)
 }
 
-/// Returns the files that change, with their new text.
+/// Returns the files that change, with their new texts.
 fn changes(root: &Path, prefix: &str) -> Result<Vec<Change>, String> {
     let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     if !prefix.starts_with(|c: char| c.is_ascii_lowercase()) || !prefix.chars().all(is_name) || prefix.ends_with('-') {
@@ -80,15 +81,15 @@ fn renamed(file: &Path, text: &str, names: &BTreeSet<String>, prefix: &str) -> S
     match name.as_str() {
         "Cargo.toml" => workspace(text, names, &new),
         "pyproject.toml" => text.replacen("\nname = \"surfel\"\n", &format!("\nname = {}\n", quoted(prefix)), 1),
-        // Its tests have trees of their own.
+        // This file contains tests with example trees.
         "CHANGELOG.md" | "THIRD-PARTY.txt" | "xtask/src/rename.rs" => text.to_owned(),
         _ if name.ends_with("Cargo.toml") => manifest(text, names, &new),
         _ if name.ends_with("Cargo.lock") => {
             names.iter().fold(text.to_owned(), |text, name| text.replace(&quoted(name), &quoted(&new(name))))
         }
         _ if [".rs", ".md", ".yml", ".sh", ".py"].iter().any(|end| name.ends_with(end)) => {
-            // The chores and the page on packages name packages. Others name libraries, which stay, except in calls
-            // of cargo.
+            // The chores and the page on packages use package names. Other files use library names, which don't change,
+            // except in calls of cargo.
             let is_about_packages = name.starts_with("xtask/") || name == "docs/architecture.md";
             let is_comment = |line: &str| name.ends_with(".rs") && line.trim_start().starts_with("//");
             let line = |line| if is_comment(line) { line.to_owned() } else { everywhere(line, names, &new) };
@@ -109,8 +110,8 @@ fn quoted(name: &str) -> String {
     format!("\"{name}\"")
 }
 
-/// Renames a package in its own manifest, where it states the library's name, which stays. In manifests outside of the
-/// workspace, such as that of fuzzing, keys of dependencies stay.
+/// Renames a package in its own manifest and adds the name of the library, which doesn't change. In manifests outside
+/// of the workspace, such as that of fuzzing, keys of dependencies don't change.
 fn manifest(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
     let by_path = |name: &String| format!("\n{name} = {{ path");
     let text = names.iter().fold(text.to_owned(), |text, name| {
@@ -129,7 +130,8 @@ fn manifest(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) 
     text.replacen("\n[lints", &format!("\n[lib]\nname = \"{}\"\n\n[lints", name.replace('-', "_")), 1)
 }
 
-/// Renames packages in the workspace's manifest. The keys of dependencies stay, so the packages' own manifests do.
+/// Renames packages in the workspace's manifest. Keys of dependencies don't change, so the manifests of packages
+/// needn't change.
 fn workspace(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
     let mut table = "";
     let line = |line| -> String {
@@ -147,7 +149,8 @@ fn workspace(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String)
     text.split('\n').map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Renames packages wherever a text names them, except in paths. `surfel` alone is also the program.
+/// Renames packages wherever a text contains their names, except in paths. `surfel` alone isn't renamed if it means the
+/// program.
 fn everywhere(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
     let is_part = |c: char| c.is_alphanumeric() || "_-".contains(c);
     let mut text = text.to_owned();
@@ -186,7 +189,7 @@ fn calls(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> 
     for name in names {
         for start in starts {
             for end in [" ", "`", "\"", ")", "\n", "/", ",", "["] {
-                // Features of a package follow a slash, as in `surfel-cli/wgpu`.
+                // The feature of a package follows a slash, as in `surfel-cli/wgpu`.
                 if (start == "--features " || start == ",") != (end == "/") {
                     continue;
                 }

@@ -1,4 +1,4 @@
-//! `cargo xtask scaling`: how the CPU time of commands grows with the size of hostile inputs of many shapes.
+//! `cargo xtask scaling`: measures how the CPU time of commands grows with the size of hostile inputs of many shapes.
 
 mod documents;
 mod meshes;
@@ -16,27 +16,30 @@ Times surfel on inputs of sizes n, 2n, 4n and 8n, of every shape or of those who
 exponent of the CPU time over the size: of the line fitted through the four, and of the last doubling. It fails where a
 fitted exponent is above 1.2. Needs GNU time as /usr/bin/time. The program is built for release unless one is named.";
 
-/// Largest exponent that a shape may have.
+/// Largest exponent of growth that a shape may have.
 const MOST: f64 = 1.2;
 
-/// CPU time that GNU time rounds away on average, in seconds: it cuts both user's and system's to hundredths.
+/// Mean CPU time that GNU time loses by rounding, in seconds. It rounds the times of the user and of the system down to
+/// 0.01 s each.
 const ROUNDED_S: f64 = 0.01;
-/// Runs that take less than this, in seconds, are repeated and averaged.
+/// Duration in seconds below which a run is repeated, and times are averaged.
 const SHORT_S: f64 = 0.1;
+/// Number of repetitions of a short run.
 const SHORT_RUNS: u32 = 6;
 
-/// Exit code of the program for wrong input.
+/// Exit code of the program for invalid input.
 const WRONG_INPUT: i32 = 3;
 
-/// A kind of input and what is done with it.
+/// Kind of hostile input, with the command that is run on it.
 struct Shape {
     name: &'static str,
-    /// The thing that n counts.
+    /// Name of the parts that `n` counts.
     counts: &'static str,
     n: usize,
-    /// Writes an input of this size into a folder and returns the arguments of the program, which runs there.
+    /// Function that writes an input of size `n` into a folder. It returns the arguments of the program, which runs in
+    /// this folder.
     make: Make,
-    /// Exit code of the program: that of wrong input where the shape is refused.
+    /// Expected exit code of the program; [`WRONG_INPUT`] if the program must refuse the input.
     code: i32,
 }
 
@@ -51,13 +54,13 @@ impl Shape {
         Self { name, counts, n, make: Box::new(make), code: 0 }
     }
 
-    /// The shape as input that the program refuses.
+    /// Returns the shape with the expectation that the program refuses its input.
     fn refused(self) -> Self {
         Self { code: WRONG_INPUT, ..self }
     }
 }
 
-/// Costs of a shape at its four sizes.
+/// Measured times of a shape at its four sizes.
 struct Row {
     shape: Shape,
     seconds: [f64; 4],
@@ -94,7 +97,7 @@ fn parse<'a>(words: &[&'a str]) -> Result<Arguments<'a>, String> {
     Ok(arguments)
 }
 
-/// All shapes.
+/// Returns all shapes.
 fn shapes() -> Vec<Shape> {
     [meshes::shapes(), points::shapes(), documents::shapes(), scenes::shapes()].into_iter().flatten().collect()
 }
@@ -135,7 +138,7 @@ fn measure(root: &Path, arguments: &Arguments) -> Result<bool, String> {
     Ok(steep.is_empty() && failures == 0)
 }
 
-/// Replaces the page's table, or appends it to a page without one.
+/// Replaces the table on a page. Appends the table to a page without one.
 fn replace_table(path: &Path, table: &str) -> Result<(), String> {
     let page = std::fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?;
     let is_row = |line: &&str| line.starts_with('|');
@@ -172,7 +175,7 @@ fn measure_shape(shape: Shape, program: &Path, folder: &Path, runs: usize) -> Re
 }
 
 impl Row {
-    /// Slope of the line fitted through the logarithms.
+    /// Returns the exponent of growth of this shape.
     fn exponent(&self) -> f64 {
         exponent(self.seconds)
     }
@@ -188,7 +191,8 @@ impl Row {
     }
 }
 
-/// Exponent of seconds at sizes that double, by least squares of the logarithms.
+/// Returns the exponent of growth of times at four sizes, each twice the previous one. It is the least-squares slope of
+/// the logarithms.
 fn exponent(seconds: [f64; 4]) -> f64 {
     let [a, b, c, d] = seconds.map(f64::log2);
     (3.0 * (d - a) + (c - b)) / 10.0

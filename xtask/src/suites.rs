@@ -1,4 +1,4 @@
-//! `cargo xtask test`: runs every suite and summarises the output of cargo and the test harness.
+//! `cargo xtask test`: runs all test suites, and summarises the output of cargo and the test harness.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -7,12 +7,12 @@ use crate::python::Tested;
 use crate::vulkan::Verdict;
 use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, page, python, required, vulkan, web};
 
-/// Rule for skipping tests of GPU backends.
+/// Rule for skipping the tests of GPU backends.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Gpu {
-    /// They may be skipped if there is no driver.
+    /// The tests may be skipped if there is no Vulkan driver.
     IfPresent,
-    /// They may not be skipped.
+    /// The tests may not be skipped.
     Required,
 }
 
@@ -33,7 +33,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     let python = python::test(root, full);
     let page = page::test(root, full);
     let web = web::test(root, full);
-    // The kit's script needs a Vulkan driver, as the GPU tests do.
+    // Like the GPU tests, the kit's script needs a Vulkan driver.
     let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
     let front_page_ok = !full || front_page::test(root);
@@ -76,7 +76,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         && driver.is_ok()
 }
 
-/// Prints a result, and returns false for a failure and for what the environment forbids to skip.
+/// Prints the result of a test. Returns false if it failed, or if it was skipped although the environment forbids that.
 fn told(what: &str, tested: &Tested, requirement: &str) -> bool {
     match tested {
         Tested::Passed => println!("{what}: ok"),
@@ -89,8 +89,8 @@ fn told(what: &str, tested: &Tested, requirement: &str) -> bool {
     }
 }
 
-/// Checks that the program of README.md's first command compiles: with default features only. The tests' features turn
-/// on features of dependencies that the program alone lacks.
+/// Checks that the program compiles with default features only, as README.md's first command compiles it. The features
+/// of the tests enable features of dependencies that this build doesn't have.
 fn checks_default_program(root: &Path) -> bool {
     let mut command = cargo_for_tests(root);
     command.args(["check", "--package", "surfel-cli", "--locked", "--quiet"]);
@@ -106,22 +106,22 @@ fn must_run(gpu: Gpu, vulkan: Option<&Verdict>) -> &'static str {
     }
 }
 
-/// Runs all tests and copies their output. The returned flag is true if cargo succeeded.
+/// Runs all tests, and prints their output. The returned flag is true if cargo succeeded.
 fn run_cargo(root: &Path, must_run: &str, full: bool) -> std::io::Result<(Summary, bool)> {
-    // Both streams share a pipe: cargo names a suite on stderr before the suite reports on stdout.
+    // Both streams share a pipe, because cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo_for_tests(root);
     command.args(["test", "--workspace", "--features", FEATURES, "--locked", "--no-fail-fast"]);
-    // The package has no tests, and criterion takes 20 CPU-seconds to compile.
+    // This package has no tests, and its dependency criterion takes 20 CPU-seconds to compile.
     command.args(["--exclude", "surfel-benches"]);
-    // A test without anything to work on prints a line and passes.
+    // A test whose data is missing prints a line and passes; `--show-output` shows this line.
     command.args(["--", "--show-output"]);
     if full {
         // Ignored tests take minutes on a software driver.
         command.arg("--include-ignored");
     }
-    // Mesa's software driver compiles 700 shaders for small images, which takes a fifth less time without LLVM's
-    // optimisations.
+    // Mesa's software driver compiles 700 shaders for small images. Without LLVM's optimisations, the tests take a
+    // fifth less time.
     if std::env::var_os("GALLIVM_PERF").is_none() {
         command.env("GALLIVM_PERF", "nopt");
     }
@@ -129,7 +129,7 @@ fn run_cargo(root: &Path, must_run: &str, full: bool) -> std::io::Result<(Summar
     command.env("SURFEL_REQUIRE", format!("{asked},{must_run}"));
     command.stdout(writer.try_clone()?).stderr(writer);
     let mut child = command.spawn()?;
-    // The command holds writing ends of the pipe, so that the pipe would never end.
+    // The command has the writing ends of the pipe. It is dropped, because the pipe would never end otherwise.
     drop(command);
     let summary = Summary::read(reader, &packages(root), &mut std::io::stdout())?;
     Ok((summary, child.wait()?.success()))
@@ -150,7 +150,7 @@ struct Suite {
     name: String,
     passed: usize,
     failed: usize,
-    /// Number of ignored tests, and of tests that passed only because they had nothing to work on.
+    /// Number of ignored tests and of tests that passed only because their data was missing.
     skipped: usize,
     reported: bool,
 }
@@ -173,7 +173,7 @@ struct Summary {
 }
 
 impl Summary {
-    /// Parses the output of `cargo test` and copies it to `echo`.
+    /// Parses the output of `cargo test`, and copies it to `echo`.
     fn read(output: impl Read, packages: &[(String, PathBuf)], echo: &mut dyn Write) -> std::io::Result<Self> {
         let mut parser =
             Parser { packages, summary: Self::default(), package: None, excuse: Excuse::Outside, excuses: 0 };
@@ -201,7 +201,7 @@ impl Summary {
     }
 }
 
-/// Position in the captured output of passed tests.
+/// Position of the parser within the captured output of passed tests.
 #[derive(PartialEq)]
 enum Excuse {
     Outside,
@@ -242,14 +242,14 @@ impl Parser<'_> {
         self.summary.suites.push(Suite { name, ..Suite::default() });
     }
 
-    /// Parses `ok. 3 passed; 0 failed; 1 ignored; ...`.
+    /// Parses a suite's summary, such as `ok. 3 passed; 0 failed; 1 ignored; ...`.
     fn finish(&mut self, counts: &str) {
         let count = |what: &str| {
             let clause = counts.split(['.', ';']).map(str::trim).find_map(|clause| clause.strip_suffix(what));
             clause.and_then(|n| n.trim().parse::<usize>().ok()).unwrap_or(0)
         };
         let (passed, failed, ignored) = (count("passed"), count("failed"), count("ignored"));
-        // A crate's doc tests may report twice (merged and standalone ones); the counts add up.
+        // A crate's doc tests may report twice (merged and standalone); the counts are added.
         let Some(suite) = self.summary.suites.last_mut() else { return };
         let excused = self.excuses.min(passed);
         suite.passed += passed - excused;
@@ -270,8 +270,8 @@ impl Parser<'_> {
             self.package = package.cloned().or_else(|| self.package.take());
             return Some(format!("{target} unit tests of {main}"));
         }
-        // Cargo doesn't print the package of a suite. It runs package by package, so the last named package is tried
-        // first.
+        // Cargo doesn't print the package of a suite. It runs one package after another, so the package of the previous
+        // suite is tried first.
         let has_it = |(_, folder): &&(String, PathBuf)| folder.join(&source).is_file();
         let mut owners = self.packages.iter().filter(has_it).map(|(name, _)| name.as_str());
         let last = self.package.as_deref();

@@ -48,20 +48,20 @@ fn problems(root: &Path) -> Vec<String> {
     problems
 }
 
-/// Text that pages must contain as long as no GPU is measured.
+/// Text that pages must contain until a GPU is measured.
 const NO_GPU: &str = "No GPU has been measured";
 
-/// Pages that state whether a GPU was measured, and the page that they must agree with.
+/// Pages that state whether a GPU was measured.
 const GPU_CLAIMS: [&str; 2] = ["README.md", "docs/performance.md"];
 const GPU_PAGE: &str = "docs/data/gpu.md";
 
-/// Returns disagreements between the page of GPU figures and other pages on whether a GPU was measured.
+/// Returns the pages that disagree with the page of GPU measurements on whether a GPU was measured.
 fn gpu_claims(root: &Path) -> Vec<String> {
     let Ok(page) = std::fs::read_to_string(root.join(GPU_PAGE)) else { return Vec::new() };
     let is_measured = !page.contains(crate::gpu_kit::NOT_MEASURED);
     let problem = |name: &&str| {
         let text = std::fs::read_to_string(root.join(name)).unwrap_or_default();
-        // A line may end between the words.
+        // The words may be separated by a line break.
         let says_not = text.split_whitespace().collect::<Vec<_>>().join(" ").contains(NO_GPU);
         let link = GPU_PAGE.strip_prefix("docs/").filter(|_| name.starts_with("docs/")).unwrap_or(GPU_PAGE);
         if !text.contains(&format!("({link})")) {
@@ -76,8 +76,8 @@ fn gpu_claims(root: &Path) -> Vec<String> {
     GPU_CLAIMS.iter().filter_map(problem).collect()
 }
 
-/// Returns the tree's files, relative to its root, in order: the files that git tracks or would add or, without git,
-/// all except build results and hidden folders.
+/// Returns the files of the tree in order, relative to its root. They are the files that git tracks or would add.
+/// Without git, they are all files except build results and hidden folders.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let git = Command::new("git")
         .current_dir(root)

@@ -1,4 +1,4 @@
-//! Vulkan installation for the tests of the GPU backends.
+//! Installation of Vulkan for the tests of the GPU backends.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -12,21 +12,22 @@ const USERS: [&str; 2] = ["crates/surfel-wgpu", "crates/surfel-ash"];
 /// Packages of Debian and Ubuntu with the loader, the software driver (lavapipe) and the validation layers.
 const PACKAGES: [&str; 3] = ["libvulkan1", "mesa-vulkan-drivers", "vulkan-validationlayers"];
 
-/// Name of the Khronos validation layer. Mesa and vendors install other explicit layers beside it.
+/// Name of the Khronos validation layer. Other explicit layers, of Mesa and of vendors, may be installed in the same
+/// folders.
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 
-/// Extent to which tests of the GPU backends can run.
+/// Result of the check: which tests of the GPU backends can run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// Every test runs, with the validation layer enabled.
+    /// All tests can run, with the validation layer enabled.
     Validated,
-    /// Every test runs except the tests of validation. Contains the reason.
+    /// All tests can run except tests of validation. Contains the reason.
     Unvalidated(String),
-    /// No test runs. Contains the reason.
+    /// No test can run. Contains the reason.
     Skipped(String),
 }
 
-/// Parts of a Vulkan installation: true if the part exists.
+/// Parts of a Vulkan installation; each is true if it exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Parts {
     loader: bool,
@@ -34,7 +35,7 @@ struct Parts {
     layer: bool,
 }
 
-/// Installs Vulkan if a part is missing and can be installed. Returns the extent to which the tests can run.
+/// Installs Vulkan if a part is missing and can be installed. Returns which tests can run.
 ///
 /// # Errors
 /// A message that names the missing part, if `SURFEL_REQUIRE` requires it.
@@ -77,8 +78,7 @@ impl Parts {
         parts.into_iter().filter(|(is_there, _)| !is_there).map(|(_, name)| name).collect()
     }
 
-    /// Returns the extent to which the tests run with these parts. `problem` is the reason why no missing part was
-    /// installed.
+    /// Returns which tests can run with these parts. `problem` is the reason why missing parts weren't installed.
     fn verdict(self, problem: &str) -> Verdict {
         let reason = format!("no {}, {problem}", self.missing().join(", no "));
         match self {
@@ -89,13 +89,13 @@ impl Parts {
     }
 }
 
-/// Folders and files in which the Vulkan loader of Linux searches for libraries, drivers and layers.
+/// Folders and files in which Linux's Vulkan loader searches for libraries, drivers and layers.
 struct System {
     /// Folders of libraries.
     libraries: Vec<PathBuf>,
-    /// Manifests of drivers, or folders of manifests.
+    /// Driver manifests, or folders of driver manifests.
     drivers: Vec<PathBuf>,
-    /// Manifests of explicit layers, or folders of manifests.
+    /// Manifests of explicit layers, or folders of such manifests.
     layers: Vec<PathBuf>,
 }
 
@@ -117,7 +117,8 @@ impl System {
         roots.extend(in_home(paths("XDG_DATA_HOME"), ".local/share"));
         roots.extend(or(paths("XDG_DATA_DIRS"), &["/usr/local/share", "/usr/share"]));
         let usual = |folder: &str| roots.iter().map(|root| root.join("vulkan").join(folder)).collect::<Vec<_>>();
-        // A variable that names files replaces the usual folders; a variable of additional files doesn't.
+        // A variable of files or folders replaces the default folders. A variable of additional files doesn't replace
+        // them.
         let chosen = |names: &[&str], added: &str, folder: &str| {
             let named: Vec<PathBuf> = names.iter().flat_map(|name| paths(name)).collect();
             let searched = if named.is_empty() { usual(folder) } else { named };
@@ -148,14 +149,15 @@ impl System {
         })
     }
 
-    /// True if the library that a manifest names exists.
+    /// True if the library exists that a manifest names.
     fn manifest_works(&self, manifest: &Path) -> bool {
         let text = std::fs::read_to_string(manifest).unwrap_or_default();
         let folder = manifest.parent().unwrap_or(Path::new(""));
         values(&text, "library_path").next().is_some_and(|library| self.has_library(folder, library))
     }
 
-    /// True if the library exists: beside its manifest if the name has a folder, else in a folder of libraries.
+    /// True if the library exists. If its name contains a folder, it is relative to the manifest's folder; otherwise it
+    /// is searched for in the folders of libraries.
     fn has_library(&self, folder: &Path, library: &str) -> bool {
         match library.contains('/') {
             true => folder.join(library).is_file(),
@@ -164,7 +166,7 @@ impl System {
     }
 }
 
-/// Returns the JSON files among `paths` and in the folders among them.
+/// Returns the JSON files among `paths`, and those in folders among `paths`.
 fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
     let files = paths.iter().flat_map(|path| match std::fs::read_dir(path) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
@@ -173,7 +175,7 @@ fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
     files.filter(|path| path.extension().is_some_and(|extension| extension == "json"))
 }
 
-/// Returns the strings that follow this key in a JSON file.
+/// Returns the string values of a key in a JSON text.
 fn values<'a>(text: &'a str, key: &str) -> impl Iterator<Item = &'a str> {
     let key = format!("\"{key}\"");
     let mut rest = text;
@@ -198,10 +200,10 @@ fn install() -> Result<(), String> {
     }
     println!("vulkan: installing {}", PACKAGES.join(" "));
     let apt = |arguments: &[&str]| {
-        // The output goes to stderr, so that it isn't mistaken for a result.
+        // The output goes to stderr, so that it isn't mistaken for the command's result.
         runs(Command::new("apt-get").args(arguments).env("DEBIAN_FRONTEND", "noninteractive").stdout(std::io::stderr()))
     };
-    // An outdated list may still be enough.
+    // The existing package list may still suffice.
     if !apt(&["update", "-q"]) {
         eprintln!("warning: apt-get update failed");
     }

@@ -1,4 +1,4 @@
-//! The drawing module of exported pages: the CPU backend as WebAssembly.
+//! Drawing modules of exported pages: the CPU backend compiled to WebAssembly.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -7,14 +7,14 @@ use crate::python::{self, Tested};
 use crate::{FEATURES, page};
 
 const TARGET: &str = "wasm32-unknown-unknown";
-/// Folder that `surfel-web-module` embeds the modules from.
+/// Folder from which `surfel-web-module` embeds the modules.
 pub(crate) const MODULES: &str = "crates/surfel-web-module/module";
-/// Test of a module under node.
+/// Test script of a module, which runs in node.
 const TEST: &str = "crates/surfel-web/tests/module.mjs";
-/// Modules, with the target features that each is compiled with.
+/// Names of the modules, and the target features with which they are compiled.
 const BUILDS: [(&str, &str); 2] = [("fused", "+simd128,+relaxed-simd"), ("emulated", "+simd128")];
 
-/// Builds the modules into [`MODULES`]. Installs the target by rustup if it is missing.
+/// Builds the modules into [`MODULES`]. Installs the WebAssembly target with rustup if it is missing.
 pub(crate) fn build(root: &Path) -> bool {
     if !has_library(root) {
         println!("rustup target add {TARGET}");
@@ -46,18 +46,18 @@ pub(crate) fn build(root: &Path) -> bool {
     })
 }
 
-/// Builds a module, and returns its path, where the next one is built, too.
+/// Builds a module, and returns its path. The next build overwrites the file.
 fn build_one(root: &Path, features: &str) -> Option<PathBuf> {
     let target = python::target(root).join("web");
     let mut cargo = crate::cargo(root);
     cargo.args(["rustc", "--profile", "web", "--target", TARGET, "--locked", "-p", "surfel-web", "--target-dir"]);
-    // Only the linked module is stripped: profiles by names need no other build of its dependencies.
+    // Only the linked module is stripped. Another Cargo profile would compile all dependencies again.
     cargo.arg(&target).args(["--", "-C", "strip=symbols"]);
     cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", format!("-C target-feature={features}"));
     runs(cargo.env("CARGO_INCREMENTAL", "0")).then(|| target.join(TARGET).join("web").join("surfel_web.wasm"))
 }
 
-/// True if rustc finds the target's standard library.
+/// True if rustc finds the standard library of the WebAssembly target.
 fn has_library(root: &Path) -> bool {
     let mut rustc = Command::new(std::env::var_os("RUSTC").unwrap_or_else(|| "rustc".into()));
     let found = rustc.current_dir(root).args(["--print", "target-libdir", "--target", TARGET]).output();
@@ -69,8 +69,8 @@ fn has_library(root: &Path) -> bool {
         .is_some_and(|mut entries| entries.any(|entry| entry.as_ref().is_ok_and(has_core)))
 }
 
-/// Tests the modules under node against the program that the earlier tests have built. They are built by `full` only, a
-/// matter of minutes; otherwise those that `cargo xtask web` has left are tested.
+/// Tests the modules in node against the program that earlier tests have built. With `full`, builds the modules first,
+/// which takes minutes; otherwise tests the modules that exist.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== drawing module of exported pages");
     if !runs(Command::new("node").arg("--version").stdout(Stdio::null()).stderr(Stdio::null())) {
@@ -85,7 +85,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         return Tested::Skipped(format!("no {}: cargo xtask web", missing.display()));
     }
     let program = python::target(root).join("debug").join("surfel");
-    // Node 20 has relaxed SIMD behind a flag, which later versions don't know.
+    // In Node 20, a flag enables relaxed SIMD. Later versions don't know this flag.
     let has_flag = Command::new("node").args(["--experimental-wasm-relaxed-simd", "--version"]).output();
     let flag = has_flag.is_ok_and(|output| output.status.success()).then_some("--experimental-wasm-relaxed-simd");
     let mut command = Command::new("node");
@@ -93,7 +93,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if runs(&mut command) && (!full || test_exported(root)) { Tested::Passed } else { Tested::Failed }
 }
 
-/// Tests exported pages in Chromium, where the page's own tests have installed what they need.
+/// Tests exported pages in Chromium, with the packages that the page's own tests have installed.
 fn test_exported(root: &Path) -> bool {
     let mut cargo = crate::cargo_for_tests(root);
     cargo.args(["build", "--locked", "-p", "surfel-cli", "--features", &format!("{FEATURES},surfel-cli/export")]);

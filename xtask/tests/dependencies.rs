@@ -1,4 +1,4 @@
-//! Tests which packages may depend on which: invariant 1 of docs/architecture.md, checked with `cargo metadata`.
+//! Tests of the dependencies between packages: invariant 1 of docs/architecture.md, checked with `cargo metadata`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -6,8 +6,8 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
-/// dependencies are unrestricted.
+/// Packages of the workspace with their layers, from the bottom up. A package depends only on packages with a lower
+/// number; development dependencies are unrestricted.
 const LAYERS: [(&str, u32); 31] = [
     ("surfel-math", 0),
     ("surfel-web-module", 0),
@@ -42,7 +42,7 @@ const LAYERS: [(&str, u32); 31] = [
     ("surfel-conformance", 13),
 ];
 
-/// Packages whose direct and indirect dependencies include no GPU crate.
+/// Packages that must not depend on a GPU crate, directly or indirectly.
 const GPU_FREE: [&str; 15] = [
     "surfel-math",
     "surfel-model",
@@ -68,7 +68,7 @@ struct Package {
     name: String,
     version: String,
     ours: bool,
-    /// Ids of the packages that a build needs: normal and build dependencies on any platform.
+    /// Ids of the packages needed for a build: normal and build dependencies on any platform.
     needs: BTreeSet<String>,
     /// Ids of development dependencies.
     tests_with: BTreeSet<String>,
@@ -83,8 +83,8 @@ fn workspace_graph() -> Graph {
         cargo.current_dir(root).args(["metadata", "--format-version", "1", "--locked"]).args(extra).output().unwrap()
     };
     let host = metadata_host();
-    // The first try is offline, with all platforms. Packages for other platforms may be missing, so the next one is
-    // online, and the last one offline for this platform alone.
+    // The first attempt is offline, for all platforms. Packages for other platforms may be missing, so the next attempt
+    // is online, and the last one is offline for this platform alone.
     let tries: [&[&str]; 3] = [&["--offline"], &[], &["--offline", "--filter-platform", &host]];
     let mut complaint = String::new();
     for extra in tries {
@@ -186,7 +186,7 @@ fn math_problems(graph: &Graph) -> Vec<String> {
         .collect()
 }
 
-/// Returns dependencies that packages of the workspace use in several versions.
+/// Returns the dependencies of which packages of the workspace use several versions.
 fn version_problems(graph: &Graph) -> Vec<String> {
     let mut versions: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for package in ours(graph) {
@@ -247,7 +247,8 @@ fn checks_accept_a_good_graph() {
     }
 }
 
-/// Rule, a package that breaks it by its dependencies and development dependencies, and the complaint.
+/// Test case of a rule: a package that breaks the rule by its dependencies or development dependencies, and the
+/// expected message.
 struct Broken {
     check: Check,
     id: &'static str,

@@ -1,14 +1,15 @@
-//! Tests that functions are readable: none outside of tests is longer than 100 lines, except listed ones.
+//! Tests that no function outside of tests is longer than 100 lines, except listed ones.
 //!
-//! Sources are read, not compiled. A function ends at the first line that closes a brace at the function's indentation,
-//! as `cargo fmt` leaves it.
+//! Sources are read as text. A function ends at the first line that closes a brace at the function's indentation, as
+//! `cargo fmt` formats it.
 
 use std::path::{Path, PathBuf};
 
-/// Maximum number of lines of a function, from its name to its last brace.
+/// Maximum number of lines of a function, from its name to its closing brace.
 const MAX_LINES: usize = 100;
 
-/// Longer functions by name, with the reason. A name alone matches in any file; a name after a path only there.
+/// Longer functions that are allowed, by name, with the reason. A name alone applies to any file, a name after a path
+/// only to that file.
 const LONGER: [(&str, &str); 0] = [];
 
 /// A function of a source.
@@ -21,7 +22,7 @@ struct Function {
     length: usize,
 }
 
-/// Finds the functions of a source, except those of modules of tests.
+/// Returns the functions of a source, except those in test modules.
 fn functions(source: &str) -> Vec<Function> {
     let lines: Vec<&str> = source.lines().collect();
     let is_test_module = |pair: &[&str]| pair[0].trim() == "#[cfg(test)]" && pair[1].trim_start().starts_with("mod ");
@@ -29,7 +30,8 @@ fn functions(source: &str) -> Vec<Function> {
     let mut found = Vec::new();
     for (at, line) in lines[..end].iter().enumerate() {
         let Some(name) = name_of(line) else { continue };
-        // The line that opens the body; a declaration in a trait has none, and a body of one line is short.
+        // The search is for the line that opens the body. A declaration in a trait has no body, and a body on one line
+        // is short.
         let opens = |line: &&str| line.ends_with(['{', ';', '}']);
         let Some(head) = lines[at..].iter().position(opens) else { continue };
         if !lines[at + head].ends_with('{') {

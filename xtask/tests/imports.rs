@@ -1,20 +1,20 @@
-//! Tests which files import which: stages of `surfel-cpu` only import downward, the modules of every package have an
+//! Tests of imports between files: stages of `surfel-cpu` import only downward, the modules of every package have an
 //! order, and no crate has a large cycle of files.
 //!
-//! Sources are read, not compiled: `use crate::…` and `use super::…` outside of tests and comments.
+//! Sources are read as text: `use crate::…` and `use super::…` outside of tests and comments.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Folders of `surfel-cpu` in the order of a frame. Each imports only from earlier ones; files beside them may import
-/// all.
+/// Folders of `surfel-cpu` in the order of a frame. Each folder imports only from earlier ones; the files beside them
+/// may import all.
 const STAGES: [&str; 9] = ["simd", "scene", "tiles", "cull", "setup", "raster", "shade", "screen", "gaussians"];
 
 /// Maximum number of files that may import each other in a cycle.
 const LARGEST_CIRCLE: usize = 3;
 
-/// Sets of top-level modules that import each other: parts of the reference's model of splats, balls and samples, each
-/// in a file of its own.
+/// Allowed cycles: sets of top-level modules that import each other. They are parts of the reference's model of splats,
+/// balls and samples, each in its own file.
 const CYCLES: [(&str, [&str; 3]); 3] = [
     ("crates/surfel-reference/src", ["ball", "shade", "shadow"]),
     ("crates/surfel-reference/src", ["frame", "nearest", "samples"]),
@@ -48,7 +48,7 @@ fn module(file: &str) -> String {
     if ["lib", "main", "mod"].contains(&path) { String::new() } else { path.replace('/', "::") }
 }
 
-/// Returns a source without comments and without code for tests alone, which comes last in a file.
+/// Returns a source without comments and without test code, which is at the end of a file.
 fn without_tests(source: &str) -> String {
     let mut lines = Vec::new();
     let mut skips_item = false;
@@ -69,7 +69,7 @@ fn without_tests(source: &str) -> String {
     lines.join("\n")
 }
 
-/// Returns the paths in a tree of imports: `a::{b, c::{d, e}}` is `a::b`, `a::c::d` and `a::c::e`.
+/// Returns the paths of a use tree: `a::{b, c::{d, e}}` gives `a::b`, `a::c::d` and `a::c::e`.
 fn leaves(tree: &str) -> Vec<String> {
     let tree = tree.trim();
     let Some((head, rest)) = tree.split_once('{') else {
@@ -130,8 +130,8 @@ fn imports(sources: &[(String, String)]) -> Imports {
         let own = module(file);
         let of_file = imports.entry(own.clone()).or_default();
         for path in imported(&own, source) {
-            // The longest prefix that is a file counts; the rest are items in it. An item of the root may be a
-            // re-export, which is ignored.
+            // The longest prefix that is a file counts; the rest are items of this file. An item of the crate's root
+            // may be a re-export, which is ignored.
             let mut path = path.trim_end_matches("::self").trim_end_matches("::*").to_string();
             while !path.is_empty() && !modules.contains(&path) {
                 path = path.rsplit_once("::").map_or(String::new(), |(head, _)| head.to_string());
@@ -155,7 +155,7 @@ fn upward(imports: &Imports) -> Vec<String> {
     up.map(|(from, to)| format!("{from} imports {to}, which comes later")).collect()
 }
 
-/// Returns cycles: sets of files each of which imports all others, directly or indirectly.
+/// Returns the cycles, which are sets of files that all import each other, directly or indirectly.
 fn circles(imports: &Imports) -> Vec<BTreeSet<String>> {
     let reach = |from: &String| {
         let (mut seen, mut open) = (BTreeSet::new(), vec![from]);
@@ -208,7 +208,7 @@ fn stages_of_the_cpu_backend_import_down_only() {
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
 }
 
-/// Returns the imports between the top-level modules of a crate: its folders, and the files beside them.
+/// Returns the imports between the top-level modules of a crate, which are its folders and the files beside them.
 fn imports_of_modules(imports: &Imports) -> Imports {
     let top = |path: &String| path.split("::").next().unwrap_or_default().to_owned();
     let mut modules = Imports::new();
@@ -236,7 +236,7 @@ fn modules_of_every_package_have_an_order() {
     }
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
     assert!(known.is_empty(), "cycles that are listed and gone: {known:?}");
-    // Two folders that import each other by different files are a cycle of modules, but not of files.
+    // Two folders that import each other through different files form a cycle of modules, but not of files.
     let made =
         made(&[("a/x.rs", "use crate::b::x::X;"), ("a/y.rs", ""), ("b/x.rs", ""), ("b/y.rs", "use crate::a::y::Y;")]);
     assert_eq!((circles(&made).len(), circles(&imports_of_modules(&made)).len()), (0, 1));
@@ -255,8 +255,8 @@ fn no_crate_has_a_large_circle_of_files() {
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
 }
 
-/// Returns the types of glam that only its default features have, and a source names. A build of all tests has these
-/// features, because a crate for tests turns them on; the program alone doesn't.
+/// Returns the types named in a source that glam has only with its default features. A build of all tests enables these
+/// features, because a crate for tests does; the program alone doesn't.
 fn integer_vectors(source: &str) -> Vec<String> {
     let source = without_tests(source);
     let words = source.split(|c: char| !c.is_alphanumeric() && c != '_');

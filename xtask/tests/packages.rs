@@ -1,5 +1,5 @@
-//! Tests of what the published packages contain: metadata for strangers, no test data, no file outside of their folder,
-//! and a README whose example is that of the documentation.
+//! Tests of the contents of published packages: complete metadata, no test data, no file outside of the package's
+//! folder, and a README whose example is that of the documentation.
 
 use std::path::{Component, Path, PathBuf};
 use std::process::Command;
@@ -11,7 +11,7 @@ use serde_json::Value;
 const PRIVATE: [&str; 6] =
     ["surfel-bench", "surfel-benches", "surfel-conformance", "surfel-python", "surfel-web", "xtask"];
 
-/// Number of published libraries, which docs/packages.md states.
+/// Number of published libraries, as stated in docs/packages.md.
 const LIBRARIES: usize = 25;
 
 /// Package that may be published.
@@ -68,7 +68,7 @@ fn packages_that_are_never_published_are_known() {
     assert_eq!(private, PRIVATE, "publish = false is for tests, benches and chores alone");
 }
 
-/// Returns what a stranger who searches crates.io would miss.
+/// Returns the missing metadata that users of crates.io would need.
 fn metadata_problems(package: &Package) -> Vec<String> {
     let Package { name, metadata, .. } = package;
     let text = |key: &str| metadata[key].as_str().unwrap_or_default();
@@ -191,8 +191,8 @@ fn packages_include_no_file_from_elsewhere() {
     }
 }
 
-/// Returns the first example of a text whose lines begin with `prefix`: the lines of code, without indentation,
-/// rustdoc's signs of hidden lines and empty lines.
+/// Returns the code lines of the first example in a text whose lines begin with `prefix`. Indentation, rustdoc's
+/// markers of hidden lines and empty lines are removed.
 fn example(text: &str, prefix: &str) -> Vec<String> {
     let lines = text.lines().map_while(|line| line.strip_prefix(prefix));
     let block = lines.map(str::trim).skip_while(|line| !line.starts_with("```")).skip(1);

@@ -1,10 +1,10 @@
-//! Tests the messages of packages below `surfel-app`: none of them has a flag, and each option in a code span is a row
-//! of the options table, so that `surfel_app::wording` words it.
+//! Tests of the messages of packages below `surfel-app`. No message contains a flag. Each option in a code span is in
+//! the options table, so that `surfel_app::wording` can translate it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Packages whose messages name options neutrally.
+/// Packages whose messages name options neutrally, as code spans.
 const NEUTRAL: [&str; 18] = [
     "ash", "backend", "cpu", "figure", "files", "framing", "gpu", "images", "io", "light", "load", "math", "metrics",
     "model", "ortho", "render", "sample", "stage",
@@ -37,13 +37,13 @@ fn options() -> BTreeSet<String> {
     rows.filter_map(name).collect()
 }
 
-/// Returns the code lines of a source, without comments and tests, which come last in a file.
+/// Returns the code lines of a source, without comments and without tests, which are at the end of a file.
 fn code(source: &str) -> impl Iterator<Item = (usize, &str)> {
     let lines = source.lines().enumerate().take_while(|(_, line)| line.trim() != "mod tests {");
     lines.filter(|(_, line)| !line.trim_start().starts_with("//"))
 }
 
-/// Returns the options that a line names as flags: two dashes, and a name of the table.
+/// Returns the options that a line names as flags, which begin with two dashes.
 fn flags<'a>(line: &'a str, options: &'a BTreeSet<String>) -> impl Iterator<Item = &'a str> {
     line.split("--").skip(1).filter_map(|rest| {
         // Other names are flags of cargo and other programs.

@@ -6,7 +6,8 @@ use serde_json::{Map, Value, json};
 use surfel_io::Content;
 use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
-/// Names of the classes of LAS 1.4 R15, table 17; where it reserves numbers (8 and 12), the names of older versions.
+/// Names of the classes in LAS 1.4 R15, table 17. The numbers 8 and 12, which it reserves, have names of older
+/// versions.
 const ASPRS_CLASSES: [&str; 23] = [
     "never classified",
     "unclassified",
@@ -37,14 +38,15 @@ fn class_name(class: usize) -> &'static str {
     ASPRS_CLASSES.get(class).copied().unwrap_or(if class < 64 { "reserved" } else { "user-defined" })
 }
 
-/// Describes type and range of a column.
+/// Describes the type and the range of a column as JSON.
 pub(crate) fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
 
-/// Returns the range of an attribute defined by the format, by its name in [`surfel_io::Loaded::attributes`]. The
-/// limits are numbers or one number per component; null for attributes without order, such as textures.
+/// Returns the range of one of the format's own attributes, by its name in [`surfel_io::Loaded::attributes`]. The
+/// limits are numbers, or arrays of one number per component. They are null for attributes without an order, such as
+/// textures.
 fn range(content: &Content, name: &str) -> Value {
     match content {
         Content::Splats(cloud) => of_splats(cloud.data(), name),
@@ -113,7 +115,7 @@ fn of_numbers(numbers: Option<&[f32]>) -> Value {
     spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))
 }
 
-/// Returns the least and largest value per component, over the rows whose numbers are all finite.
+/// Returns the minimum and maximum of each component. Rows with a component that isn't finite are skipped.
 fn spread<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> Option<([f64; N], [f64; N])> {
     rows.filter(|row| row.iter().all(|v| v.is_finite())).fold(None, |found, row| {
         let (lo, hi) = found.unwrap_or((row, row));
@@ -129,7 +131,7 @@ fn nothing() -> Value {
     json!({ "min": null, "max": null })
 }
 
-/// Widens a range to include another one, or zero.
+/// Widens a range to include another range, or zero if `other` is `None`.
 pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     let zero = json!(0.0);
     let Some(sides) = range.as_object_mut() else { return };
@@ -148,15 +150,15 @@ pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     }
 }
 
-/// Returns the ranges of a cloud's attributes by name, and the types of columns.
+/// Returns the ranges of a cloud's attributes by name, and for additional columns also their types.
 pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]) -> Map<String, Value> {
-    // The names of columns are last, in order.
+    // The last names are those of the columns, in their order.
     let (known, named) = names.split_at(names.len().saturating_sub(extras.len()));
     let columns = named.iter().cloned().zip(extras.iter().map(column));
     columns.chain(known.iter().map(|name| (name.clone(), range(content, name)))).collect()
 }
 
-/// Returns [`ranges`] of a mesh, and for each column whether it belongs to vertices or faces.
+/// Returns [`ranges`] of a mesh. The key `of` of each column states whether it belongs to vertices or faces.
 pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &Mesh) -> Map<String, Value> {
     let extras: Vec<ExtraColumn> = mesh.vertex_extras.iter().chain(&mesh.triangle_extras).cloned().collect();
     let mut found = ranges(content, names, &extras);
@@ -181,13 +183,13 @@ pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     Some(counts)
 }
 
-/// Lists the classes that have points.
+/// Lists the classes that have points, with number, name and count.
 pub(crate) fn classes(counts: &[u64; 256]) -> Value {
     let found = counts.iter().enumerate().filter(|(_, n)| **n > 0);
     found.map(|(class, n)| json!({ "class": class, "name": class_name(class), "count": n })).collect()
 }
 
-/// Returns the coordinate reference system stored in comments (docs/format.md).
+/// Returns the coordinate reference system that the comments of a cloud store (docs/format.md).
 pub(crate) fn crs(comments: &[String]) -> Value {
     let after = |key: &str| comments.iter().find_map(|c| c.strip_prefix(key));
     let wkt = after("crs_wkt ");

@@ -1,4 +1,4 @@
-//! The camera that options ask for, and its rotation in a turntable movie.
+//! The camera that options define, and its rotation in a turntable movie.
 
 use crate::render_options::{CameraSource, RenderOptions};
 use glam::{DQuat, DVec3};
@@ -11,10 +11,10 @@ use surfel_load::Error;
 use surfel_model::{Camera, Light, Projection, Scene, Up};
 use surfel_render::View;
 
-/// Fraction of the image that the scene fills with `--view`.
+/// Fraction of the image's width or height that the framed scene fills.
 const FILL: f64 = 0.9;
 
-/// Returns the projection that `--ortho` and `--fov-y` ask for.
+/// Returns the projection that `--ortho` and `--fov-y` define.
 pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     if options.ortho {
         FrameProjection::Orthographic
@@ -23,7 +23,7 @@ pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     }
 }
 
-/// True if a flag changes the camera, so that an invalid camera is a usage error.
+/// True if an option changes the camera. An invalid camera is then a usage error.
 pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
     options.eye.is_some()
         || options.target.is_some()
@@ -35,8 +35,8 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.tile.is_some()
 }
 
-/// Frames the part of the scene inside a sphere again for `--view`, with the projection of `camera` unless flags state
-/// another.
+/// Returns a camera that frames the scene from the direction of `--view`; `None` without this option. Only the part
+/// inside the sphere `kept` is framed. The projection is that of `camera`, unless the options state another.
 pub(crate) fn reframe(
     camera: &Camera,
     scene: &Scene,
@@ -73,7 +73,8 @@ pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
     Camera { size, projection, ..camera.clone() }
 }
 
-/// Applies the options to a camera. `own_near` is true if no near plane is given, so that it is fitted to the scene.
+/// Applies the options to a camera. `own_near` is true if neither options nor files state a near plane, which is then
+/// fitted to the scene.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {
@@ -111,7 +112,8 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
     }
 }
 
-/// Returns the scene's up direction; if the camera looks along it, the up direction of the view from above or below.
+/// Returns the scene's up direction. If the camera looks along it, returns the up direction of the top or bottom view
+/// instead.
 fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     let forward = (DVec3::from(camera.target) - DVec3::from(camera.eye)).normalize_or_zero();
     let along = up.vector();
@@ -123,7 +125,8 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     ViewAxes::named(view, up).up.into()
 }
 
-/// Fits near and far planes to the scene: near only if `own_near`, far only if needed.
+/// Fits the near and far planes to the scene. The near plane changes only if `own_near` is true, the far plane only if
+/// needed.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
     let Some((first, last)) = surfel_framing::depth_range(scene, camera.eye.into(), forward) else { return };
@@ -140,13 +143,12 @@ fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     }
 }
 
-/// Reads the cameras of another program for images of `size` (width and height in pixels), with their names. `None`
-/// uses the size that the file states.
+/// Reads another program's cameras, with their names. `size` is the width and height of the images in pixels; `None`
+/// uses the size in the file.
 ///
 /// # Errors
 /// [`Error::Io`] for a file that can't be read or has unsupported content, such as lens distortion.
-/// [`Error::Unsuitable`] for equal names, cameras out of range, and an image size that neither the file nor `size`
-/// states.
+/// [`Error::Unsuitable`] for equal names, cameras out of range, and a missing image size.
 pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
     let cameras = surfel_io::cameras::read(path)?;
     with_names(cameras, path, size)
@@ -176,13 +178,13 @@ fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) ->
     cameras.into_iter().map(used).collect()
 }
 
-/// Adds a near plane in front of the scene to another program's camera, which has none.
+/// Sets the near plane of another program's camera, which has none, to a distance in front of the scene.
 pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     refit_depth(&mut camera, scene, true);
     camera
 }
 
-/// Axis that the camera and its lights turn around.
+/// Axis around which the camera and its lights turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Turntable {
     /// A point on the axis, in world space.
@@ -192,8 +194,8 @@ pub struct Turntable {
 }
 
 impl Turntable {
-    /// Returns camera and lights after the fraction `turn` of a revolution, 0 to 1. The scene appears to turn, so
-    /// camera and lights move the other way.
+    /// Returns camera and lights after a fraction `turn` (0 to 1) of a revolution. Camera and lights turn backwards, so
+    /// that the scene appears to turn forwards.
     pub fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
         let rotation = DQuat::from_axis_angle(self.axis, -std::f64::consts::TAU * turn);
         let direction = |v: [f64; 3]| -> [f64; 3] { (rotation * DVec3::from(v)).into() };
@@ -213,10 +215,10 @@ impl Turntable {
     }
 }
 
-/// Creates the view of a camera and checks it.
+/// Creates the view of a camera, and validates the camera.
 ///
 /// # Errors
-/// [`Error::Usage`] if options changed the camera, else [`Error::Model`].
+/// [`Error::Usage`] if options changed the camera, otherwise [`Error::Model`].
 pub fn view(camera: &Camera, options: &RenderOptions) -> Result<View, Error> {
     View::of_region(camera, options.region_of(camera)?)
         .map_err(|e| if is_flagged(options) { Error::Usage(e.to_string()) } else { e.into() })

@@ -5,11 +5,11 @@ use surfel_figure::{Drawing, Figure, Key, Style};
 use surfel_io::IoError;
 use surfel_load::coloring::{ColorScale, Coloring};
 
-/// Height of the text of a colour bar's image in pixels.
+/// Font size of a colour bar's image, in pixels.
 const FONT_PX: f64 = 18.0;
 
-/// Returns the key of a colouring for figures; `None` if its colours don't represent values. `title` replaces the
-/// attribute's name.
+/// Returns the colour bar or legend of a colouring, for figures. Returns `None` if the colours don't represent values.
+/// `title` replaces the attribute's name.
 pub(crate) fn key(coloring: &Coloring, title: Option<&str>) -> Option<Key> {
     let title = title.unwrap_or(&coloring.attribute);
     match &coloring.scale {
@@ -27,12 +27,12 @@ fn draw(coloring: &Coloring) -> Option<Drawing> {
     Some(Figure { keys, style: Style::new(FONT_PX), ..Figure::default() }.layout())
 }
 
-/// Writes a colour bar: a bar with round numbers, or a labelled square for each of up to 256 categories, with the names
-/// of classes. Returns false and writes nothing if the colours don't represent values.
+/// Writes an image of a colour bar with round numbers, or of a legend with a labelled square for each of up to 256
+/// categories. Returns false and writes nothing if the colours don't represent values.
 ///
 /// # Errors
-/// [`IoError`] if a different file exists and `overwrite` is false, or the file can't be written. An existing identical
-/// file is no error, since several shards of a job may write it.
+/// [`IoError`] if the file can't be written, or if another file exists and `overwrite` is false. An identical file is
+/// no error, since several shards of a job may write the same colour bar.
 pub fn save_color_bar(path: &Path, overwrite: bool, coloring: &Coloring) -> Result<bool, IoError> {
     let Some(drawing) = draw(coloring) else { return Ok(false) };
     let bytes = drawing.png(None);

@@ -12,16 +12,16 @@ use surfel_metrics::{CompareOptions, Comparison, Image, MetricsError, PlaneCompa
 /// Differences between two images.
 #[derive(Clone, Debug)]
 pub struct ImageComparison {
-    /// Difference of the colours.
+    /// Differences of the colours.
     pub colors: Comparison,
     /// Differences of the other planes that both images have, by channel name.
     pub planes: Vec<(String, PlaneComparison)>,
 }
 
-/// Compares image `b` with the reference `a`; `names` are used in messages.
+/// Compares image `b` with the reference image `a`. Messages use their `names`.
 ///
 /// # Errors
-/// [`Error::Input`] if the sizes differ or one has no colours.
+/// [`Error::Input`] if the sizes differ, or if one image has no colours.
 pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageComparison, Error> {
     let wrong = |what: String| Error::Input(format!("{} and {}: {what}", names[0].shown(), names[1].shown()));
     if (a.width, a.height) != (b.width, b.height) {
@@ -36,11 +36,11 @@ pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageCompari
     Ok(ImageComparison { colors, planes })
 }
 
-/// Refuses a file name for FLIP's error map of these two images if it couldn't be written.
+/// Checks that FLIP's error map of two images can be written to the path `diff`.
 ///
 /// # Errors
-/// [`Error::Usage`] for a format other than PNG and for the name of one of the images, [`Error::Io`] for an existing
-/// file.
+/// [`Error::Usage`] for an extension other than PNG, and if `diff` is one of the images. [`Error::Io`] for an existing
+/// file, unless `force` is true.
 pub fn check_diff(diff: &Path, images: [&Path; 2], force: bool) -> Result<(), Error> {
     if !diff.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         return Err(Error::Usage(format!("--diff {}: expected a name that ends in .png", diff.shown())));
@@ -54,7 +54,7 @@ pub fn check_diff(diff: &Path, images: [&Path; 2], force: bool) -> Result<(), Er
     Ok(())
 }
 
-/// Writes FLIP's error map as a PNG in the colours of magma; does nothing if FLIP was skipped.
+/// Writes FLIP's error map as a PNG in the colours of magma. Does nothing if FLIP wasn't computed.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be written, or if it exists and `force` is false.
@@ -73,7 +73,7 @@ fn colors(size: &Planes, a: &[f32], b: &[f32]) -> Result<Comparison, MetricsErro
     surfel_metrics::compare(&a, &b, &CompareOptions::default())
 }
 
-/// Compares the planes besides colour that both images have.
+/// Compares the planes, other than colour, that both images have.
 fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, MetricsError> {
     let mut found = Vec::new();
     let mut add = |name: &str, a: Option<&[f32]>, b: Option<&[f32]>| {
@@ -87,7 +87,8 @@ fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, Metr
     add("normal", flat(a).as_deref(), flat(b).as_deref())?;
     add("weight", a.weight.as_deref(), b.weight.as_deref())?;
     for (name, values) in &a.whole {
-        // Integers are subtracted first, since f32 can't represent all of them but can represent small differences.
+        // Integers are subtracted in f64, since f32 can't represent all of them. It can represent their small
+        // differences.
         let other = b.whole.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_slice());
         let off = other.map(|other| {
             values.iter().zip(other).map(|(a, b)| (f64::from(*a) - f64::from(*b)) as f32).collect::<Vec<f32>>()
@@ -111,13 +112,13 @@ fn value(colors: &Comparison, metric: &str) -> f64 {
 }
 
 impl ImageComparison {
-    /// Returns a metric of the colours by name: `max_abs` and `rmse` (linear), `psnr` (dB), or for any other name the
-    /// mean FLIP error, in [0, 1]; +∞ if FLIP was skipped.
+    /// Returns a metric of the colours by its name: `max_abs` or `rmse` (linear), or `psnr` (dB). For any other name,
+    /// returns the mean FLIP error in [0, 1]; it is +∞ if FLIP wasn't computed.
     pub fn metric(&self, name: &str) -> f64 {
         value(&self.colors, name)
     }
 
-    /// Returns the object that `surfel compare --json` prints, without the images' names.
+    /// Returns the JSON object that `surfel compare --json` prints, without the names of the images.
     pub fn to_json(&self) -> serde_json::Value {
         let colors = &self.colors;
         let plane = |p: &PlaneComparison| {

@@ -7,11 +7,11 @@ use surfel_io::ShowPath as _;
 use surfel_load::Error;
 use surfel_load::levels::is_shard;
 
-/// Refuses options that don't apply when writing a COPC file or a shard of one: options for splats, and text output.
-/// Also refuses a wrong file name for a shard.
+/// Checks the options for writing a COPC file or a shard of one. Options for splats and text output don't apply. The
+/// name of a shard must end in `.shard`.
 ///
 /// # Errors
-/// [`Error::Usage`] if such an option is given.
+/// [`Error::Usage`] if an option doesn't apply, or the name is wrong.
 pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Option<Part>) -> Result<(), Error> {
     check_shard(output, shard)?;
     let mut allowed = SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() };
@@ -23,10 +23,10 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Opt
     Ok(())
 }
 
-/// Refuses a shard with another extension than .shard, and a .shard file without a shard.
+/// Checks that the output's extension is `.shard` if and only if a shard is written.
 ///
 /// # Errors
-/// [`Error::Usage`] in either case.
+/// [`Error::Usage`] if it isn't.
 pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
     let name = output.shown();
     match shard {

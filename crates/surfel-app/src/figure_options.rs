@@ -4,49 +4,49 @@ use crate::values;
 use std::path::PathBuf;
 use surfel_model::Colormap;
 
-/// A length on paper or on a screen.
+/// Width of a figure, on paper or on a screen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Length {
-    /// Number of pixels.
+    /// Length in pixels.
     Pixels(f64),
     /// Length in inches.
     Inches(f64),
 }
 
-/// A mark over all panels.
+/// Kind of mark that is drawn over all panels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MarkKind {
-    /// A scale bar.
+    /// Scale bar.
     Scale,
-    /// Directions of x, y and z.
+    /// Arrows for the directions of x, y and z.
     Axes,
-    /// An arrow along y.
+    /// Arrow along y, for north.
     North,
 }
 
-/// Panels and words of a figure: the flags of `surfel figure` besides those of `surfel render`.
+/// Panels and words of a figure: the options of `surfel figure` in addition to those of `surfel render`.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct FigureOptions {
     /// Title above the panels.
     pub title: Option<String>,
-    /// Titles below the panels: one for each file, or one for each column.
+    /// Titles below the panels, one for each file or one for each column.
     pub titles: Vec<String>,
-    /// Titles to the left of the rows.
+    /// Titles to the left of the rows, one for each row.
     pub row_titles: Vec<String>,
-    /// Number of subjects, at least 1: the files are divided, in their order, into this many groups of equal size.
-    /// `None`: 1.
+    /// Number of subjects, at least 1; `None` means 1. The files are divided, in their order, into this many groups of
+    /// equal size.
     pub subjects: Option<u32>,
-    /// Largest number of panels side by side; at least 1.
+    /// Maximum number of panels side by side, at least 1. Further panels begin a new row.
     pub wrap: Option<u32>,
-    /// Colour map for an additional row of panels, coloured by the distance to the first file. `None` adds no such row.
+    /// Colour map for an additional row of panels, which shows distances to the first file. `None` adds no row.
     pub error_row: Option<Colormap>,
-    /// Distance at the end of the error row's colour map, in the units of the coordinates, more than 0. `None`: the
-    /// 98th percentile.
+    /// Distance that gets the last colour of the error row, more than 0, in the units of the coordinates. `None` uses
+    /// the 98th percentile.
     pub error_max: Option<f64>,
     /// Marks over the panels.
     pub marks: Vec<MarkKind>,
-    /// Unit of the coordinates.
+    /// Name of the unit of the coordinates, for scale bars and colour bars.
     pub unit: Option<String>,
     /// Title of the colour bar or legend of values.
     pub value_title: Option<String>,
@@ -54,30 +54,30 @@ pub struct FigureOptions {
     pub no_legend: bool,
     /// File of cameras that are drawn as frusta.
     pub frusta: Option<PathBuf>,
-    /// Texts beside points in world space.
+    /// Labels, each placed at a point in world space.
     pub texts: Vec<([f64; 3], String)>,
     /// Width of the figure.
     pub width: Option<Length>,
-    /// Pixels per inch; more than 0.
+    /// Resolution in pixels per inch, more than 0.
     pub dpi: Option<f64>,
-    /// Size of the words in points; more than 0.
+    /// Font size in points, more than 0.
     pub font_pt: Option<f64>,
 }
 
-/// Every mark by its name.
+/// All marks, with their names.
 pub const MARKS: &[(&str, MarkKind)] =
     &[("scale", MarkKind::Scale), ("axes", MarkKind::Axes), ("north", MarkKind::North)];
 
 /// Parses the name of a mark.
 ///
 /// # Errors
-/// The names of all marks.
+/// A message with the names of all marks.
 pub fn mark(text: &str) -> Result<MarkKind, String> {
     let known = MARKS.iter().find(|(name, _)| *name == text).map(|(_, mark)| *mark);
     known.ok_or_else(|| format!("expected some of {}", MARKS.iter().map(|(n, _)| *n).collect::<Vec<_>>().join(", ")))
 }
 
-/// Parses `X,Y,Z=TEXT`.
+/// Parses a label `X,Y,Z=TEXT`: a point in world space and its text.
 ///
 /// # Errors
 /// A description of the expected value.
@@ -91,7 +91,7 @@ pub fn text_at(text: &str) -> Result<([f64; 3], String), String> {
     Ok((values::point(point).map_err(|_| wrong())?, words.to_owned()))
 }
 
-/// Parses a length in pixels, or with the unit mm, cm, in or pt.
+/// Parses a positive length: a number of pixels, or a number with the unit mm, cm, in or pt.
 ///
 /// # Errors
 /// A description of the expected value.

@@ -19,11 +19,15 @@ use surfel_model::{Column3, Mesh};
 #[cfg(feature = "sharp")]
 use surfel_sample::SharpErrors;
 
-/// Describes a file's content without converting all of it, as the object that `surfel info --json` prints, whose notes
-/// it words as flags ([`crate::wording::notes_as_flags`]). It contains
-/// format, counts (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (least and largest coordinates), up axis,
-/// attributes and their ranges, estimated radii, memory and notes. `stdin` is the content for the name `-`. LAS, LAZ
-/// and COPC files are read twice in blocks, so memory doesn't grow with their size.
+/// Describes a file's content without converting all of it. Returns the JSON object that `surfel info --json` prints;
+/// the program words its notes as flags ([`crate::wording::notes_as_flags`]). The object contains:
+///
+/// - format, counts (`points`, `splats`, `vertices`, `triangles`, …) and `bounds` (minimum and maximum coordinates);
+/// - up axis, attributes and their ranges, and estimated radii;
+/// - memory in bytes, and notes.
+///
+/// `stdin` is the content of the input named `-`. LAS, LAZ and COPC files are read twice in blocks, so memory doesn't
+/// grow with their size.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
@@ -32,7 +36,7 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
     }
-    // Gaussians are described as trained: all of them, with their harmonics.
+    // Gaussians are described as they are stored: all of them, with their harmonics.
     let options = &LoadOptions { gaussians: true, ..options.clone() };
     let file_bytes = |path: &Path| std::fs::metadata(path).map(|m| m.len()).unwrap_or(0);
     let (loaded, file_bytes) = match stdin.filter(|_| is_stdin(path)) {
@@ -45,7 +49,8 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
     Ok(facts(path, &loaded, file_bytes))
 }
 
-/// Summarises a file of many points, if its format can be read in blocks.
+/// Summarises a file with many points in blocks. Returns `None` for small files, and for formats that can't be read in
+/// blocks.
 fn survey_of_many(path: &Path, options: &LoadOptions) -> Result<Option<Survey>, Error> {
     match surfel_io::survey_points(path, options.columns.as_ref()) {
         Some(count) if count.points > ALL as u64 => survey(path, count.points, options),
@@ -146,7 +151,7 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
     facts["interior_weight"] = json!(interior_weight);
     #[cfg(feature = "sharp")]
     if let Content::Splats(cloud) = &loaded.content {
-        // Errors that `convert --sharp` measured against the mesh.
+        // Approximation errors that `convert --sharp` measured against the mesh and stored as a comment.
         let errors = cloud.data().comments.iter().find_map(|c| c.strip_prefix(SharpErrors::PREFIX));
         facts["sharp_errors"] = json!(errors);
     }
@@ -173,7 +178,7 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
         + bytes_of_textures(m)
 }
 
-/// Counts each texture once, however many materials use it.
+/// Returns the size of all textures in bytes. A texture that several materials use is counted once.
 fn bytes_of_textures(m: &Mesh) -> usize {
     let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
     textures.values().sum()

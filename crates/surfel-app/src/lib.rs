@@ -1,17 +1,18 @@
-//! Options, requests and sessions: what the command line, the Python package, `surfel serve` and `surfel view` share.
-//! Only this package and the programs above it word messages for users as flags or keywords.
+//! Options, requests and sessions: the code that the command line, the Python package, `surfel serve` and `surfel view`
+//! share. Only this package and the programs above it word messages for users as flags or keywords.
 //!
 //! Main types, in reading order:
 //!
-//! 1. [`options`]: the table of all options, a row each. From it come the flags of the command line, the keys of scene
-//!    files, Python's keywords, shell completions and the page on options; [`values`] parses their values;
+//! 1. [`options`]: the table of all options, one row per option. The flags of the command line, the keys of scene
+//!    files, Python's keywords, shell completions and the page on options are generated from the table; [`values`]
+//!    parses the options' values;
 //! 2. [`request::RenderOptions`]: the options of an image as data;
-//! 3. [`request`]: from files and options to the scene, camera, settings and planes of an image;
+//! 3. [`request`]: turns files and options into the scene, camera, settings and planes of an image;
 //! 4. [`session`]: a scene that is drawn many times with changing options;
 //! 5. [`figure`] and [`film`]: several images in one figure, and films;
-//! 6. [`splat_file`], [`ortho_request`] and [`copc_output`]: requests for other files than images;
+//! 6. [`splat_file`], [`ortho_request`] and [`copc_output`]: requests for output files that aren't images;
 //! 7. [`info`], [`metadata`] and [`compare`]: descriptions of files, of how an image was made, and of differences;
-//! 8. [`wording`]: options in messages as flags, or as Python's keywords.
+//! 8. [`wording`]: words options in messages as flags, or as Python's keywords.
 //!
 //! ```
 //! let mut options = surfel_app::request::RenderOptions::default();

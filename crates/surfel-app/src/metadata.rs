@@ -1,7 +1,8 @@
-//! Metadata in images from which they can be drawn again: version, scene, drawing options, and hashes of the inputs.
+//! Metadata in images, from which an image can be drawn again: version, scene, drawing options, and hashes of the
+//! inputs.
 //!
-//! Only data that determine the image are stored. Numbers of threads, names and times aren't, so that the same command
-//! writes the same bytes.
+//! Metadata contain only data that determine the image. They contain no number of threads, user name or time, so that
+//! the same command writes the same bytes.
 
 use crate::render_options::RenderOptions;
 use serde_json::{Map, Value, json};
@@ -16,23 +17,23 @@ use surfel_load::paths::{self, is_stdin};
 use surfel_model::{Camera, SceneFile};
 use surfel_render::RendererInfo;
 
-/// This program's version.
+/// Version of this package and the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Keyword of the program version.
+/// Metadata key of the program version.
 pub const VERSION_KEY: &str = "surfel:version";
-/// Keyword of the scene file, whose paths are relative to the image's folder.
+/// Metadata key of the scene file, whose paths are relative to the image's folder.
 pub const SCENE_KEY: &str = "surfel:scene";
-/// Keyword of the drawing options that aren't part of the scene.
+/// Metadata key of the drawing options that aren't part of the scene.
 pub const DRAWN_KEY: &str = "surfel:drawn";
-/// Keyword of the inputs and their hashes.
+/// Metadata key of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
 
-/// Largest file size in bytes that is hashed as a whole. Reading a larger file completely would take longer than
-/// drawing it with levels of detail.
+/// Maximum size in bytes of a file that is hashed completely. Hashing a larger file would take longer than drawing it
+/// with levels of detail.
 const WHOLE_BYTES: u64 = 256 << 20;
-/// Number of blocks of a larger file that are hashed, evenly spaced from its beginning to its end.
+/// Number of blocks that are hashed of a larger file, evenly spaced from its beginning to its end.
 const PARTS: u64 = 64;
-/// Bytes of each hashed block.
+/// Size of each hashed block in bytes.
 const PART_BYTES: u64 = 1 << 20;
 
 /// An input file of an image.
@@ -51,18 +52,18 @@ pub enum Content {
     Known {
         /// Size in bytes.
         bytes: u64,
-        /// SHA-256 in hexadecimal digits. For a file beyond 256 MiB they follow `parts:`, and cover 64 blocks of 1 MiB,
-        /// evenly spaced from its beginning to its end.
+        /// SHA-256 in hexadecimal digits. For a file larger than 256 MiB, the digits follow `parts:`. The hash then
+        /// covers 64 blocks of 1 MiB, evenly spaced from the file's beginning to its end.
         sha256: String,
     },
-    /// A pipe, which can be read only once.
+    /// A pipe, which can be read only once and isn't hashed.
     Unknown,
-    /// A file that another file refers to, but that doesn't exist.
+    /// A file that doesn't exist, although another input refers to it.
     Missing,
 }
 
-/// Returns the files that a scene names and the files they refer to (`beside`), each once, with hashes. Paths are
-/// absolute. `stdin` is the content for the name `-`.
+/// Returns the input files of a scene with their hashes, each file once. Inputs are the files that the scene names, and
+/// the files in `beside`, which the former refer to. Paths are absolute. `stdin` is the content of the input named `-`.
 ///
 /// # Errors
 /// [`Error::Io`] for a file that can't be read.
@@ -91,7 +92,7 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Content::Missing),
         metadata => metadata.map_err(failed)?,
     };
-    // Opening a pipe that nobody writes to would block forever.
+    // A pipe must not be opened: opening one without a writer would block forever.
     if !metadata.is_file() {
         return Ok(Content::Unknown);
     }
@@ -100,7 +101,7 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// Hashes a file of `bytes` bytes, in the form of [`Content::Known`].
+/// Hashes a file of `bytes` bytes. Returns the text for [`Content::Known`].
 fn hash(mut file: impl Read + Seek, bytes: u64) -> std::io::Result<String> {
     let mut hash = Sha256::new();
     let mut block = vec![0; PART_BYTES as usize];
@@ -139,7 +140,7 @@ pub fn drawn(
     let mut drawn = Map::new();
     drawn.insert("backend".to_owned(), json!(info.backend));
     if !matches!(info.backend, "cpu" | "reference") {
-        // Two GPUs may round differently; CPUs don't.
+        // The adapter is stored because two GPUs may round differently, which CPUs don't.
         drawn.insert("adapter".to_owned(), json!(info.adapter));
     }
     if let Some(r) = options.region_of(camera)? {
@@ -160,7 +161,7 @@ pub fn drawn(
     Ok(drawn)
 }
 
-/// Returns the metadata entries of an image in `folder`, for a scene with absolute paths and its inputs.
+/// Returns the metadata entries, as keys and values, of an image in `folder`. The scene's paths are absolute.
 ///
 /// Returns `None` if a path isn't UTF-8, since JSON must be UTF-8.
 ///
@@ -202,8 +203,8 @@ pub fn entries(
     Ok(Some(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()))
 }
 
-/// Converts JSON to ASCII. Other characters occur only in strings, where they can be escaped. The result fits into a
-/// PNG's `tEXt` and an EXR's attributes.
+/// Converts JSON to ASCII by escaping all other characters, which occur only in strings. A PNG's `tEXt` and an EXR's
+/// attributes can store the result.
 fn ascii(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for c in json.chars() {

@@ -16,18 +16,18 @@ use surfel_model::{ConvertOptions, ModelError, Outliers};
 use surfel_ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
 use surfel_sample::Progress;
 
-/// Request for an orthoimage of files.
+/// Request for an orthoimage, made from files and options.
 #[derive(Clone, Debug)]
 pub struct OrthoRequest<'a> {
-    /// Paths of the files; `-` means `stdin`.
+    /// Paths of the input files; `-` stands for the content of `stdin`.
     pub inputs: &'a [PathBuf],
-    /// Grid and content of the image; its loading options are replaced according to `splats`.
+    /// Grid and content of the image. Its loading options are ignored; they are derived from `splats`.
     pub options: OrthoOptions,
     /// Options for converting files to splats.
     pub splats: &'a SplatOptions,
-    /// Image files to write.
+    /// Paths of the images to write.
     pub files: &'a OrthoFiles,
-    /// Content for the name `-`.
+    /// Content of the input named `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
@@ -55,7 +55,7 @@ impl OrthoRequest<'_> {
         let options = self.options.clone().with_load(load).with_lone(self.options.lone || keeps_lone);
         let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
         let ortho = Ortho::open(&inputs, &options, progress).map_err(|error| match error {
-            // An invalid grid is the fault of its flags.
+            // An invalid grid was caused by a flag, so that the error names the flag.
             Error::Model(e @ ModelError::OutOfRange { .. }) => Error::Usage(format!("--{e}")),
             other => other,
         })?;
@@ -70,7 +70,7 @@ impl OrthoRequest<'_> {
         Ok(ortho)
     }
 
-    /// Refuses file names that aren't TIFF, are equal, or exist already.
+    /// Checks that the output names are TIFF and differ, and that the files don't exist yet.
     fn check_files(&self) -> Result<(), Error> {
         let OrthoFiles { color, dsm, normals, overwrite } = self.files;
         let images = [("-o", color), ("--dsm", dsm), ("--normals", normals)];
@@ -103,7 +103,8 @@ impl OrthoRequest<'_> {
     }
 }
 
-/// Returns the object that `surfel ortho --stats` prints, for an image drawn by the backend `backend`.
+/// Returns the JSON object that `surfel ortho --stats` prints. `backend` is the name of the backend that drew the
+/// image.
 pub fn stats_json(ortho: &Ortho, stats: &OrthoStats, backend: &str) -> Value {
     let ms = |time: std::time::Duration| time.as_secs_f64() * 1e3;
     json!({
@@ -114,7 +115,7 @@ pub fn stats_json(ortho: &Ortho, stats: &OrthoStats, backend: &str) -> Value {
     })
 }
 
-/// Returns notes on the drawn image, as sentences without a full stop.
+/// Returns notes about an image that was drawn, as sentences without a full stop.
 pub fn notes_of(stats: &OrthoStats) -> Vec<String> {
     let mut notes = Vec::new();
     if stats.lone > 0 {

@@ -1,4 +1,4 @@
-//! Progressive loading: a coarse scene soon, then finer ones up to the full scene.
+//! Progressive loading: first a coarse scene, then finer ones up to the full scene.
 
 use crate::request::{Request, Resolved};
 use std::sync::Arc;
@@ -6,30 +6,33 @@ use surfel_load::LoadedObjects;
 use surfel_load::{Error, levels};
 use surfel_sample::Progress;
 
-/// Largest number of points per file in the coarse scene of files without levels of detail. For files with levels,
-/// coarse scenes have at least this point limit, unless the full scene has a smaller one.
+/// Largest number of points per file in the coarse scene, for files without levels of detail. For files with levels, it
+/// is the smallest point limit of a coarse scene, unless the full scene has a smaller limit.
 pub const FIRST_POINTS: u32 = 100_000;
 /// Number of coarse scenes before the full scene, if files have levels of detail.
 const STEPS: u32 = 2;
 
-/// Level of detail of a progressively loaded scene.
+/// Fidelity of a progressively loaded scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// A coarse scene; a finer one follows.
     Coarse,
-    /// The full scene as requested; the last one.
+    /// The full scene as requested, which is the last one.
     Full,
 }
 
-/// Loads and resolves a request as successively finer scenes, and passes each to `each` when it is ready. The last is
-/// the full scene, as [`Request::load`] and [`Request::resolve`] return it. Notes on the full scene are passed to
-/// `note`.
+/// Loads and resolves a request as successively finer scenes, and calls `each` with each scene when it is ready. The
+/// last scene is the full scene, as [`Request::load`] and [`Request::resolve`] return it. Notes about the full scene
+/// are passed to `note`.
 ///
-/// If files have levels of detail (COPC), two coarse scenes come first. They have at most 1/64 and 1/16 of the full
-/// scene's points, but no fewer than [`FIRST_POINTS`], and their splats are up to 16 and 4 times as large. All scenes
-/// have the same camera. If no file has levels and scans have more than [`FIRST_POINTS`], they are read twice. One
-/// coarse scene then shows [`FIRST_POINTS`] of each, evenly selected, and its own framed camera. In all other cases
-/// only the full scene is passed.
+/// Depending on the files, the coarse scenes are:
+///
+/// - Files with levels of detail (COPC): two coarse scenes, with the camera of the full scene. They have at most 1/64
+///   and 1/16 of the full scene's points, but no fewer than [`FIRST_POINTS`]. Their splats are up to 16 and 4 times as
+///   large.
+/// - Files without levels, some of them with more than [`FIRST_POINTS`]: one coarse scene, with its own framed camera.
+///   It shows [`FIRST_POINTS`] of each file, evenly selected, and the files are then read again.
+/// - Other files: no coarse scene.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel_load::Error> {
@@ -49,7 +52,7 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// Errors of [`Request::load`] and [`Request::resolve`]; an error of `each` ends the loading.
+/// Errors of [`Request::load`] and [`Request::resolve`]. An error that `each` returns ends the loading.
 pub fn resolve<E: From<Error>>(
     request: Request,
     stdin: Option<Arc<[u8]>>,
@@ -84,33 +87,34 @@ pub fn resolve<E: From<Error>>(
     each(request.resolve(loaded, progress, note)?, Detail::Full)
 }
 
-/// Returns the request for an even selection of [`FIRST_POINTS`] of each file, with estimates of its own.
+/// Returns the request for a coarse scene: [`FIRST_POINTS`] of each file, evenly selected, with a separate cache of
+/// estimates.
 fn sample_of(request: &Request) -> Request {
     let coarse = request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0);
     coarse.with_estimates(Arc::default())
 }
 
-/// Returns the loaded objects of a sample that includes all points, as if the request had loaded them. The sample's
-/// point limit is then no unused option.
+/// Returns the loaded objects of a sample that includes all points, as if `request` had loaded them. The point limit
+/// that the sample added isn't reported as an unused option.
 fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
     if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
-        // No option asks for fewer points.
+        // The request itself states no point limit.
         loaded.unused.retain(|(_, option)| option.option != "max_points");
     }
     loaded
 }
 
-/// Result of the first step of loading a scene.
+/// Result of the first step of progressive loading.
 pub(crate) enum First {
-    /// Nothing is loaded, because the files have levels of detail.
+    /// No objects, because the files have levels of detail.
     Nothing,
-    /// A coarse selection of points, and its request.
+    /// A coarse selection of points, and the request for it.
     Coarse(Box<Request>, LoadedObjects),
-    /// All points, because there are few.
+    /// All points, because the files have few.
     Whole(LoadedObjects),
 }
 
-/// Loads a coarse selection of points of files without levels of detail.
+/// Loads a coarse selection of the points of files without levels of detail.
 pub(crate) fn first(request: &Request, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<First, Error> {
     if request.files().any(|path| levels::has_levels(&path)) {
         return Ok(First::Nothing);

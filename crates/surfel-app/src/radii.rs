@@ -1,16 +1,16 @@
-//! Radii that a render would give the splats of a file, estimated from a part of it.
+//! Estimates of the radii that splats of a file would have in an image, from a sample of the file.
 
 use surfel_model::{Column3, Mesh, PointCloud, SplatCloud};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, PointOptions};
 
-/// Largest number of points for which radii are estimated from all of them.
+/// Largest number of points whose radii are all estimated. For larger clouds, a sample is used.
 pub(crate) const ALL: usize = 12_000;
 
 /// Number of patches from which the radii of larger clouds are estimated.
 pub(crate) const PATCHES: usize = 16;
 
-/// Points around each patch's centre that are converted, and the ones nearest to it whose radii are used. The others
-/// are near the rim, where neighbours are missing.
+/// Number of points nearest to a patch's centre that are converted, and number of the nearest ones whose radii are
+/// used. Points farther out lack neighbours, which biases their radii.
 pub(crate) const PATCH: (usize, usize) = (600, 200);
 
 /// Statistics of splat radii, in object units.
@@ -18,7 +18,7 @@ pub(crate) struct Radii {
     pub(crate) median: f64,
     pub(crate) min: f64,
     pub(crate) max: f64,
-    /// Method of the estimate, or "given".
+    /// Method of the estimate in words, or "given" for radii from the file.
     pub(crate) how: &'static str,
 }
 
@@ -43,18 +43,18 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
     (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
 }
 
-/// Estimates the radii of the first `count` points; true if they are the file's.
+/// Estimates the radii of the first `count` points. The flag is true if the radii come from the file.
 fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
     let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
     made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()
 }
 
-/// Estimates the radii of the points nearest to a patch's centre. `near` holds the points around it, nearest first.
+/// Estimates the radii of the points nearest to a patch's centre. `near` has the patch's points, nearest first.
 pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
     radii_among(near, PATCH.1).0
 }
 
-/// Estimates the radii that a render would give the points, from all points or from patches of a large cloud.
+/// Estimates the radii that splats of the points would have in an image. Large clouds are sampled in patches.
 pub(crate) fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     if points.len() <= ALL {
         let (radii, are_given) = radii_among(points, points.len());
@@ -84,8 +84,8 @@ pub(crate) fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     Radii::of(radii, if are_given { "given" } else { "estimated from neighbours, on a sample of the points" })
 }
 
-/// Estimates the radii that a render would give a mesh's splats. If splats are spread over the surface, fewer of them
-/// are used.
+/// Estimates the radii that splats of a mesh would have in an image. If splats are spread over the surface, a smaller
+/// number of them is generated, and their radii are scaled.
 pub(crate) fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
     let options = MeshOptions::auto(mesh);
     match options.method {

@@ -1,4 +1,4 @@
-//! Options for an image and the files in it: the flags of `surfel render` as data.
+//! Options for an image and its input files: the flags of `surfel render` as data.
 
 use crate::style::{Choices, Style};
 use crate::values::{self, Part, RangeChoice};
@@ -14,12 +14,12 @@ use surfel_model::{
 use surfel_render::{Planes, Preset, Region};
 use surfel_stage::NamedLight;
 
-/// Source of the camera that the options state.
+/// Source of the camera in the options.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraSource {
-    /// A file that holds only a scene file's camera object.
+    /// A file that contains only the camera object of a scene file.
     File(PathBuf),
-    /// A camera given as a value.
+    /// A camera passed as a value, by a program.
     Given {
         /// The camera.
         camera: Box<Camera>,
@@ -35,8 +35,8 @@ impl CameraSource {
     }
 }
 
-/// The flags of `surfel render` that determine an image. Values that aren't set come from the scene file, the preset
-/// and the defaults, in this order ([`crate::request`]).
+/// The flags of `surfel render` that determine an image. Values that aren't set come from the scene file, the preset or
+/// the defaults, in this order ([`crate::request`]).
 ///
 /// ```
 /// let mut options = surfel_app::request::RenderOptions::default();
@@ -52,92 +52,96 @@ pub struct RenderOptions {
     pub splats: SplatOptions,
     /// Image width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// Camera in the form of a scene file's camera object.
+    /// Camera: a file or a value, in the form of a scene file's camera object.
     pub camera: Option<CameraSource>,
-    /// Lights that replace the scene's, or the default ones that follow the camera; there is no flag for them.
+    /// Lights that replace the scene's lights, or the default lights that follow the camera. There is no flag for this
+    /// option.
     pub lights: Option<Vec<Light>>,
-    /// True if the images are taken from another program's cameras. One light along the view then serves all of them,
-    /// and near planes are chosen automatically.
+    /// True if the images have another program's cameras. One light along the view then serves all cameras, and near
+    /// planes are fitted to the scene.
     pub cameras: bool,
-    /// Side from which the scene is viewed.
+    /// Direction from which the scene is viewed, by name or by angles.
     pub view: Option<ViewChoice>,
     /// Position of the eye in world space.
     pub eye: Option<[f64; 3]>,
-    /// Point that the camera is aimed at, in world space.
+    /// World-space point in the centre of the view.
     pub target: Option<[f64; 3]>,
     /// Direction in world space that appears upward in the image; not zero.
     pub camera_up: Option<[f64; 3]>,
-    /// Up axis of the scene; `Some(None)`: as the file or its format states, else estimated from the shape.
+    /// Up axis of the scene. `Some(None)` uses the axis that the file or its format states, or else an estimate from
+    /// the shape.
     pub up: Option<Option<Up>>,
-    /// The part of the image that is rendered.
+    /// Rectangle of the image that is rendered.
     pub region: Option<Region>,
-    /// Tile of the image to render: one of several bands of rows.
+    /// Tile of the image that is rendered: one of several bands of rows.
     pub tile: Option<Part>,
     /// Vertical field of view, in degrees between 0 and 180.
     pub fov_y: Option<f64>,
-    /// True for parallel projection.
+    /// True if the projection is orthographic.
     pub ortho: bool,
-    /// Height of the view in world units, with parallel projection; `None`: chosen by framing.
+    /// Height of the view in world units, for orthographic projection; `None` frames the scene.
     pub ortho_height: Option<f64>,
     /// Named trade-off between speed and accuracy.
     pub preset: Option<Preset>,
     /// Screen-space filter.
     pub filter: Option<Filter>,
-    /// Projection of splats to the screen.
+    /// Mapping of pixels to positions on splats.
     pub mapping: Option<Mapping>,
     /// Kernel cutoff: more than 0, at most 50.
     pub cutoff: Option<f64>,
-    /// Least half-width of a filtered splat in pixels, 0 to 10,000.
+    /// Minimum half-width of a filtered splat in pixels, 0 to 10,000.
     pub prefilter: Option<f64>,
-    /// Depth range behind the nearest surface in which splats are blended with it.
+    /// Depth tolerance: depth range behind the nearest surface in which fragments are blended with it.
     pub depth_tolerance: Option<DepthTolerance>,
-    /// Least precision of sums.
+    /// Minimum precision of the sums over fragments.
     pub accumulate: Option<Accumulate>,
     /// Method for drawing transparent splats.
     pub transparency: Option<Transparency>,
-    /// Compositing of trained Gaussians. `None`: over one another, unless an option is given that applies only to
-    /// surfaces.
+    /// Compositing of trained Gaussians. `None` composites them over one another, unless an option is given that
+    /// applies only to surfaces.
     pub composite: Option<Composite>,
-    /// Order in which trained Gaussians are composited.
+    /// Order in which trained Gaussians are composited, per Gaussian or per pixel.
     pub sort: Option<Sort>,
-    /// Evaluation of clip curves.
+    /// Method by which clip curves are evaluated.
     pub clip: Option<ClipPolicy>,
-    /// Shading of pixels.
+    /// Shader: rule for the colour of a pixel.
     pub shader: Option<Shader>,
-    /// Image of a lit sphere, which selects the shader matcap; `builtin` is the built-in image.
+    /// Path of the matcap, an image of a lit sphere. It selects the shader matcap; `builtin` names the built-in image.
     pub matcap: Option<PathBuf>,
-    /// Largest projected splat radius in pixels, more than 0, for octrees and COPC files.
+    /// Largest projected splat radius in pixels, more than 0, by which LOD nodes of octrees and COPC files are
+    /// selected.
     pub lod_error: Option<f64>,
-    /// True if all points of COPC files are drawn, not only those that the view needs.
+    /// True if all points of COPC files are drawn; false if only LOD nodes that the view needs are drawn.
     pub all_levels: bool,
     /// True if lights cast shadows.
     pub shadows: bool,
-    /// Named light; `None`: that of the style or the scene file, else lights that follow the camera.
+    /// Named light. `None` uses the light of the style or the scene file, or else lights that follow the camera.
     pub light: Option<NamedLight>,
-    /// Number of directions of a light's sky, 1 to 65,536.
+    /// Number of directions by which a sky's light is sampled, 1 to 65,536.
     pub light_directions: Option<u32>,
-    /// True if light that surfaces reflect to each other is added.
+    /// True if light that surfaces reflect to each other is included.
     pub bounce: Option<bool>,
-    /// Ground below the scene; `Some(None)` for no ground.
+    /// Style of the ground below the scene; `Some(None)` draws no ground.
     pub ground: Option<Option<GroundStyle>>,
     /// Named set of defaults for options that aren't set.
     pub style: Option<Style>,
-    /// Colour of all objects, instead of those of their files.
+    /// Colour of all objects, which replaces the colours in their files.
     pub color: Option<Color>,
-    /// Antialiasing of edges.
+    /// Method of edge antialiasing.
     pub edge_aa: Option<EdgeAa>,
     /// Background colour: linear RGB, and straight alpha in [0, 1].
     pub background: Option<[f64; 4]>,
     /// Number of unfiltered samples along a pixel's side, 1 to 64 (backend reference only).
     pub samples: Option<u32>,
-    /// Additional planes, from [`RenderOptions::MORE_PLANES`].
+    /// Names of additional planes, from [`RenderOptions::MORE_PLANES`].
     pub planes: Vec<String>,
-    /// Attribute for the plane `label`, which this option adds; `None`: [`surfel_load::labels::DEFAULT_LABEL`].
+    /// Attribute for the plane `label`. If it is set, the plane is added; `None` uses
+    /// [`surfel_load::labels::DEFAULT_LABEL`].
     pub label: Option<String>,
-    /// True if the framed camera leaves room for the scene to turn about its up axis.
+    /// True if the framed camera leaves enough space for the scene to turn about its up axis.
     pub turntable: bool,
-    /// True if the image is checked against the error that its preset promises (`--verify`). Interior weights are then
-    /// estimated when files are loaded.
+    /// True if the image's error is compared with the bound that its preset promises (`--verify`). Interior weights are
+    /// then estimated when files are loaded.
     pub verify: bool,
 }
 
@@ -145,27 +149,27 @@ pub struct RenderOptions {
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SplatOptions {
-    /// Options that scene files also have, in their `convert`.
+    /// Conversion options that scene files have, too, in their `convert` objects.
     pub convert: ConvertOptions,
-    /// Culling of splats that face away; `None`: only those of watertight objects are culled.
+    /// Culling of back-facing splats; `None` culls them for watertight objects only.
     pub cull: Option<Cull>,
-    /// True if images of one input each share a value range ([`crate::request::shared_coloring`]).
+    /// True if images of one input each share one range of values ([`crate::request::shared_coloring`]).
     pub shared_range: bool,
-    /// Image file for the colour bar.
+    /// Path of the image of the colour bar.
     pub colorbar: Option<PathBuf>,
-    /// Colouring shared with other images; `None`: from this image's values alone.
+    /// Colouring shared with other images; `None` derives it from the values of this image.
     pub legend: Option<Arc<Coloring>>,
     /// True if an existing colour-bar file is overwritten.
     pub force: bool,
-    /// Memory budget for points in bytes; `None`: [`surfel_load::memory::default_budget`].
+    /// Memory budget for points, in bytes; `None` uses [`surfel_load::memory::default_budget`].
     pub memory: Option<u64>,
 }
 
-/// Filters for trained Gaussians.
+/// Filters that trained Gaussians support.
 const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 
 impl SplatOptions {
-    /// Sets the value of `--range`.
+    /// Sets the range of values, from the value of `--range`.
     pub fn set_range(&mut self, choice: RangeChoice) {
         (self.shared_range, self.convert.range) = match choice {
             RangeChoice::Shared => (true, None),
@@ -173,7 +177,7 @@ impl SplatOptions {
         };
     }
 
-    /// Sets the colouring shared by all images ([`crate::request::shared_coloring`]).
+    /// Sets a colouring that all images share ([`crate::request::shared_coloring`]).
     pub fn set_coloring(&mut self, coloring: Coloring) {
         match &coloring.scale {
             ColorScale::Range { range, .. } => self.set_range(RangeChoice::Values(*range)),
@@ -185,13 +189,13 @@ impl SplatOptions {
         self.legend = Some(Arc::new(coloring));
     }
 
-    /// Adds a condition; all conditions must hold.
+    /// Adds a condition on points, in conjunction with earlier ones.
     pub fn add_condition(&mut self, condition: String) {
         let known = self.convert.condition.take();
         self.convert.condition = Some(Condition::all(&known.into_iter().chain([condition]).collect::<Vec<_>>()));
     }
 
-    /// Sets a value of `--colormap`: the name of a colour map, or else a file of colours.
+    /// Sets the colour map from a value of `--colormap`: the name of a colour map, or else a file of colours.
     ///
     /// # Errors
     /// The names of all colour maps, if the value is neither a name nor looks like a file's name.
@@ -207,10 +211,10 @@ impl SplatOptions {
         Ok(())
     }
 
-    /// Sets a value of `--texture`: the name of a sampling method, or else a texture file.
+    /// Sets sampling or file of the texture from a value of `--texture`: the name of a sampling method, or else a file.
     ///
     /// # Errors
-    /// A message that states what was expected, if a value of the same kind was given before.
+    /// A message that states what was expected, if the same kind of value was given before.
     pub fn add_texture(&mut self, value: PathBuf) -> Result<(), String> {
         let option = &mut self.convert.texture;
         let is_first = match value.to_str().and_then(TextureSampling::from_name) {
@@ -237,10 +241,10 @@ impl SplatOptions {
         .find_map(|(both, flags)| both.then_some(flags))
     }
 
-    /// Refuses flags that contradict each other or need another flag.
+    /// Checks that no flags contradict each other, and that no flag lacks another.
     ///
     /// # Errors
-    /// [`Error::Usage`] naming two flags.
+    /// [`Error::Usage`] with the names of the two flags.
     pub fn check(&self) -> Result<(), Error> {
         if let Some((a, b)) = self.contradiction() {
             return Err(Error::Usage(format!("--{a} and --{b} contradict each other: give one of them")));
@@ -254,13 +258,13 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
-    /// Names that [`RenderOptions::planes`] may contain: planes of the nearest splat, planes of Gaussians, and depth
-    /// and normal, which every file of planes has.
+    /// Names that [`RenderOptions::planes`] may contain: planes of the nearest splat, planes of Gaussians, and the
+    /// planes depth and normal, which every file of planes has.
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
-    /// Applies the style's choices to the options that aren't set, except light and ground, which depend on the
-    /// objects.
+    /// Applies the style's defaults to options that aren't set. Light and ground are excluded, since they depend on the
+    /// objects ([`RenderOptions::light`]).
     pub(crate) fn apply_style(&mut self) {
         let Some(Choices { size, background, edge_aa, .. }) = self.style.map(Style::choices) else { return };
         self.size.get_or_insert(size);
@@ -272,17 +276,17 @@ impl RenderOptions {
         self.planes.iter().any(|asked| asked == plane)
     }
 
-    /// True if splats need their row numbers.
+    /// True if a requested plane needs the row numbers of splats.
     pub(crate) fn wants_rows(&self) -> bool {
         self.asks_for("index") || self.asks_for("object")
     }
 
-    /// True if splats need their labels.
+    /// True if a requested plane needs the labels of splats.
     pub(crate) fn wants_label(&self) -> bool {
         self.label.is_some() || self.asks_for("label")
     }
 
-    /// Returns the first given option that applies only to surfaces.
+    /// Returns the name of the first option in use that applies only to surfaces, not to trained Gaussians.
     pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
         let convert = ConvertOptions {
             repair: false,
@@ -314,7 +318,7 @@ impl RenderOptions {
         given.into_iter().find_map(|(is_given, flag)| is_given.then_some(flag))
     }
 
-    /// Returns `others` with the planes added that these options request.
+    /// Returns the planes `others` together with the planes that the options request.
     #[must_use]
     pub fn planes_besides(&self, others: Planes) -> Planes {
         let others = others.with_index(others.index || self.wants_rows());
@@ -327,10 +331,10 @@ impl RenderOptions {
         others.with_position(others.position || self.asks_for("position"))
     }
 
-    /// Refuses flags that contradict each other or need another flag.
+    /// Checks that no flags contradict each other, and that no flag lacks another.
     ///
     /// # Errors
-    /// [`Error::Usage`] naming two flags.
+    /// [`Error::Usage`] with the names of the two flags, or of the flag that is missing.
     pub fn check(&self) -> Result<(), Error> {
         self.splats.check()?;
         let (view, camera, ortho) = (self.view.is_some(), self.camera.is_some(), self.ortho);
@@ -371,13 +375,14 @@ impl RenderOptions {
         }
     }
 
-    /// True if nothing but a style's light is asked for that a sky can't have.
+    /// True if no option conflicts with the light of a sky, so that a style may choose one.
     fn takes_light_of_style(&self) -> bool {
         let is_plain = self.shader.is_none_or(|shader| shader == Shader::Phong);
         is_plain && self.matcap.is_none() && !self.shadows && self.lights.is_none() && !self.cameras
     }
 
-    /// Returns the light, whether light is reflected, and the ground, for objects that can store light or can't.
+    /// Returns the light, whether reflected light is included, and the ground. `can_store` is true if the objects can
+    /// store light.
     pub(crate) fn light(&self, can_store: bool) -> (Option<NamedLight>, bool, Option<GroundStyle>) {
         let style = self.style.filter(|_| can_store && self.takes_light_of_style()).map(Style::choices);
         let of_ground = self.ground.flatten().map(|_| NamedLight::Studio);
@@ -387,7 +392,7 @@ impl RenderOptions {
         (light, bounce, self.ground.unwrap_or(style.map(|style| style.ground)))
     }
 
-    /// Refuses flags that contradict a light.
+    /// Checks that no flag contradicts the light.
     fn check_light(&self) -> Result<(), Error> {
         let follows = self.light == Some(NamedLight::Headlight);
         let of_sky = [
@@ -412,8 +417,8 @@ impl RenderOptions {
         }
     }
 
-    /// Returns the region of a camera's image to render; a tile is a band of rows across the whole width. `None`: the
-    /// whole image.
+    /// Returns the region of a camera's image that is rendered; `None` for the whole image. A tile is a band of rows
+    /// across the whole width.
     ///
     /// # Errors
     /// [`Error::Usage`] for more tiles than the image has rows.

@@ -1,4 +1,4 @@
-//! Resolution of inputs and options into one scene. Precedence: option, scene-file key, preset, default.
+//! Resolves inputs and options into one scene. In order of precedence: option, scene-file key, preset, default.
 
 mod geometry;
 
@@ -38,7 +38,7 @@ use surfel_sample::Progress;
 use surfel_stage::Estimates;
 use surfel_stage::Lighting;
 
-/// Source of an image.
+/// Input of an image.
 pub enum Source {
     /// A scene file.
     Scene(Box<SceneSource>),
@@ -48,9 +48,9 @@ pub enum Source {
 
 /// A scene file that has been read.
 pub struct SceneSource {
-    /// Content of the scene file.
+    /// Content of the scene file, parsed.
     pub file: SceneFile,
-    /// Keys that its `settings` object has.
+    /// Keys that are present in the file's `settings` object; presets don't override them.
     pub keys: BTreeSet<String>,
     /// Name of the scene file in messages.
     pub name: PathBuf,
@@ -59,9 +59,9 @@ pub struct SceneSource {
 }
 
 impl Source {
-    /// Reads a scene file, or collects files of geometry.
+    /// Reads a scene file, or collects the paths of geometry files.
     ///
-    /// `stdin` is the content for the name `-`, if it is among the inputs.
+    /// `stdin` is the content of the input named `-`, if it is among the inputs.
     ///
     /// # Errors
     /// [`Error::Io`] for a scene file that can't be read, [`Error::Usage`] for a scene file that isn't the only input.
@@ -91,7 +91,7 @@ impl Source {
     }
 }
 
-/// True for JSON with the keys of a scene file; glTF has other keys.
+/// True if the bytes are JSON with the keys of a scene file. Other JSON formats, such as glTF, have other keys.
 fn looks_like_scene(bytes: &[u8]) -> bool {
     let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if !json.trim_ascii_start().starts_with(b"{") {
@@ -101,12 +101,12 @@ fn looks_like_scene(bytes: &[u8]) -> bool {
     json.get("asset").is_none() && (json.get("camera").is_some() || json.get("objects").is_some())
 }
 
-/// A loaded scene, and the scene file that produces the same image. The file's paths are absolute, or `-` for stdin.
+/// A loaded scene, and a scene file that reproduces the image. The file's paths are absolute, or `-` for stdin.
 #[derive(Clone, Debug)]
 pub struct Resolved {
-    /// The scene file.
+    /// Scene file with all choices filled in.
     pub file: SceneFile,
-    /// The scene, with all files loaded.
+    /// Scene with all files loaded.
     pub scene: Scene,
     /// Axis and centre of a turntable movie.
     pub turntable: Turntable,
@@ -114,18 +114,19 @@ pub struct Resolved {
     pub up: Up,
     /// True if the camera comes from a scene file or a camera file, not from framing the scene.
     pub has_own_camera: bool,
-    /// Absolute paths of files that the objects' files refer to, whether they exist or not.
+    /// Absolute paths of other files that the input files refer to, such as textures, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
-    /// Colourings by attribute, if the options or the scene file ask for any.
+    /// Colourings by attribute; empty unless the options or the scene file request some.
     pub colorings: Colorings,
     /// Default lights, which follow the camera; `None` if the scene has lights of its own.
     pub(crate) lighting: Option<Lighting>,
-    /// True if stray points are framed, too ([`LoadedObjects::frames_all`]).
+    /// True if automatic framing includes stray points ([`LoadedObjects::frames_all`]).
     pub(crate) frames_all: bool,
 }
 
 impl Resolved {
-    /// Returns the camera for these options, starting from `given` or else the scene's own camera.
+    /// Returns the camera for the given options. The options change the camera `given`, or the scene's own if it is
+    /// `None`.
     pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
         let given = given.unwrap_or(&self.file.camera);
         let leaves_strays = options.view.is_some() && !self.frames_all;
@@ -136,8 +137,8 @@ impl Resolved {
         camera
     }
 
-    /// Returns the camera of the image with this index. Also returns the scene if its lights differ from those of the
-    /// first image.
+    /// Returns the camera of the image `index`. Also returns a scene if its lights differ from those of the first
+    /// image.
     pub fn picture(&self, pictures: &Pictures, index: u32) -> (Camera, Option<Scene>) {
         let own = &self.file.camera;
         match pictures {
@@ -155,15 +156,15 @@ impl Resolved {
         }
     }
 
-    /// Returns the scene with other lights, which cast shadows if its own lights do.
+    /// Returns the scene with other lights. They cast shadows if the scene's own lights do.
     pub(crate) fn lit(&self, lights: Vec<Light>) -> Scene {
         let has_shadows = self.scene.lights.iter().flatten().any(Light::casts_shadow);
         let lights = if has_shadows { with_shadows(lights) } else { lights };
         Scene { lights: Some(lights), ..self.scene.clone() }
     }
 
-    /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turntable movie of `frames` frames. Also returns
-    /// the scene if its lights move.
+    /// Returns the camera of a frame of a turntable movie of `frames` frames; `index` is from 0 to `frames` − 1. Also
+    /// returns a scene if its lights move.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
             return (self.file.camera.clone(), None);
@@ -176,21 +177,21 @@ impl Resolved {
     }
 }
 
-/// Images to be drawn of a scene. From large COPC files ([`surfel_load::levels`]) only the nodes that these images
-/// need are read.
+/// Set of images that are drawn of one scene. From large COPC files ([`surfel_load::levels`]), only nodes that the
+/// images need are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Pictures {
     /// One image, from the scene's camera.
     #[default]
     One,
-    /// One image from each of another program's cameras.
+    /// One image from each of a list of cameras, such as the cameras of another program.
     Cameras(Vec<Camera>),
-    /// A turn around the scene, with this number of images.
+    /// Turntable movie with this number of frames.
     Turn(u32),
-    /// A film from a camera that moves along a path. Default lights follow the camera.
+    /// Film from a camera that moves along a path, with one camera for each frame. Default lights follow the camera.
     Path(Vec<Camera>),
-    /// Any number of images from cameras that aren't known yet, so all points are read. If nodes were selected for
-    /// other images before, only the coarsest levels remain.
+    /// Any number of images from cameras that are still to be chosen, so that all points are read. Objects that were
+    /// loaded for other images before aren't refined, and have only their coarsest levels.
     Any,
 }
 
@@ -199,7 +200,7 @@ impl Pictures {
         if let Self::Cameras(cameras) | Self::Path(cameras) = self { cameras.first() } else { None }
     }
 
-    /// Returns the views of all images, given the scene's camera.
+    /// Returns the views of all images. `camera` is the scene's camera.
     fn views(&self, camera: &Camera, turntable: &Turntable, options: &RenderOptions) -> Result<Vec<View>, Error> {
         let turned = |i: u32, frames: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
         match self {
@@ -212,7 +213,7 @@ impl Pictures {
     }
 }
 
-/// A request for images with its options applied, before anything is loaded.
+/// A request for images with its options applied, before files are loaded.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel_load::Error> {
@@ -232,16 +233,17 @@ pub struct Request {
     camera: Option<Camera>,
     settings: Settings,
     objects: Vec<ObjectFile>,
-    /// Folder that the objects' paths are relative to.
+    /// Folder to which the objects' paths are relative.
     base: PathBuf,
-    /// The scene file and its name, if there is one.
+    /// Scene file and its name, if the input is one.
     scene: Option<(SceneFile, PathBuf)>,
-    /// True if the scene file has lights but neither it nor the options choose a shader.
+    /// True if the scene file has lights, but neither the file nor the options choose a shader. The lights then have no
+    /// effect.
     has_unused_lights: bool,
     level_store: Arc<LevelStore>,
-    /// True if splats get their row numbers even if no plane needs them.
+    /// True if splats get the numbers of their rows in the file, even if no plane needs them.
     has_rows: bool,
-    /// Estimates of the loaded objects.
+    /// Cache of estimates about the loaded objects, such as their centre.
     estimates: Arc<Estimates>,
 }
 
@@ -283,7 +285,7 @@ impl Request {
         Ok(request)
     }
 
-    /// Sets settings, objects and camera of a scene file, with the options applied.
+    /// Takes settings, objects and camera from a scene file, and applies the options to them.
     fn set_scene(&mut self, source: SceneSource) -> Result<(), Error> {
         let SceneSource { mut file, keys, name, base } = source;
         let options = &self.options;
@@ -291,7 +293,7 @@ impl Request {
         if let Some(given) = &self.camera {
             file.camera = given.clone();
         }
-        // Reports numbers out of range before minutes are spent loading.
+        // Numbers out of range are reported here, before minutes are spent on loading.
         let out_of_range = |e: ModelError| out_of_range(&name, &e);
         file.settings.validate().map_err(out_of_range)?;
         if options.view.is_none() {
@@ -309,19 +311,21 @@ impl Request {
         Ok(())
     }
 
-    /// Returns the request with a cache of files with levels of detail, which successive requests share.
+    /// Returns the request with a shared cache of files with levels of detail. Successive requests with the same cache
+    /// read less.
     #[must_use]
     pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
         Self { level_store, ..self }
     }
 
-    /// Returns the request for splats numbered by the rows of their files, even if no plane needs the numbers.
+    /// Returns the request with row numbers: splats get the numbers of their rows in the file, even if no plane needs
+    /// them.
     #[must_use]
     pub fn with_rows(self) -> Self {
         Self { has_rows: true, ..self }
     }
 
-    /// Returns the same request for other images.
+    /// Returns the request for another set of images.
     #[must_use]
     pub fn with_pictures(mut self, pictures: Pictures) -> Self {
         if let Some(camera) = pictures.first_camera() {
@@ -331,8 +335,8 @@ impl Request {
         Self { pictures, ..self }
     }
 
-    /// True if the points of some file don't fit into memory at once, so that each image needs its own selection of
-    /// levels.
+    /// True if the points of some file don't fit into the memory budget at once. Each image then needs its own
+    /// selection of LOD nodes.
     pub fn exceeds_memory(&self) -> bool {
         let options = self.load_options(None);
         let exceeds = |object: &ObjectFile| {
@@ -342,29 +346,30 @@ impl Request {
         self.objects.iter().any(|object| exceeds(object).is_some())
     }
 
-    /// Returns the objects, whose paths are relative to the scene file's folder.
+    /// Returns the objects. Their paths are relative to the scene file's folder.
     pub fn objects(&self) -> &[ObjectFile] {
         &self.objects
     }
 
-    /// Returns the request with these estimates, which requests with the same loaded objects share.
+    /// Returns the request with a shared cache of estimates. Requests that share the cache must have the same loaded
+    /// objects.
     pub(crate) fn with_estimates(self, estimates: Arc<Estimates>) -> Self {
         Self { estimates, ..self }
     }
 
-    /// True if the inputs are files without a scene file.
+    /// True if there is no scene file.
     pub(crate) fn is_bare(&self) -> bool {
         self.scene.is_none()
     }
 
-    /// Returns the paths of point and splat files.
+    /// Returns the paths of the objects' point and splat files, without stdin.
     pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
         let named = self.objects.iter().filter_map(|object| object.splats.as_ref());
         named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
     }
 
-    /// Returns a coarser version of the request. `most` maps the current point limit to the coarser one, and the
-    /// largest projected splat radius is multiplied by `times`.
+    /// Returns a coarser version of the request, for quick previews. `most` maps the current limit of points to the
+    /// coarser limit. The largest projected radius of octree splats is multiplied by `times`.
     pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
@@ -376,15 +381,15 @@ impl Request {
             settings.lod_error_px = (settings.lod_error_px * times).min(MOST_LOD_ERROR_PX);
         };
         std::iter::once(&mut coarse.settings).chain(scene).for_each(coarsen);
-        // Only the full scene's colour bar is written.
+        // The colour bar is written only for the full scene.
         coarse.options.splats.colorbar = None;
         coarse
     }
 
-    /// Returns the options for loading the objects. With them, only an overview of large COPC files is read, which is
-    /// enough to place a camera; for [`Pictures::Any`], all points are read. `stdin` is the content for the name `-`.
+    /// Returns the options for loading the objects. Of large COPC files, they read only an overview, which is enough to
+    /// place a camera; for [`Pictures::Any`], they read all points. `stdin` is the content of the input named `-`.
     pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
-        // Verification compares with a preset that antialiases edges.
+        // Verification compares the image with one that antialiases edges, for which interior weights are needed.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
         let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
@@ -421,14 +426,13 @@ impl Request {
         Ok(loaded)
     }
 
-    /// True if the files decide how Gaussians are drawn, not a scene file or an option.
+    /// True if the files decide how Gaussians are composited, because neither a scene file nor an option does.
     fn tells_composite(&self) -> bool {
         self.scene.is_none() && self.options.composite.is_none() && self.options.of_surfaces().is_none()
     }
 
-    /// Assembles the scene from its objects, with automatic framing and lighting unless a scene file defines them.
-    /// Reads the levels of large files that its images need. Passes notes for the user to `note`, as sentences without
-    /// a full stop.
+    /// Assembles the scene from its objects. Chooses camera and lights, unless a scene file defines them, and reads the
+    /// LOD nodes that the images need. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
     /// - [`Error::Usage`] for options without effect or for an invalid camera;
@@ -450,7 +454,7 @@ impl Request {
         }
     }
 
-    /// Reads the levels of large files that the images need.
+    /// Reads the LOD nodes of large files that the images need.
     fn refine(
         &self,
         mut loaded: LoadedObjects,
@@ -495,7 +499,7 @@ impl Request {
             file.lights = Some(lights.clone());
         }
         if options.shadows {
-            // Shadows of the default headlight are never visible.
+            // Shadows of the default headlight are never visible, so that lights aren't added here.
             file.lights = file.lights.take().map(with_shadows);
         }
         let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
@@ -532,11 +536,11 @@ impl Request {
     }
 }
 
-/// Finds one colouring for the values of all sources, each of which is drawn by itself. Returns `None` if they aren't
-/// coloured by numbers. The sources are loaded one after another.
+/// Determines one colouring for the values of several sources, each of which gets its own image. Returns `None` if no
+/// source is coloured by numbers. Loads the sources one after another.
 ///
 /// # Errors
-/// [`Error::Usage`] if the options name no attribute; otherwise as [`Request::new`] and [`Request::load`].
+/// [`Error::Usage`] if the options don't name an attribute; otherwise as [`Request::new`] and [`Request::load`].
 pub fn shared_coloring(
     sources: impl IntoIterator<Item = Result<Source, Error>>,
     options: &RenderOptions,
@@ -567,7 +571,7 @@ fn is_partial(loaded: &LoadedObjects) -> bool {
     loaded.facts.iter().any(|facts| facts.partial)
 }
 
-/// Passes the notes on files to `note`, checks for options without effect, and writes the colour bar.
+/// Passes the notes about the files to `note`, checks for options without effect, and writes the colour bar.
 fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(String)) -> Result<(), Error> {
     for ObjectNote { path, text } in &loaded.notes {
         note(format!("{}: {text}", display(path)));
@@ -576,8 +580,7 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
 }
 
-/// Passes a note to `note` if most trained Gaussians in front of the camera are closer than the near limit for drawing
-/// them.
+/// Passes a note to `note` if most of the trained Gaussians in front of the camera are too near to be drawn.
 fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
     let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
     let (near, forward) = (gaussian::near(&view.projection), view.forward());
@@ -606,7 +609,7 @@ fn out_of_range(name: &Path, e: &ModelError) -> Error {
     Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() }
 }
 
-/// Returns the note on an up axis that no option states.
+/// Returns the note about an estimated up axis, with the option that overrides it.
 pub(crate) fn up_note(Upright { up, reason }: Upright) -> String {
     let other = if up == Up::PlusZ { Up::PlusY } else { Up::PlusZ };
     format!("up is {up} ({reason}); if that is wrong: --up {other}")
@@ -623,7 +626,7 @@ fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
     Ok(Some(camera))
 }
 
-/// Applies a preset, except to settings that the scene file states itself.
+/// Applies a preset to the settings of a scene file, except to settings that the file states.
 fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>) -> Settings {
     let Some(preset) = preset else { return file };
     let mut settings = preset.apply(file);
@@ -646,7 +649,7 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
     settings
 }
 
-/// Applies `--filter` to trained Gaussians, if the settings composite them with [`Composite::Over`].
+/// Sets the filter of trained Gaussians to that of the options, if they are composited with [`Composite::Over`].
 fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
     let over = options.filter.filter(|_| settings.composite == Composite::Over);
     settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))
@@ -694,8 +697,8 @@ fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
     })
 }
 
-/// Loads the matcap that the option or else the file names, by absolute path. Returns `None` for the built-in matcap,
-/// and if none is asked for.
+/// Loads the matcap image that the option names, or else the file. Makes its path in `file` absolute. Returns `None`
+/// for the built-in matcap and if no matcap is named.
 fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Matcap>>, Error> {
     if let Some(given) = &options.matcap {
         file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };
@@ -703,7 +706,7 @@ fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Ma
     load_matcap(file, Path::new(""))
 }
 
-/// Passes a note to `note` with the number of stray points that the framed camera excludes, if there are any.
+/// Passes a note to `note` with the number of stray points outside of the frame, if there are any.
 fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)) {
     if let Some(LeftOut { count, times }) = kept.and_then(|kept| surfel_framing::left_out(scene, &kept)) {
         let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };

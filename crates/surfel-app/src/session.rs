@@ -23,14 +23,14 @@ use surfel_sample::NoProgress;
 use surfel_sample::Progress;
 use surfel_stage::Estimates;
 
-/// Largest number of splats of all loaded scenes together at which a second scene stays in memory.
+/// Number of splats of all loaded scenes together, above which only one scene stays in memory.
 const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 
-/// Loaded scenes of one set of inputs, with the scene shown last resident in a backend.
+/// Loaded scenes of one set of input files. The scene shown last is resident in a backend.
 ///
-/// The options of successive images may differ in anything. Files are read again only if the options change what is
-/// read of them, and splats are uploaded again only if they differ. Images are bit-identical to those of [`Request`]
-/// with the same options.
+/// All options may change from image to image. Files are read again only if the options change the data that is read
+/// from them. Splats are uploaded again only if they differ. Images are bit-identical to those of [`Request`] with the
+/// same options.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel_load::Error> {
@@ -51,58 +51,58 @@ const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 /// ```
 pub struct Session {
     inputs: Vec<PathBuf>,
-    /// Content of the input `-`.
+    /// Content of the input named `-`.
     stdin: Option<Arc<[u8]>>,
     backend: Backend,
     backend_name: String,
     backend_options: BackendOptions,
     level_store: Arc<LevelStore>,
-    /// True if images are drawn from cameras that aren't known when the scene is shown.
+    /// True if the cameras of images aren't fixed yet when the scene is shown ([`Session::for_any_camera`]).
     is_for_any_camera: bool,
-    /// True if some file has levels of detail, once it is known.
+    /// True if some file has levels of detail; empty until this is first needed.
     has_levels: OnceCell<bool>,
-    /// Loaded scenes, the one shown last first.
+    /// Loaded scenes, most recently shown first.
     loaded: Vec<LoadedScene>,
     frame: Frame,
 }
 
-/// Files loaded with certain options.
+/// Input files, loaded with certain options.
 struct LoadedScene {
     options: LoadOptions,
     files: Vec<ObjectFile>,
     objects: LoadedObjects,
-    /// Estimates of the objects.
+    /// Cache of estimates about the objects, such as their centre.
     estimates: Arc<Estimates>,
     /// True if the files are a coarse selection of their points.
     is_coarse: bool,
-    /// Corners of the bounds, in world space.
+    /// Eight corners of the bounding box, in world space; empty if there are no bounds.
     corners: Vec<DVec3>,
-    /// Names and hashes of the files, once they are needed.
+    /// Names and hashes of the files; `None` until they are first needed.
     hashes: Option<Vec<Input>>,
-    /// Result of [`described`], once it is needed.
+    /// Result of [`described`]; null until it is first needed.
     description: Value,
     shown: Option<Shown>,
 }
 
-/// A scene resident in the backend.
+/// Scene that is shown, and its copy in the backend.
 struct Shown {
-    /// Options that the scene is shown with; `None` for a coarse selection, and after the lights have followed another
+    /// Options with which the scene is shown. `None` for a coarse selection, and after the lights have followed another
     /// camera.
     options: Option<RenderOptions>,
     resolved: Resolved,
-    /// The resident scene; `None` until a camera selects its levels of detail.
+    /// Scene resident in the backend; `None` until a camera selects its levels of detail.
     resident: Option<BackendScene>,
-    /// Camera of the resident levels, if each camera has its own.
+    /// Camera for which the resident levels of detail were selected; `None` if all cameras share the scene.
     camera: Option<Camera>,
 }
 
-/// Loader of the files of a session, which runs on any thread.
+/// Loader for the files of a session, which can run on another thread.
 pub struct Loader {
     request: Request,
     stdin: Option<Arc<[u8]>>,
 }
 
-/// Files that a [`Loader`] has loaded.
+/// Files that a [`Loader`] has loaded, for [`Session::adopt`].
 pub struct Loaded(LoadedScene);
 
 impl Loader {
@@ -116,7 +116,7 @@ impl Loader {
     }
 }
 
-/// Properties of the surface at a pixel.
+/// Properties of the surface at a picked pixel.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Picked {
@@ -124,17 +124,17 @@ pub struct Picked {
     pub position: [f64; 3],
     /// Unit normal in world space.
     pub normal: [f32; 3],
-    /// Distance from the plane through the eye that is parallel to the image, in world units.
+    /// Depth: distance from the eye along the viewing direction, in world units.
     pub depth: f64,
-    /// Index of the object, and row of the nearest splat in its file; `None` for polygons and Gaussians.
+    /// Index of the object, and row of the nearest splat in the object's file; `None` for polygons and Gaussians.
     pub row: Option<(usize, u32)>,
-    /// Names and values of the splat's columns.
+    /// Names and values of the splat's attributes.
     pub values: Vec<(String, f64)>,
 }
 
 impl Session {
-    /// Starts a backend by its name ([`Backend::by_name`]) for scenes of these inputs. `stdin` is the content of the
-    /// input `-`. Files are loaded by the first image.
+    /// Creates a session with a backend chosen by its name ([`Backend::by_name`]). `stdin` is the content of the input
+    /// named `-`. Files are loaded when the first image is drawn.
     ///
     /// # Errors
     /// [`Error::Backend`] if the backend doesn't start.
@@ -148,7 +148,8 @@ impl Session {
         Ok(Self::with_backend(inputs, stdin, backend, (backend_name, backend_options)))
     }
 
-    /// Creates a session like [`Session::start`], with a backend that has been started by this name and these options.
+    /// Creates a session like [`Session::start`], with a backend that was already started by the given name and
+    /// options.
     pub fn with_backend(
         inputs: Vec<PathBuf>,
         stdin: Option<Arc<[u8]>>,
@@ -169,8 +170,8 @@ impl Session {
         }
     }
 
-    /// Prepares the session for [`Session::draw_from`]: scenes without a scene file are lit along the view, so that all
-    /// cameras share them, and all points are resident if they fit into memory.
+    /// Prepares the session for [`Session::draw_from`]. Scenes without a scene file are then lit along the view, so
+    /// that all cameras share one scene. All points are resident if they fit into memory.
     #[must_use]
     pub fn for_any_camera(self) -> Self {
         Self { is_for_any_camera: true, ..self }
@@ -186,17 +187,17 @@ impl Session {
         &self.frame
     }
 
-    /// True if the loaded scenes are too large for another session to stay in memory beside this one.
+    /// True if the loaded scenes are so large that another session shouldn't stay in memory at the same time.
     pub fn is_large(&self) -> bool {
         self.loaded.iter().map(LoadedScene::splats).sum::<u64>() > MOST_SPLATS_OF_TWO
     }
 
-    /// Returns the loaded objects of the scene shown last.
+    /// Returns the loaded objects of the scene shown last, if there is one.
     pub fn objects(&self) -> Option<&LoadedObjects> {
         self.loaded.first().map(|loaded| &loaded.objects)
     }
 
-    /// Returns the scene shown last.
+    /// Returns the scene shown last, if there is one.
     pub fn shown(&self) -> Option<&Resolved> {
         self.loaded.first()?.shown.as_ref().map(|shown| &shown.resolved)
     }
@@ -208,15 +209,15 @@ impl Session {
             let by_levels = request.exceeds_memory() && !options.all_levels;
             return Ok(if by_levels { request } else { request.with_pictures(Pictures::Any) });
         }
-        // With row numbers, points outside of the view would be read, too.
+        // Row numbers would require reading points outside of the view, too, so that files with levels don't get them.
         let has_levels = *self.has_levels.get_or_init(|| request.files().any(|path| levels::has_levels(&path)));
         Ok(if has_levels { request } else { request.with_rows() })
     }
 
-    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points.
+    /// Loads and shows a coarse selection of the points, if the files aren't loaded yet and have many points.
     ///
-    /// Returns a loader of all points; pass its result to [`Session::adopt`]. Returns `None` if nothing was shown. Then
-    /// call [`Session::show`]; files with few points are already loaded.
+    /// Returns a loader for all points, whose result is passed to [`Session::adopt`]. Returns `None` if nothing was
+    /// shown; the caller then uses [`Session::show`]. Files with few points are completely loaded in this case.
     ///
     /// # Errors
     /// Errors of [`Session::show`].
@@ -244,14 +245,14 @@ impl Session {
         Ok(Some(Loader { request, stdin: self.stdin.clone() }))
     }
 
-    /// Replaces the coarse selection of points by the files that a [`Loader`] has loaded.
+    /// Replaces the coarse selection of points by the files that a [`Loader`] loaded.
     pub fn adopt(&mut self, loaded: Loaded) {
         self.loaded.retain(|loaded| !loaded.is_coarse);
         self.loaded.insert(0, loaded.0);
     }
 
-    /// Loads the files with these options if they aren't loaded, and uploads the scene if its splats differ from the
-    /// resident ones. Notes for the user are passed to `note`, as sentences without a full stop.
+    /// Shows the scene with the given options. Loads the files unless they are loaded, and uploads the scene if its
+    /// splats differ from the resident ones. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
     /// Errors of [`Request::new`], [`Request::load`] and [`Request::resolve`], and [`Error::Render`] if the scene can't
@@ -280,7 +281,7 @@ impl Session {
             }
             if let Some(facts) = loaded.objects.facts.first_mut().filter(|_| is_bare && options.up.flatten().is_none())
             {
-                // The estimate depends on nothing that changes from image to image.
+                // The estimate depends only on the files, so that it is stored for further images.
                 let reason = surfel_framing::UpReason::Convention;
                 (facts.up, facts.up_reason) = (resolved.up, facts.up_reason.or(Some(reason)));
             }
@@ -289,7 +290,7 @@ impl Session {
         self.shown().ok_or_else(nothing_shown)
     }
 
-    /// Moves the scene loaded for a request to the front, or loads it.
+    /// Moves the scene that is loaded for a request to the front of the list, or loads it.
     fn load(&mut self, request: &Request, progress: &dyn Progress) -> Result<(), Error> {
         self.loaded.retain(|loaded| !loaded.is_coarse);
         if let Some(place) = self.loaded.iter().position(|loaded| loaded.is_for(request)) {
@@ -302,14 +303,14 @@ impl Session {
         Ok(())
     }
 
-    /// Drops loaded scenes to make room for another one. The scene shown last stays if two scenes of the current size
-    /// fit into [`MOST_SPLATS_OF_TWO`].
+    /// Drops loaded scenes before another one is loaded. The scene shown last is retained if two scenes of the current
+    /// size have at most [`MOST_SPLATS_OF_TWO`] splats.
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
     }
 
-    /// Makes a scene of the first loaded objects resident, unless each camera selects its own levels of detail.
+    /// Makes the resolved scene resident in the backend, unless each camera selects its own levels of detail.
     fn upload(
         &mut self,
         options: &RenderOptions,
@@ -335,7 +336,7 @@ impl Session {
     }
 
     /// Starts another backend if the current one was selected automatically and can't draw the scene. Returns true if
-    /// another backend was started, in which no scene is resident yet.
+    /// it did; no scene is resident in the new backend yet.
     fn settle_backend(&mut self, resolved: &Resolved, note: &mut dyn FnMut(String)) -> Result<bool, Error> {
         let planes = if self.is_for_any_camera { Planes::ALL } else { Planes::COLOR };
         let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
@@ -349,7 +350,7 @@ impl Session {
         Ok(true)
     }
 
-    /// Draws the scene shown last with the options that it was shown with.
+    /// Draws the scene shown last. `options` are those with which it was shown.
     ///
     /// # Errors
     /// [`Error::Render`], and [`Error::Usage`] for a camera out of range.
@@ -366,8 +367,8 @@ impl Session {
         Ok(self.backend.render_into(resident, view, settings, planes, &mut self.frame)?)
     }
 
-    /// Draws the scene shown last from another camera, with the region that the options state. If not all points fit
-    /// into memory, the camera's levels of detail are read first.
+    /// Draws the scene shown last from another camera. The region comes from the options. If not all points fit into
+    /// memory, the levels of detail for the camera are read first.
     ///
     /// # Errors
     /// Errors of [`Session::show`] and [`Session::draw`].
@@ -395,14 +396,14 @@ impl Session {
         self.draw_view(&view, planes)
     }
 
-    /// Frees memory that is reused for later frames; useful after an image much larger than the next ones.
+    /// Frees buffers that are reused for later frames. Useful after an image that is much larger than the next ones.
     pub fn release_memory(&mut self) {
         self.frame = Frame::default();
         self.backend.release_memory();
     }
 
-    /// Draws a preview of the scene shown last, faster and less accurate than [`Session::draw`], for use while the
-    /// camera moves. All options except those of the camera are ignored. Returns the camera and statistics.
+    /// Draws a fast, less accurate preview of the scene shown last, while the user moves the camera. Only the camera's
+    /// options are applied. Returns the camera and statistics.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].
@@ -423,7 +424,7 @@ impl Session {
         Ok((camera, stats))
     }
 
-    /// Returns names and hashes of the files of the scene shown last, for an image's metadata.
+    /// Returns names and hashes of the input files of the scene shown last, for an image's metadata.
     ///
     /// # Errors
     /// [`Error::Io`] for a file that can't be read.
@@ -438,7 +439,7 @@ impl Session {
     }
 
     /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes,
-    /// and the legend of its colours. The value is the same until other files or points are loaded.
+    /// and the legend of its colours. The value changes only when other files or points are loaded.
     pub fn description(&mut self) -> Value {
         let Some(loaded) = self.loaded.first_mut() else { return Value::Null };
         if loaded.description.is_null() {
@@ -452,8 +453,8 @@ impl Session {
         description
     }
 
-    /// Returns the properties of the surface at a pixel (column, row) of the scene shown last; `None` for the
-    /// background.
+    /// Returns the properties of the surface at a pixel (column, row) of the scene shown last; `None` if the pixel
+    /// shows the background.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].
@@ -510,7 +511,7 @@ impl LoadedScene {
         self.files == request.objects() && self.options == request.load_options(None)
     }
 
-    /// True if only coarse levels of detail of some file are loaded.
+    /// True if only the coarse levels of detail of some file are loaded.
     fn is_partial(&self) -> bool {
         self.objects.facts.iter().any(|facts| facts.partial)
     }
@@ -524,7 +525,7 @@ fn nothing_shown() -> Error {
     Error::Usage("no scene is resident: call show first, or draw_from if not all points fit into memory".to_owned())
 }
 
-/// True if two scenes have the same splats and polygons in the same places, and the same sky and ground.
+/// True if two scenes have the same geometry at the same positions, and the same sky and ground.
 fn have_same_splats(a: &Resolved, b: &Resolved) -> bool {
     let is_same = |(a, b): (&Object, &Object)| {
         let geometry = match (&a.geometry, &b.geometry) {
@@ -541,14 +542,14 @@ fn have_same_splats(a: &Resolved, b: &Resolved) -> bool {
     have_same_light && a.len() == b.len() && a.iter().zip(b).all(is_same)
 }
 
-/// Returns the settings for previews while the camera moves.
+/// Returns fast, less accurate settings for previews while the camera moves.
 fn coarse_settings(settings: Settings) -> Settings {
     let fast = Preset::Fastest.apply(settings).with_edge_aa(EdgeAa::Off);
-    // Larger splats of octrees, and less to draw.
+    // With this error, octrees are drawn by larger and fewer splats.
     fast.with_lod_error_px(settings.lod_error_px.max(2.0))
 }
 
-/// Returns the camera of these options for a scene with these corners, with near and far planes that enclose it.
+/// Returns the camera for the given options. Its near and far planes enclose the box with these corners.
 fn moved(resolved: &Resolved, options: &RenderOptions, corners: &[DVec3]) -> Camera {
     let own = &resolved.file.camera;
     let mut camera = resized(own, options.size.unwrap_or(own.size));
@@ -575,7 +576,7 @@ fn moved(resolved: &Resolved, options: &RenderOptions, corners: &[DVec3]) -> Cam
     camera
 }
 
-/// Returns the columns of an object's splat with this row.
+/// Returns the names and values of the columns of an object's splat, which is identified by its row in the file.
 fn values_of(object: &Object, row: u32) -> Vec<(String, f64)> {
     let Geometry::Splats(cloud) = &object.geometry else { return Vec::new() };
     let data = cloud.data();
@@ -585,7 +586,7 @@ fn values_of(object: &Object, row: u32) -> Vec<(String, f64)> {
     data.extras.iter().filter_map(value).collect()
 }
 
-/// Describes loaded objects: see [`Session::description`].
+/// Returns the JSON for [`Session::description`], without up axis and centre.
 fn described(loaded: &LoadedObjects, corners: &[DVec3]) -> Value {
     let mut columns = Map::new();
     let mut counts: Option<[u64; 256]> = None;
@@ -611,7 +612,7 @@ fn described(loaded: &LoadedObjects, corners: &[DVec3]) -> Value {
     })
 }
 
-/// Describes the colours of an attribute; `None` for colours without values.
+/// Describes the colours of an attribute as JSON; `None` for colours that don't represent values.
 fn legend(Coloring { attribute, scale }: &Coloring) -> Option<Value> {
     let hex = |[r, g, b]: [u8; 3]| format!("#{r:02x}{g:02x}{b:02x}");
     match scale {

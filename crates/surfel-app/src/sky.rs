@@ -7,7 +7,7 @@ use surfel_load::Error;
 use surfel_model::{Camera, Geometry, Ground, GroundStyle, Object, Scene, SceneFile, Shader, Sky};
 use surfel_render::ball_scale;
 
-/// Sky and ground of a scene, as options ask for them.
+/// Sky and ground of a scene, after options have been applied.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SkyAndGround {
     pub(crate) sky: Option<Sky>,
@@ -15,12 +15,13 @@ pub(crate) struct SkyAndGround {
 }
 
 impl SkyAndGround {
-    /// Applies the options to the sky and ground `file` of a scene file. Both are ignored if stored light has no effect
-    /// on `shader`. `scene` has the framed objects, and `kept` is the sphere around the scene without stray points.
+    /// Applies the options to `file`, the sky and ground of a scene file. The file's sky and ground are ignored if
+    /// `shader` can't show stored light. `scene` has the framed objects; points outside of the sphere `kept` are strays
+    /// and don't affect the ground.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the options ask for a sky and an object can't store its light, or for details of a sky and
-    /// there is none.
+    /// [`Error::Usage`] if the options request a sky and an object can't store its light. Also [`Error::Usage`] if the
+    /// options state details of a sky and there is none.
     pub(crate) fn of(
         mut file: Self,
         shader: Shader,
@@ -73,7 +74,7 @@ impl SkyAndGround {
     }
 }
 
-/// Returns the ground below a scene: at the lowest point within the sphere that is framed. `None` for an empty scene.
+/// Returns the ground below a scene, at its lowest point within the sphere `kept`. `None` if no point is within it.
 pub(crate) fn ground(style: GroundStyle, scene: &Scene, kept: Option<Sphere>, up: DVec3) -> Option<Ground> {
     let heights = scene.objects.iter().filter_map(|object| lowest(object, kept, up));
     let height = heights.fold(f64::INFINITY, f64::min);
@@ -81,7 +82,8 @@ pub(crate) fn ground(style: GroundStyle, scene: &Scene, kept: Option<Sphere>, up
     height.is_finite().then_some(ground)
 }
 
-/// Returns the least height of an object's points: of balls with their radii, of other splats at their centres.
+/// Returns the smallest height of an object along `up`. Balls are measured at their lowest points, other splats at
+/// their centres.
 fn lowest(object: &Object, kept: Option<Sphere>, up: DVec3) -> Option<f64> {
     let m = &object.world_from_object;
     let is_kept = |p: &DVec3| kept.is_none_or(|kept| kept.contains(*p));

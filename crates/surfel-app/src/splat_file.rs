@@ -1,4 +1,4 @@
-//! Conversion of a file of points, a mesh or splats to the splats that `surfel convert` writes.
+//! Conversion of a file of points, a mesh or splats to splats, as `surfel convert` does.
 
 use crate::render_options::SplatOptions;
 use crate::splats;
@@ -13,11 +13,11 @@ use surfel_sample::{BOTH_SIDES, CLOSED_MESH, Progress};
 /// Request to convert a file to splats.
 #[derive(Clone, Debug)]
 pub struct ConvertRequest<'a> {
-    /// Path of the file, or `-` for `stdin`.
+    /// Path of the file; `-` stands for the content of `stdin`.
     pub path: &'a Path,
-    /// Options for converting the file to splats.
+    /// Options for the conversion.
     pub options: &'a SplatOptions,
-    /// Content for the name `-`.
+    /// Content of the input named `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
@@ -25,7 +25,7 @@ impl ConvertRequest<'_> {
     /// Returns the options for loading the file.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that contradict each other or need another one.
+    /// [`Error::Usage`] for options that contradict or lack another option.
     pub fn load_options(&self) -> Result<LoadOptions, Error> {
         self.options.check()?;
         let mut convert = ConvertOptions::default();
@@ -46,7 +46,7 @@ impl ConvertRequest<'_> {
         load(self.path, &self.load_options()?.with_interior_weight(true), progress)
     }
 
-    /// Returns the splats to write. Passes notes for the user to `note`, as sentences without a full stop.
+    /// Returns the splats of a loaded file. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that have no effect on the file.
@@ -59,21 +59,21 @@ impl ConvertRequest<'_> {
         splats::write_color_bar(self.options, loaded.coloring.iter().map(|coloring| (self.path, coloring)), note)?;
         let of_mesh = !matches!(loaded.conversion, Conversion::None | Conversion::Points(_));
         let mut cloud = loaded.cloud;
-        // PLY's default up axis needn't be stated.
+        // PLY's default up axis needn't be stored.
         if loaded.up != Up::PlusY || cloud.data().up.is_some() {
             cloud.set_up(loaded.up);
         }
         match (self.options.cull, loaded.closed) {
             (Some(cull), _) => culled(cloud, cull),
             (None, true) => culled(cloud, Cull::Back),
-            // A mesh's edges show that it is open; for splats this is unknown.
+            // The edges of a mesh show that it is open. For splats this isn't determined, so that no comment is added.
             (None, false) if of_mesh => culled(cloud, Cull::None),
             (None, false) => Ok(cloud),
         }
     }
 }
 
-/// Adds the comment that states whether the backs of splats are culled.
+/// Adds the comment that states whether back-facing splats are culled.
 fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     data.comments.retain(|comment| comment != CLOSED_MESH && comment != BOTH_SIDES);
@@ -82,7 +82,7 @@ fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(Error::from)?.0)
 }
 
-/// Describes number and radii of splats.
+/// Returns a sentence with the number, the shape and the radii of splats.
 pub fn summary(cloud: &SplatCloud) -> String {
     let shape = match cloud.data().shape {
         Shape::Disks { .. } => "disks",

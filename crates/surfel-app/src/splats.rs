@@ -11,10 +11,10 @@ use surfel_load::paths::display;
 use surfel_load::{Error, LoadOptions};
 use surfel_model::{ConvertOptions, SplatCount};
 
-/// Merges the options into a scene file's conversion options; options take precedence.
+/// Merges the options into an object's conversion options. Options that are set take precedence.
 ///
 /// # Errors
-/// [`Error::Usage`] for options that need others.
+/// [`Error::Usage`] for options that contradict or lack another option.
 pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(), Error> {
     let said = &options.convert;
     #[cfg(not(feature = "sharp"))]
@@ -50,7 +50,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
         ));
     }
     if said.color_by.is_some() {
-        // A scene file's colour map for its own attribute is meaningless for another attribute.
+        // A colour map that a scene file states for its own attribute is meaningless for another attribute.
         (convert.color_by, convert.colormap, convert.range) = (said.color_by.clone(), None, None);
         (convert.colormap_file, convert.labels) = (None, None);
     }
@@ -84,18 +84,18 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     Ok(())
 }
 
-/// Returns the absolute path of a file given by a flag, which is relative to the current folder. A file named in a
-/// scene file is relative to the scene file.
+/// Returns the absolute path of a file that a flag names. The flag's path is relative to the current folder, unlike
+/// paths in scene files.
 fn absolute(file: Option<&PathBuf>) -> Result<Option<PathBuf>, Error> {
     let absolute =
         |file: &PathBuf| std::path::absolute(file).map_err(|e| Error::Usage(format!("{}: {e}", file.shown())));
     file.map(absolute).transpose()
 }
 
-/// Refuses options that have no effect on any input, and notes keys of a scene file without effect.
+/// Checks that all options have an effect on some input. Notes keys of a scene file that have none.
 ///
 /// # Errors
-/// [`Error::Usage`] for such an option, [`Error::Input`] for an attribute that the files don't have.
+/// [`Error::Usage`] for an option without effect, [`Error::Input`] for an attribute that the files don't have.
 pub fn check_used(
     options: &SplatOptions,
     unused: &[(PathBuf, UnusedOption)],
@@ -117,10 +117,10 @@ pub fn check_used(
     Ok(())
 }
 
-/// Writes the colour bar that the options ask for, for the first file coloured by values.
+/// Writes the colour bar if the options name a file for it. It shows the first colouring of the files.
 ///
 /// # Errors
-/// [`Error::Usage`] if no file is, [`Error::Io`] if the image can't be written.
+/// [`Error::Usage`] if no file is coloured by values, [`Error::Io`] if the image can't be written.
 pub fn write_color_bar<'a>(
     options: &SplatOptions,
     colorings: impl Iterator<Item = (&'a Path, &'a Coloring)>,

@@ -1,28 +1,28 @@
-//! Styles: choices for an image that its options leave open.
+//! Styles: sets of defaults for the options of an image.
 
 use surfel_model::{EdgeAa, GroundStyle};
 use surfel_stage::NamedLight;
 
-/// Named set of defaults for options that aren't set.
+/// Named set of defaults for options that the user doesn't set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
-    /// An image for a paper.
+    /// Defaults for an image in a paper: white background, studio light and a shadow on the ground.
     Figure,
 }
 
-/// Choices of a style for options that aren't given.
+/// Defaults of a style, for options that the user doesn't set.
 pub(crate) struct Choices {
     pub(crate) size: [u32; 2],
     pub(crate) background: [f64; 4],
     pub(crate) edge_aa: EdgeAa,
-    /// Light and ground of objects that can store light.
+    /// Light for objects that can store light; otherwise neither light nor ground is applied.
     pub(crate) light: NamedLight,
     pub(crate) bounce: bool,
     pub(crate) ground: GroundStyle,
 }
 
 impl Style {
-    /// Returns all choices of the style.
+    /// Returns the defaults of the style.
     pub(crate) fn choices(self) -> Choices {
         match self {
             Self::Figure => Choices {

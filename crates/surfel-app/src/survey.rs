@@ -1,5 +1,5 @@
-//! Summary of a point file that needn't fit into memory. Its points are read twice in blocks: first for statistics over
-//! all points, then for the neighbourhoods of a few.
+//! Summary of a point file that may be larger than memory. The points are read twice in blocks: first for statistics
+//! over all points, then for the neighbourhoods of a few points.
 
 use crate::attributes;
 use crate::radii::{PATCH, PATCHES, Radii, bytes_of_points, radii_of_patch};
@@ -10,7 +10,7 @@ use surfel_io::{Content, LoadOptions, PointSurvey};
 use surfel_load::Error;
 use surfel_model::{Column3, PointCloud};
 
-/// Summary of a point file.
+/// Summary of a point file, for `surfel info`.
 pub(crate) struct Survey {
     pub read: PointSurvey,
     pub points: usize,
@@ -45,7 +45,7 @@ pub(crate) fn survey(path: &Path, count: u64, options: &LoadOptions) -> Result<O
     Ok(Some(Survey { read, points: whole.points, bytes: whole.bytes, attributes, classes, radii }))
 }
 
-/// Statistics over the points read so far.
+/// Statistics over the points that were read so far.
 struct Whole {
     /// Approximate total number of points.
     count: u64,
@@ -53,7 +53,7 @@ struct Whole {
     bytes: usize,
     attributes: Map<String, Value>,
     classes: Option<[u64; 256]>,
-    /// Points at regular intervals in the file, the centres of patches.
+    /// Points at regular intervals in the file, which become the centres of patches.
     middles: Vec<DVec3>,
 }
 
@@ -74,7 +74,7 @@ impl Whole {
         if let Some(counts) = attributes::class_counts(&cloud.extras) {
             let all = self.classes.get_or_insert([0; 256]);
             if self.points > cloud.len() && all.iter().sum::<u64>() == 0 {
-                // Earlier blocks had only class 0.
+                // Class counts are missing for earlier blocks if all of their points had class 0.
                 all[0] = (self.points - cloud.len()) as u64;
             }
             all.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
@@ -85,7 +85,7 @@ impl Whole {
         let names = content.attributes();
         let Content::Points(PointCloud { extras, .. }) = &content else { return };
         let found = attributes::ranges(&content, &names, extras);
-        // A missing column counts as zero.
+        // A missing column counts as zeros.
         for (name, range) in &mut self.attributes {
             if !found.contains_key(name) {
                 attributes::widen(range, None);
@@ -105,12 +105,12 @@ impl Whole {
     }
 }
 
-/// The points nearest to a place.
+/// The points nearest to a centre, for estimating radii from neighbours.
 struct Patch {
     middle: DVec3,
-    /// Squared distance, position and normal of each point.
+    /// Squared distance to the centre, position relative to the centre, and normal of each point.
     near: Vec<(f64, DVec3, DVec3)>,
-    /// Squared distance beyond which points don't belong to the patch.
+    /// Squared distance to the centre; points beyond it are outside of the patch.
     limit: f64,
     has_normals: bool,
 }
@@ -141,7 +141,7 @@ impl Patch {
         self.limit = self.near.last().filter(|_| self.near.len() == PATCH.0).map_or(f64::INFINITY, |last| last.0);
     }
 
-    /// Returns the points, nearest first.
+    /// Returns the points of the patch, nearest first.
     fn cloud(mut self) -> PointCloud {
         self.cut();
         let column =

@@ -1,4 +1,4 @@
-//! Detection of blank images, and the likely causes.
+//! Detection of blank images and their likely causes.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,14 +6,15 @@ use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
 
-/// Smallest extent and largest coordinate in object units whose squares f32 can represent.
+/// Range of extents and coordinates, in object units, whose squares f32 can represent: smallest extent and largest
+/// coordinate.
 const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
-/// Difference from the background, in sRGB-encoded levels of 255, up to which a pixel counts as background. Single
-/// strays in an otherwise white image differ by this little.
+/// Difference from the background up to which a pixel counts as background, in 8-bit sRGB levels. Single stray points
+/// in an otherwise white image differ by less.
 const UNSEEN: u8 = 8;
 
-/// Alpha below which a splat changes no pixel of an 8-bit image.
+/// Alpha below which a splat doesn't change any pixel of an 8-bit image.
 const LEAST_ALPHA: f32 = 0.5 / 255.0;
 
 /// True if no pixel of `frame` differs from the background colour (linear RGB and straight alpha) by more than 8 levels
@@ -27,7 +28,7 @@ pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     some && frame.color().iter().all(same) && frame.rgba8().iter().all(|color| alike(*color))
 }
 
-/// Returns the likely reason why images of this scene are blank, and a remedy, as text without a full stop.
+/// Returns the likely reason why images of the scene are blank, and a remedy, as text without a full stop.
 pub fn why_blank(scene: &Scene) -> &'static str {
     let are_clear = |alphas: &[f32]| alphas.iter().all(|a| *a < LEAST_ALPHA);
     let invisible = |geometry: &Geometry| match geometry {

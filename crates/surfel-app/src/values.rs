@@ -1,5 +1,5 @@
-//! Parsers for the values of flags, from text to typed values.
-//! [`RenderOptions::set`](crate::request::RenderOptions::set) and the command line use them.
+//! Parsers for the values of flags, from text to typed values. The command line and
+//! [`RenderOptions::set`](crate::request::RenderOptions::set) use them.
 //!
 //! # Errors
 //! All parsers fail alike: the error is a message that states the expected values, such as "expected a number more than
@@ -80,11 +80,11 @@ named!(composite, COMPOSITES, Composite, ["surface" => Composite::Surface, "over
 named!(sort, SORTS, Sort, ["center" => Sort::Center, "pixel" => Sort::Pixel]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
 
-/// Largest number of shards or tiles.
+/// Largest number of parts of a [`Part`].
 const MAX_PARTS: u32 = 1_000_000;
 
-/// One of N equal parts, a shard of a job or a tile of an image, written `I/N`. I counts from 0 or from 1, because N/N
-/// equals 0/N.
+/// One of N equal parts, such as a shard of a job or a tile of an image, written `I/N`. I may count from 0 or from 1,
+/// since `N/N` means the same as `0/N`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     index: u32,
@@ -121,20 +121,20 @@ impl Part {
     }
 }
 
-/// Parses a number of frames a second, 0.01 to 240.
+/// Parses a frame rate from 0.01 to 240 frames per second.
 pub fn frame_rate(text: &str) -> Result<FrameRate, String> {
     let rate = text.trim().parse().ok().and_then(FrameRate::new);
     rate.ok_or_else(|| format!("expected a number of frames a second from 0.01 to {}", FrameRate::MOST))
 }
 
-/// Parses `I/N`, part I of N: N from 1 to 1,000,000, I from 0 to N.
+/// Parses `I/N`, part I of N, with N from 1 to 1,000,000 and I from 0 to N.
 pub fn part(text: &str) -> Result<Part, String> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));
     part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
 }
 
-/// Frames from A to B, inclusive, with a step: `A-B[:STEP]`.
+/// Range of frames `A-B[:STEP]`: every STEP-th frame from A to B, inclusive. Frames are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameRange {
     first: u32,
@@ -143,7 +143,7 @@ pub struct FrameRange {
 }
 
 impl FrameRange {
-    /// Returns the frames, if all of them are less than `frames`.
+    /// Returns the frames of the range. Fails if one of them isn't less than `frames`, the number of frames.
     pub fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
         if self.last as usize >= frames {
             return Err(format!(
@@ -162,7 +162,7 @@ impl std::fmt::Display for FrameRange {
     }
 }
 
-/// Parses `--frame-range`.
+/// Parses a value of `--frame-range`.
 pub fn frame_range(text: &str) -> Result<FrameRange, String> {
     let parse = || {
         let (range, step) = text.split_once(':').unwrap_or((text, "1"));
@@ -197,7 +197,7 @@ pub fn switch(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Names of views.
+/// All views that have a name, with their names.
 pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("auto", ViewChoice::Auto),
     ("iso", ViewChoice::Named(NamedView::Iso)),
@@ -209,8 +209,8 @@ pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("bottom", ViewChoice::Named(NamedView::Bottom)),
 ];
 
-/// Parses a view's name ([`VIEWS`]), or `AZIMUTH,ELEVATION` in degrees: the azimuth to the right of the front, from
-/// −360 to 360, and the elevation above the horizon, from −90 to 90.
+/// Parses a view: a name ([`VIEWS`]), or `AZIMUTH,ELEVATION` in degrees. The azimuth is to the right of the front, from
+/// −360 to 360. The elevation is above the horizon, from −90 to 90.
 pub fn view(text: &str) -> Result<ViewChoice, String> {
     if let Some((_, choice)) = VIEWS.iter().find(|(name, _)| *name == text) {
         return Ok(*choice);
@@ -292,7 +292,7 @@ pub enum RangeChoice {
     Values([f64; 2]),
 }
 
-/// Parses `LO,HI` or `shared`.
+/// Parses a value of `--range`: `LO,HI` or `shared`.
 pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
     match text {
         "shared" => Ok(RangeChoice::Shared),
@@ -300,7 +300,7 @@ pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
     }
 }
 
-/// Parses `X0,Y0,Z0,X1,Y1,Z1`, the least and the largest corner of a box in the file's coordinates.
+/// Parses a box `X0,Y0,Z0,X1,Y1,Z1`: its minimum and maximum corner, in the file's coordinates.
 pub fn crop(text: &str) -> Result<[f64; 6], String> {
     let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
     let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
@@ -311,17 +311,17 @@ pub fn crop(text: &str) -> Result<[f64; 6], String> {
     }
 }
 
-/// Checks a [`Condition`] such as `intensity>100 and not z<5`, and returns its text, as scene files store it.
+/// Checks the syntax of a [`Condition`] such as `intensity>100 and not z<5`. Returns the text, which scene files store.
 pub fn condition(text: &str) -> Result<String, String> {
     Condition::parse(text).map(|_| text.trim().to_owned())
 }
 
-/// Parses a set of classes: `2,6`, `!7,18` or `all`.
+/// Parses a set of point classes, such as `2,6`, `!7,18` (all but these) or `all`.
 pub fn classes(text: &str) -> Result<Classes, String> {
     text.parse()
 }
 
-/// Parses the column names of a table, optionally with types: `x,y,z,_,r,g,b`, `f4:x,y,z,intensity`.
+/// Parses the column names of a table, optionally with a type, such as `x,y,z,_,r,g,b` or `f4:x,y,z,intensity`.
 pub fn columns(text: &str) -> Result<TableColumns, String> {
     let columns: TableColumns = text.parse()?;
     surfel_io::check_columns(&columns).map(|()| columns)
@@ -344,8 +344,8 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     Ok([side(w)?, side(h)?])
 }
 
-/// Parses the value of `--memory` in bytes, from 1 to 2⁶⁰: a number, alone or with the unit K, M, G or T. K is 1024
-/// bytes, and each further unit is 1024 times the one before.
+/// Parses a memory size in bytes, from 1 to 2⁶⁰: a number, optionally with a unit K, M, G or T. K is 1024 bytes, and
+/// each further unit is 1024 times the one before.
 pub fn memory(text: &str) -> Result<u64, String> {
     let upper = text.trim().to_ascii_uppercase();
     let text = ["IB", "B"].into_iter().find_map(|word| upper.strip_suffix(word)).unwrap_or(&upper);
@@ -390,7 +390,7 @@ pub fn prefilter(text: &str) -> Result<f64, String> {
     number(text, "a number of pixels from 0 to 10000", |v| (0.0..=1e4).contains(&v))
 }
 
-/// Parses a number more than 0, at most 1,000,000.
+/// Parses a number greater than 0, at most 1,000,000.
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 1000000", |v| v > 0.0 && v <= 1e6)
 }

@@ -1,15 +1,15 @@
-//! Wording of options in messages: as flags, or as Python's keywords.
+//! Wording of options in messages, as flags or as Python's keywords.
 //!
-//! Packages below this one know neither flags nor keywords. Their messages name an option in a code span, by its name
-//! in the table with underscores, and with a value if it helps: `` `max_points` `` or `` `classes=all` ``. Programs
-//! word the spans. `xtask/tests/wording.rs` tests that no package below has a flag in its messages, and that each span
-//! is an option.
+//! Packages below this one contain neither flags nor keywords. Their messages write an option as a code span, such as
+//! `` `max_points` `` or `` `classes=all` ``. A span has the option's name with underscores, and a value if that helps.
+//! Programs replace the spans by flags or keywords. `xtask/tests/wording.rs` tests that no package below has a flag in
+//! its messages, and that each span is an option.
 
 use crate::options::{Row, table};
 use serde_json::Value;
 use std::borrow::Cow;
 
-/// Returns a message with its options as flags: `` `classes=all` `` becomes `--classes all`.
+/// Replaces the options in a message by flags: `` `classes=all` `` becomes `--classes all`.
 pub fn as_flags(message: &str) -> Cow<'_, str> {
     worded(message, |row, value| match value {
         None => format!("--{}", row.name),
@@ -18,7 +18,7 @@ pub fn as_flags(message: &str) -> Cow<'_, str> {
     })
 }
 
-/// Words the options in the `notes` of a JSON object as flags.
+/// Replaces the options in the `notes` of a JSON object by flags.
 pub fn notes_as_flags(object: &mut Value) {
     for note in object.get_mut("notes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(text) = note.as_str() {
@@ -27,8 +27,8 @@ pub fn notes_as_flags(object: &mut Value) {
     }
 }
 
-/// Returns a message with its options as Python's keywords: `` `classes=all` `` becomes `classes="all"`, and a switch
-/// `repair=True`. Numbers and placeholders in capitals have no quotes.
+/// Replaces the options in a message by Python's keywords: `` `classes=all` `` becomes `classes="all"`, and a switch
+/// becomes `repair=True`. Numbers and placeholders in capitals aren't quoted.
 pub fn as_keywords(message: &str) -> Cow<'_, str> {
     worded(message, |row, value| {
         let name = row.name.replace('-', "_");
@@ -43,7 +43,7 @@ pub fn as_keywords(message: &str) -> Cow<'_, str> {
     })
 }
 
-/// Replaces every code span that is an option.
+/// Replaces each code span that names an option by the text that `word` returns for the option and its value.
 fn worded(message: &str, word: impl Fn(&Row, Option<&str>) -> String) -> Cow<'_, str> {
     let mut text = String::new();
     let mut rest = message;
@@ -56,7 +56,7 @@ fn worded(message: &str, word: impl Fn(&Row, Option<&str>) -> String) -> Cow<'_,
                 text.push_str(&word(row, value));
                 rest = &after[length + 1..];
             }
-            // The second backquote may begin a span.
+            // This span isn't an option. Its second backquote may begin another span.
             None => {
                 text.push_str(&rest[..=start]);
                 rest = after;
@@ -66,7 +66,7 @@ fn worded(message: &str, word: impl Fn(&Row, Option<&str>) -> String) -> Cow<'_,
     if text.is_empty() { message.into() } else { (text + rest).into() }
 }
 
-/// Returns the option that a span names, and its value.
+/// Returns the option that a code span names, and its value, if there is one.
 fn option(span: &str) -> Option<(&'static Row, Option<&str>)> {
     let (name, value) = span.split_once('=').map_or((span, None), |(name, value)| (name, Some(value)));
     let is_row = |row: &&Row| row.name.len() == name.len() && row.name.replace('-', "_") == name;

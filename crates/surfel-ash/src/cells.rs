@@ -1,4 +1,4 @@
-//! Compute path: buffers of cells, and recording of a tile's dispatches.
+//! Compute path: its buffers, and recording of a tile's dispatches.
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};
@@ -24,13 +24,13 @@ pub(crate) struct CellBuffers {
 }
 
 impl CellBuffers {
-    /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
+    /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
     pub(crate) fn prepare(&mut self, device: &Arc<Device>, tiles: &CellTiles, room: CellRoom) -> Result<(), Failure> {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = tiles.bytes(buffer, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.bytes < bytes) {
-                // The old buffer is freed first: memory may not suffice for both.
+                // The old buffer is freed first, because memory may not suffice for both.
                 self.buffers.remove(&buffer);
                 let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
                 let made = Buffer::new(device, buffer.name(), bytes, usage, MemoryLocation::GpuOnly)?;
@@ -40,7 +40,7 @@ impl CellBuffers {
         Ok(())
     }
 
-    /// Returns the size of all buffers, bytes.
+    /// Returns the total size of all buffers, in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.buffers.values().map(|buffer| buffer.bytes).sum()
     }
@@ -50,7 +50,7 @@ impl CellBuffers {
     }
 }
 
-/// Resources that the dispatches of a tile read. It is dropped after they have been executed.
+/// Resources that the dispatches of a tile read. They are dropped after the dispatches have been executed.
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
     stages: &'a [CellStage],
@@ -128,7 +128,8 @@ impl<'a> CellTile<'a> {
                     bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
                     dispatch(commands, step.workgroups);
-                    // Dispatches that set up segments are independent, so only the last one needs a barrier.
+                    // Dispatches that set up segments are independent of each other, so only the last one needs a
+                    // barrier.
                     if step.segment.is_none() || stage.steps.last() == Some(step) {
                         commands.barrier_of_compute();
                     }
@@ -179,7 +180,7 @@ struct Resources<'a> {
 }
 
 impl<'a> Resources<'a> {
-    /// Returns the resources of a step's bindings.
+    /// Returns the resources for these binding numbers of a step.
     fn of(&self, step: &CellStep, bindings: &[u32]) -> Result<Vec<(u32, Resource<'a>)>, Failure> {
         let missing = || Failure::other(format!("{} binds what a tile of cells doesn't have", step.entry));
         let resident = || step.segment.and_then(|index| self.scene.segments.get(index)).ok_or_else(missing);

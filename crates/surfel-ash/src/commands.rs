@@ -22,7 +22,7 @@ impl Recorder {
             .flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: the family is the device's.
         let pool = unsafe { vulkan.create_command_pool(&info, None) }?;
-        // The pool is destroyed at the end of this function, unless all other objects could be created.
+        // The pool is destroyed at the end of this function, unless all other objects can be created.
         let owned_pool = Owned::new(device, pool, "commands", destroy!(destroy_command_pool));
         let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
         // SAFETY: the pool is this device's, and only this function uses it.
@@ -80,8 +80,8 @@ pub(crate) fn submit(
 }
 
 impl Commands<'_> {
-    /// Waits for all earlier commands and makes their writes visible to all later ones. A tile has few steps, and each
-    /// needs nearly all results of the one before.
+    /// Records a barrier that makes the writes of all earlier commands visible to all later ones. A tile has few steps,
+    /// and each needs nearly all results of the one before.
     pub(crate) fn barrier(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -92,7 +92,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, all, none, &[memory], &[], &[]) };
     }
 
-    /// Makes all writes of earlier compute shaders visible to later compute shaders.
+    /// Records a barrier that makes the writes of earlier compute shaders visible to later compute shaders.
     pub(crate) fn barrier_of_compute(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
@@ -103,7 +103,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, compute, compute, none, &[memory], &[], &[]) };
     }
 
-    /// Like [`Commands::barrier`], and makes the writes visible to the host.
+    /// Records a barrier like [`Commands::barrier`] that makes the writes visible to the host, too.
     pub(crate) fn barrier_to_host(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -114,7 +114,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, host, none, &[memory], &[], &[]) };
     }
 
-    /// Changes the layout of a new image to the one in which shaders read it.
+    /// Records the transition of a new image to the layout in which shaders read it.
     pub(crate) fn make_readable(&self, image: &Image) {
         let barrier = vk::ImageMemoryBarrier::default()
             .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
@@ -130,7 +130,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, start, all, none, &[], &[], &[barrier]) };
     }
 
-    /// Copies the first bytes of a buffer.
+    /// Records a copy of the first `bytes` bytes of a buffer.
     pub(crate) fn copy(&self, from: vk::Buffer, to: vk::Buffer, bytes: u64) {
         let regions = [vk::BufferCopy::default().size(bytes)];
         // SAFETY: both buffers have at least that many bytes and the usages of a copy; recorded outside of render

@@ -17,7 +17,7 @@ pub(crate) struct SetLayout {
 }
 
 impl SetLayout {
-    /// Creates the layout of the group that these entry points use.
+    /// Creates the layout of a group from the bindings that these entry points use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -90,7 +90,7 @@ pub(crate) struct Sets {
 impl Sets {
     /// Creates a pool for `sets` sets of any of the backend's layouts.
     pub(crate) fn new(device: &Arc<Device>, sets: u32) -> Result<Self, Failure> {
-        // These are the largest counts of any layout.
+        // These are the largest numbers of descriptors in any layout.
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.saturating_mul(sets).max(1) };
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
@@ -104,8 +104,8 @@ impl Sets {
         Ok(Self { device: device.clone(), pool })
     }
 
-    /// Allocates a set for a layout. `resources` are pairs of binding and resource; resources that the layout lacks are
-    /// ignored.
+    /// Allocates a descriptor set and writes its bindings. `resources` are pairs of binding number and resource.
+    /// Resources whose number isn't in the layout are ignored.
     pub(crate) fn set(
         &self,
         layout: &SetLayout,

@@ -10,14 +10,14 @@ use std::ffi::CString;
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Logical device. All objects created from it hold a reference to it.
+/// Logical device. All objects created from it have a reference to it.
 pub(crate) struct Device {
     pub raw: ash::Device,
     pub queue: vk::Queue,
     pub family: u32,
     pub caps: DeviceCaps,
     pub instance: Arc<Instance>,
-    /// Allocator of device memory, dropped before the device.
+    /// Allocator of device memory. It is dropped before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
     /// Recorder of the last submission, reused for the next one. `None` before the first submission and while one runs.
     pub recorder: Mutex<Option<Recorder>>,
@@ -25,21 +25,21 @@ pub(crate) struct Device {
     is_own: bool,
 }
 
-/// Capabilities of a device that the backend depends on.
+/// Capabilities of a device that decide how the backend uses it.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceCaps {
     pub limits: vk::PhysicalDeviceLimits,
-    /// Size of the largest allocation, bytes.
+    /// Largest size of an allocation, in bytes.
     pub allocation_bytes: u64,
-    /// Size of all device-local heaps together, bytes.
+    /// Total size of all device-local heaps, in bytes.
     pub memory_bytes: u64,
-    /// True if f32 targets can be blended.
+    /// True if targets of f32 can be blended.
     pub blends_f32: bool,
-    /// Duration of a timestamp's tick, nanoseconds; 0 without timestamps.
+    /// Duration of a timestamp tick, in nanoseconds; 0 without timestamps.
     pub timestamp_period: f64,
-    /// True if samples that pass the depth test can be counted exactly.
+    /// True if queries can exactly count the samples that pass the depth test.
     pub counts_samples: bool,
-    /// True if invocations of shaders can be counted.
+    /// True if queries can count shader invocations.
     pub counts_invocations: bool,
 }
 
@@ -71,13 +71,13 @@ impl DeviceCaps {
         }
     }
 
-    /// Returns the largest side of an image that passes can draw into, pixels.
+    /// Returns the largest side of an image that passes can draw into, in pixels.
     pub(crate) fn texture_side(&self) -> u32 {
         let limits = &self.limits;
         limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height)
     }
 
-    /// Returns the size of the largest buffer that a shader can read, bytes.
+    /// Returns the largest size of a buffer that a shader can read, in bytes.
     pub(crate) fn buffer_bytes(&self) -> u64 {
         u64::from(self.limits.max_storage_buffer_range).min(self.allocation_bytes)
     }
@@ -157,7 +157,7 @@ impl Device {
         }))
     }
 
-    /// Names an object for messages and debuggers.
+    /// Sets the name of an object for messages and debuggers.
     pub(crate) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
         let (Some(names), Ok(name)) = (&self.names, CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);

@@ -1,4 +1,4 @@
-//! Recording of a tile's steps.
+//! Recording of the steps of a tile.
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};
@@ -21,7 +21,7 @@ use surfel_gpu::{
 };
 use surfel_shaders::layout;
 
-/// Resources that the steps of a tile read. It is dropped after they have been executed.
+/// Resources that the steps of a tile read. They are dropped after the steps have been executed.
 pub(crate) struct Tile<'a> {
     scene: &'a ResidentScene,
     pipelines: &'a Pipelines,
@@ -32,20 +32,20 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
     /// Descriptor sets of the textures that draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
-    /// Size of the drawn part of the targets, pixels.
+    /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
-    /// Size of the shaded region, pixels.
+    /// Size of the shaded region, in pixels.
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
     near: Vec<RecordDraw>,
     polygons: (vk::DescriptorSet, u32),
-    /// Counter of the splats that were set up and touch the tile.
+    /// Buffer with the number of splats that were set up and touch the tile.
     drawn: Buffer,
-    /// Host-readable copy of the counter.
+    /// Host-readable copy of `drawn`.
     pub drawn_readback: Buffer,
     /// Indirect draws of transparent splats; `None` if there are none.
     layer_draws: Option<Buffer>,
-    /// Host-readable copy of the number of layers.
+    /// Host-readable copy of the header of `layer_draws`, which has the number of drawn layers.
     pub layers_readback: Option<Buffer>,
     /// Buffers that the descriptor sets refer to.
     _buffers: Vec<Buffer>,
@@ -76,26 +76,26 @@ struct SegmentSets {
     drawn: RecordDraw,
 }
 
-/// Draw of records.
+/// Draw call of a run of records.
 #[derive(Clone)]
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     records: vk::DescriptorSet,
-    /// Descriptor set that replaces `records` where each splat is lit by itself.
+    /// Descriptor set that replaces `records` in passes that light each splat separately.
     lit: Option<vk::DescriptorSet>,
     /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Index among the indirect draws of layers.
+    /// Index of this draw among the indirect draws of layers.
     index: usize,
 }
 
-/// Returns the images of targets that a shader reads, by their bindings.
+/// Returns the images of the targets that a shader reads, with their binding numbers.
 fn bound<'t>(targets: &'t Targets, reads: &[(u32, Target)]) -> Vec<(u32, Resource<'t>)> {
     targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
 }
 
-/// Creates the descriptor set of records, with their clips if the variant has clips.
+/// Creates the descriptor set of records, and of their clips if the variant has clips.
 fn records_set(
     sets: &Sets,
     pipelines: &Pipelines,
@@ -107,8 +107,9 @@ fn records_set(
     sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
 }
 
-/// Creates the descriptor sets of each segment of splats; `None` for segments outside of the tile. Both counters count
-/// drawn splats, the second those that are drawn again. New buffers are added to `buffers`.
+/// Creates the descriptor sets of each segment of splats; `None` for segments that can't touch the tile. The two
+/// counters are buffers for the number of drawn splats. The first counts splats at their first setup, the second at
+/// repeated setups. New buffers are added to `buffers`.
 fn segment_sets(
     device: &Arc<Device>,
     sets: &Sets,
@@ -144,7 +145,7 @@ fn segment_sets(
     Ok(segments)
 }
 
-/// Creates the draws of records at the near plane. New buffers are added to `buffers`.
+/// Creates the draw calls of records at the near plane. New buffers are added to `buffers`.
 fn near_draws(
     device: &Arc<Device>,
     sets: &Sets,
@@ -184,8 +185,8 @@ impl<'a> Tile<'a> {
     pub(crate) fn new(device: &Arc<Device>, inputs: &TileInputs<'a>) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, queries, frame, data, pixel_passes, .. } = *inputs;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Sets: three for frame, setup and polygons; one for each draw and pixel pass; two for each group of records at
-        // the near plane; three for each segment.
+        // Number of sets: three for frame, setup and polygons; one per draw and pixel pass; two per group of records at
+        // the near plane; three per segment.
         let draws = &targets.key.draws;
         let sets = Sets::new(
             device,
@@ -309,7 +310,7 @@ impl<'a> Tile<'a> {
         Ok(())
     }
 
-    /// Records `times` further runs of the pass over Gaussians, and a copy of the planes.
+    /// Records `times` repetitions of the pass over Gaussians, and a copy of the planes.
     pub(crate) fn dispatch_again(&self, commands: &Commands<'_>, steps: &[Step], times: u32) -> Result<(), Failure> {
         for step in (0..times).flat_map(|_| steps) {
             self.step(commands, step)?;
@@ -362,10 +363,10 @@ impl<'a> Tile<'a> {
     fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
-        // Lookups that can fail precede the begin of the render pass, which has to end in any case.
+        // Lookups that can fail come before the render pass begins, because a render pass that began has to end.
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
-        // Splats at the near plane belong to no segment: the first draw of a kind draws them. Draws without records
-        // have no pipeline for clipped ones.
+        // Splats at the near plane belong to no segment. They are drawn in the first step of each pass. Draws without
+        // records have no pipeline for clipped splats.
         let takes_near = first && draw.draws_records();
         let records: Vec<&RecordDraw> = segments
             .chain(self.near.iter().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))
@@ -459,7 +460,7 @@ pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
 }
 
-/// Returns the buffers of the frame's set, in the order of their bindings, without the texels of shadow maps.
+/// Returns the buffers of the frame's set in the order of their bindings, excluding the texels of shadow maps.
 pub(crate) fn frame_buffers(device: &Arc<Device>, data: &TileData, frame: &FrameScene) -> Result<[Buffer; 5], Failure> {
     let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
     Ok([

@@ -1,4 +1,4 @@
-//! Vulkan instance, its validation messages, and the devices that it finds.
+//! Vulkan instance, its validation messages, and the physical devices that it finds.
 
 use crate::error::Failure;
 use ash::{ext, vk};
@@ -13,7 +13,7 @@ pub(crate) type Messages = Mutex<Vec<String>>;
 /// Vulkan instance and its debug messenger.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
-    /// True if debug utilities are enabled, so that objects can be named.
+    /// True if debug utilities are enabled, so that objects can have names.
     pub has_names: bool,
     messages: Arc<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -49,8 +49,8 @@ impl Instance {
             extensions.push(ext::debug_utils::NAME.as_ptr());
             extensions.push(ext::validation_features::NAME.as_ptr());
         }
-        // Synchronisation validation finds missing barriers. Software drivers never show them; any other driver may at
-        // some time.
+        // Synchronisation validation finds missing barriers. Without a barrier, software drivers still draw correctly,
+        // and other drivers fail only sometimes.
         let hazards = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut checks = vk::ValidationFeaturesEXT::default().enabled_validation_features(&hazards);
         let info = vk::InstanceCreateInfo::default()
@@ -68,7 +68,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Wraps a program's existing instance. The program still owns it.
+    /// Wraps a program's existing instance. The program remains its owner.
     pub(crate) fn borrowed(entry: ash::Entry, raw: ash::Instance) -> Self {
         let messages = Arc::new(Messages::default());
         Self { raw, has_names: false, messages, messenger: None, is_own: false, _entry: entry }
@@ -89,12 +89,12 @@ impl Instance {
         Ok(())
     }
 
-    /// Returns the messages of the validation layers since the last call.
+    /// Removes and returns the messages of the validation layers.
     pub(crate) fn take_messages(&self) -> Vec<String> {
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Returns the devices that draw and compute with Vulkan 1.1, the fastest kind first.
+    /// Returns the physical devices that can draw and compute with Vulkan 1.1, the fastest kind first.
     pub(crate) fn candidates(&self) -> Result<Vec<Candidate>, Failure> {
         // SAFETY: the instance is alive.
         let devices = unsafe { self.raw.enumerate_physical_devices() }?;
@@ -134,7 +134,7 @@ fn check_layer(entry: &ash::Entry) -> Result<(), Failure> {
     Err(Failure::other("the Vulkan validation layer is not installed; install vulkan-validationlayers"))
 }
 
-/// Stores a message of the validation layers; Vulkan calls it.
+/// Stores a message of the validation layers. Vulkan calls this function.
 ///
 /// # Safety
 /// `data` is valid during the call, as Vulkan guarantees, and `user` points to [`Messages`].
@@ -157,19 +157,20 @@ unsafe extern "system" fn on_message(
     vk::FALSE
 }
 
-/// Device that can draw.
+/// Physical device that the backend can draw on.
 pub(crate) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub properties: vk::PhysicalDeviceProperties,
-    /// Queue family that draws and computes, and number of valid bits in its timestamps.
+    /// Queue family that can draw and compute.
     pub family: u32,
+    /// Number of valid bits in the timestamps of the queue family; 0 without timestamps.
     pub timestamp_bits: u32,
     pub name: String,
     pub driver: String,
 }
 
 impl Candidate {
-    /// Returns a candidate, or `None` for a device with Vulkan 1.0 or without a queue family that both draws and
+    /// Creates a candidate; `None` for a device with Vulkan 1.0, or without a queue family that both draws and
     /// computes.
     fn of(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Self> {
         // SAFETY: the physical device is the instance's.
@@ -180,7 +181,7 @@ impl Candidate {
         Self::with_family(instance, physical, family as u32, timestamp_bits)
     }
 
-    /// Returns a candidate for a program's own device, whose queue family is given. `None` for Vulkan 1.0.
+    /// Creates a candidate for a program's own device and queue family; `None` for Vulkan 1.0.
     pub(crate) fn with_family(
         instance: &ash::Instance,
         physical: vk::PhysicalDevice,

@@ -4,8 +4,8 @@
 //!
 //! 1. [`Renderer`]: uploads scenes and draws frames; implements [`surfel_render::Renderer`]. [`Renderer::new`] opens a
 //!    device, [`Renderer::from_raw`] uses a program's own;
-//! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`devices`] lists what
-//!    there is;
+//! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`devices`] lists this
+//!    machine's devices;
 //! 3. [`ResidentScene`]: an uploaded scene;
 //! 4. [`RawDevice`]: the handles of a program's own device, of the version of [`ash`] that this crate re-exports.
 //!

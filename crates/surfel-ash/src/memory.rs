@@ -1,4 +1,4 @@
-//! Buffers and images, with their memory.
+//! Buffers and images, with the memory they are bound to.
 
 use crate::device::Device;
 use crate::error::Failure;
@@ -8,7 +8,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use std::sync::{Arc, PoisonError};
 
-/// Memory of an object, freed when it is dropped.
+/// Memory of a buffer or image, freed when it is dropped.
 struct Memory {
     device: Arc<Device>,
     allocation: Option<Allocation>,
@@ -29,7 +29,7 @@ impl Memory {
         Ok(Self { device: device.clone(), allocation: Some(allocation) })
     }
 
-    /// Returns the memory handle and offset to which an object is bound.
+    /// Returns the memory handle and the offset of this memory.
     fn place(&self) -> Option<(vk::DeviceMemory, u64)> {
         // SAFETY: the handle is only bound to; the allocator keeps it alive while the allocation is.
         self.allocation.as_ref().map(|allocation| (unsafe { allocation.memory() }, allocation.offset()))
@@ -46,7 +46,7 @@ impl Drop for Memory {
     }
 }
 
-/// A buffer.
+/// A Vulkan buffer with its memory.
 pub(crate) struct Buffer {
     // Declared before its memory, so that it is destroyed first.
     object: Owned<vk::Buffer>,
@@ -56,7 +56,7 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    /// Creates a buffer of at least four bytes with undefined contents.
+    /// Creates a buffer of at least four bytes, with undefined contents.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -78,7 +78,7 @@ impl Buffer {
         Ok(Self { object, memory, bytes })
     }
 
-    /// Creates a buffer that the host fills with `words`.
+    /// Creates a buffer that is filled with `words` by the host.
     pub(crate) fn filled(
         device: &Arc<Device>,
         name: &str,
@@ -102,7 +102,7 @@ impl Buffer {
         Ok(())
     }
 
-    /// Returns the first words of a host-readable buffer, after the device has written them.
+    /// Returns the first `count` words of a host-readable buffer. The device must have finished writing them.
     pub(crate) fn words(&self, count: usize) -> Result<&[u32], Failure> {
         let mapped = self.memory.allocation.as_ref().and_then(Allocation::mapped_slice);
         let bytes = mapped.and_then(|mapped| mapped.get(..4 * count)).ok_or_else(not_mapped)?;
@@ -114,7 +114,7 @@ fn not_mapped() -> Failure {
     Failure::other("memory that the host should reach isn't mapped")
 }
 
-/// Two-dimensional image with one level, and its view.
+/// Two-dimensional image with one mip level, and its view.
 pub(crate) struct Image {
     // Fields are declared in the order of their destruction.
     view: Owned<vk::ImageView>,
@@ -191,7 +191,7 @@ pub(crate) fn read_layout(format: vk::Format) -> vk::ImageLayout {
     }
 }
 
-/// Returns the range of a whole image.
+/// Returns the subresource range of a whole image.
 pub(crate) fn whole(aspect: vk::ImageAspectFlags) -> vk::ImageSubresourceRange {
     vk::ImageSubresourceRange::default().aspect_mask(aspect).level_count(1).layer_count(1)
 }

@@ -4,7 +4,7 @@ use crate::device::Device;
 use ash::vk;
 use std::sync::Arc;
 
-/// Owned object of a device.
+/// Vulkan object of a device, destroyed when it is dropped.
 pub(crate) struct Owned<H: Copy> {
     pub raw: H,
     device: Arc<Device>,
@@ -12,7 +12,8 @@ pub(crate) struct Owned<H: Copy> {
 }
 
 impl<H: Copy + vk::Handle> Owned<H> {
-    /// Takes ownership of an object that was just created. `destroy` is called once, when the object is no longer used.
+    /// Takes ownership of an object that was just created, and names it. `destroy` is called once, when the value is
+    /// dropped.
     pub(crate) fn new(device: &Arc<Device>, raw: H, name: &str, destroy: fn(&ash::Device, H)) -> Self {
         device.name(raw, name);
         Self { raw, device: device.clone(), destroy }
@@ -20,7 +21,7 @@ impl<H: Copy + vk::Handle> Owned<H> {
 }
 
 impl<H: Copy> Owned<H> {
-    /// Releases the object without destroying it.
+    /// Drops the owner without destroying the object.
     pub(crate) fn keep(mut self) {
         self.destroy = |_, _| ();
     }
@@ -32,7 +33,7 @@ impl<H: Copy> Drop for Owned<H> {
     }
 }
 
-/// Defines the function that destroys a kind of object, for [`Owned::new`].
+/// Expands to the function that destroys one kind of object, for [`Owned::new`].
 macro_rules! destroy {
     ($method:ident) => {
         |device, raw| {

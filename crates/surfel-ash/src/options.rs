@@ -15,12 +15,12 @@ pub struct Options {
     pub limits: Limits,
     /// Storage format of splats in the device's memory.
     pub storage: Storage,
-    /// Path by which frames are drawn: compute shaders or raster hardware.
+    /// GPU path that draws frames: compute shaders or raster hardware.
     pub path: GpuPath,
 }
 
 impl Options {
-    /// Sets a case-insensitive part of the adapter's name; `None` allows any adapter.
+    /// Sets the case-insensitive part of the adapter's name; `None` allows any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();

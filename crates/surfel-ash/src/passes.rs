@@ -8,7 +8,7 @@ use ash::vk;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Precision, Target, TargetFormat};
 
-/// Returns the image format of a target.
+/// Returns the image format of a target at a precision of the sums.
 pub(crate) fn format_of(target: Target, sums: Precision) -> vk::Format {
     match (target.format(), sums) {
         // Every device supports this format.
@@ -21,12 +21,12 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> vk::Format {
     }
 }
 
-/// Returns the targets of a draw: colours, then depth.
+/// Returns the targets of a draw: colour targets, then the depth buffer.
 pub(crate) fn attachments(draw: Draw) -> impl Iterator<Item = Target> {
     draw.colors().iter().copied().chain(draw.depth())
 }
 
-/// Render pass that clears its targets, and a compatible one that loads them.
+/// Pair of compatible render passes: one clears its targets, the other loads them.
 pub(crate) struct Pass {
     clearing: Owned<vk::RenderPass>,
     loading: Owned<vk::RenderPass>,
@@ -40,13 +40,13 @@ impl Pass {
         Ok(Self { clearing, loading, targets: attachments(draw).count() })
     }
 
-    /// Returns the render pass that clears its targets, or the one that loads them. Pipelines and framebuffers work
-    /// with both.
+    /// Returns the render pass that clears its targets, or the one that loads them. Pipelines and framebuffers are
+    /// compatible with both.
     pub(crate) fn raw(&self, clears: bool) -> vk::RenderPass {
         if clears { self.clearing.raw } else { self.loading.raw }
     }
 
-    /// Returns a clear value for each target. A reversed depth of 0 is infinitely far.
+    /// Returns a clear value for each target: zeros. A reversed depth of 0 means infinitely far.
     pub(crate) fn clear_values(&self) -> Vec<vk::ClearValue> {
         vec![vk::ClearValue { color: vk::ClearColorValue { float32: [0.0; 4] } }; self.targets]
     }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use surfel_gpu::{Draw, PixelPass, Precision, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
-/// Parameters of a draw's pipeline.
+/// Key of the pipeline of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct DrawKey {
     draw: Draw,
@@ -21,13 +21,13 @@ struct DrawKey {
     precision: Precision,
 }
 
-/// Layouts and pipelines of a device, each built once.
+/// Descriptor set layouts and pipelines of a device; each is built once.
 pub(crate) struct Pipelines {
     device: Arc<Device>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
-    /// Layout of the frame's bindings that splat setup uses. With all of them, setup would use more buffers than every
-    /// device supports.
+    /// Layout of the bindings of the frame's set that splat setup uses. With the whole set, setup would use more
+    /// buffers than every device supports.
     pub setup_frame_set: SetLayout,
     pub polygons_set: SetLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
@@ -36,34 +36,34 @@ pub(crate) struct Pipelines {
     cells: HashMap<&'static str, CellPipeline>,
 }
 
-/// Pipeline of a pass of the compute path, and the layouts of its sets. Each pass has its own layout of the frame's
-/// buffers: with all of them, some passes would exceed the number that every device supports.
+/// Pipeline of one entry point of the compute path, with the layouts of its sets. Each pipeline has its own layout of
+/// the frame's set. With the whole set, some passes would use more buffers than every device supports.
 pub(crate) struct CellPipeline {
     pub pipeline: Pipeline,
     pub frame_set: SetLayout,
     pub set: SetLayout,
 }
 
-/// Pipeline and its layout.
+/// Vulkan pipeline with its layout.
 pub(crate) struct Pipeline {
     pub raw: Owned<vk::Pipeline>,
     pub layout: Owned<vk::PipelineLayout>,
 }
 
-/// Pipeline of a pixel pass, and the layout of its bindings.
+/// Pipeline of a pixel pass, with the layout of its set.
 pub(crate) struct PixelPipeline {
     pub pipeline: Pipeline,
     pub set: SetLayout,
 }
 
-/// Setup pipeline of a clip variant, with the layouts of setup's bindings and of records.
+/// Setup pipeline of a clip variant, with the layouts of the sets of setup and of records.
 pub(crate) struct SplatPipeline {
     pub setup: Pipeline,
     pub setup_set: SetLayout,
     pub records_set: SetLayout,
 }
 
-/// Pipeline of a draw, and its render pass.
+/// Pipeline of a draw, with its render pass.
 pub(crate) struct DrawPipeline {
     pub pipeline: Pipeline,
     pub pass: Pass,
@@ -110,7 +110,7 @@ impl Pipelines {
         self.pixels.get(&pixels).ok_or_else(|| Failure::other("a pixel pass was recorded that was not prepared"))
     }
 
-    /// Builds the pipeline of a pass of the compute path, if it doesn't exist.
+    /// Builds the pipeline of an entry point of the compute path, if it doesn't exist.
     pub(crate) fn prepare_cells(&mut self, entry: &'static str) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.cells.entry(entry) else { return Ok(()) };
         let [frame_set, set] = [0, 1].map(|group| SetLayout::new(&self.device, entry, &[entry], group));
@@ -178,7 +178,7 @@ fn pipeline_layout(
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline_layout)))
 }
 
-/// Creates a shader module. It can be destroyed once its pipeline exists.
+/// Creates the shader module of an entry point. It can be destroyed once its pipeline exists.
 fn shader_module(device: &Arc<Device>, name: &str) -> Result<Owned<vk::ShaderModule>, Failure> {
     let found = SPIRV.iter().find(|(entry, _)| *entry == name);
     let (_, code) = found.ok_or_else(|| Failure::other(format!("there is no shader {name}")))?;
@@ -219,7 +219,7 @@ fn compute_pipeline(
     made(device, entry, result)
 }
 
-/// Creates a pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
+/// Creates a pipeline that draws triangle strips without vertex buffers: records as quads, or full-screen triangles.
 fn draw_pipeline(
     device: &Arc<Device>,
     cache: vk::PipelineCache,

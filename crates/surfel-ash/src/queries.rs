@@ -9,7 +9,7 @@ use std::cell::RefCell;
 use std::sync::Arc;
 use surfel_render::{PassTime, Stats};
 
-/// Maximum number of steps of a tile that are timed. Further steps, in scenes of very many segments, run untimed.
+/// Maximum number of steps of a tile that are timed. Further steps, in scenes with very many segments, aren't timed.
 const MOST_STEPS: u32 = 512;
 
 /// Shader stages whose invocations are counted, in the order of the flags' bits.
@@ -20,7 +20,7 @@ const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags
 );
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
-/// Queries of a tile. Kinds that the device lacks are `None`.
+/// Queries of a tile. The pools of queries that the device doesn't support are `None`.
 pub(crate) struct Queries {
     device: Arc<Device>,
     times: Option<Owned<vk::QueryPool>>,
@@ -28,17 +28,17 @@ pub(crate) struct Queries {
     samples: Option<Owned<vk::QueryPool>>,
     /// Maximum number of steps that can be timed.
     most_steps: u32,
-    /// Name that replaces the steps' own names.
+    /// Name that replaces the names of the steps, if any.
     label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,
-    /// Number of passes whose samples were counted so far.
+    /// Number of passes whose fragments were counted so far.
     counted_passes: RefCell<u32>,
 }
 
 impl Queries {
-    /// Creates queries for a tile of `steps` steps. If `label` is set, it replaces the steps' names, and their
-    /// fragments aren't counted.
+    /// Creates the queries for a tile of `steps` steps. If `label` is set, it replaces the steps' names, and fragments
+    /// aren't counted.
     pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>, steps: usize) -> Result<Self, Failure> {
         let most_steps = (steps as u32).clamp(1, MOST_STEPS);
         let caps = &device.caps;
@@ -65,7 +65,7 @@ impl Queries {
         })
     }
 
-    /// Starts the queries of a tile: resets all of them, and begins to count shader invocations.
+    /// Starts the queries of a tile: resets all of them, and begins counting shader invocations.
     pub(crate) fn begin(&self, commands: &Commands<'_>) {
         let counts = [(&self.times, 2 * self.most_steps), (&self.invocations, 1), (&self.samples, self.most_steps)];
         for (pool, count) in counts {
@@ -81,7 +81,7 @@ impl Queries {
         }
     }
 
-    /// Ends the tile's query of shader invocations.
+    /// Ends counting shader invocations in the tile.
     pub(crate) fn end(&self, commands: &Commands<'_>) {
         if let Some(pool) = &self.invocations {
             // SAFETY: begun in this command buffer, outside of render passes.
@@ -89,7 +89,7 @@ impl Queries {
         }
     }
 
-    /// Measures the time of the commands that `step` records.
+    /// Records commands by calling `step`, and measures their time.
     pub(crate) fn timed<T>(&self, commands: &Commands<'_>, name: &'static str, step: impl FnOnce() -> T) -> T {
         let index = self.steps.borrow().len() as u32;
         let pool = self.times.as_ref().filter(|_| index < self.most_steps);
@@ -108,7 +108,7 @@ impl Queries {
         result
     }
 
-    /// Counts the fragments of the commands that `draw` records, inside a render pass.
+    /// Records draws by calling `draw` inside a render pass, and counts their fragments.
     pub(crate) fn counted<T>(&self, commands: &Commands<'_>, draw: impl FnOnce() -> T) -> T {
         let index = *self.counted_passes.borrow();
         let Some(pool) = self.samples.as_ref().filter(|_| index < self.most_steps) else { return draw() };
@@ -122,7 +122,7 @@ impl Queries {
         result
     }
 
-    /// Adds the costs of a tile to the statistics, after the device has executed it.
+    /// Adds the times and counts of a tile to the statistics. The device must have executed the tile.
     pub(crate) fn add(&self, stats: &mut Stats) -> Result<(), Failure> {
         let steps = self.steps.borrow();
         if let Some(pool) = self.times.as_ref().filter(|_| !steps.is_empty()) {

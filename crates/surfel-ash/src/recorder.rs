@@ -1,9 +1,9 @@
-//! Command buffer that submissions reuse.
+//! Command buffer that all submissions reuse.
 
 use ash::vk;
 
-/// Command buffer with its pool and fence, reused from one submission to the next. Creating and destroying them takes a
-/// driver longer than recording a frame.
+/// Command buffer with its pool and fence, reused by each submission. In a driver, creating and destroying them takes
+/// longer than recording a frame.
 pub(crate) struct Recorder {
     pub pool: vk::CommandPool,
     pub buffer: vk::CommandBuffer,
@@ -11,7 +11,7 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Destroys the recorder. None of its submissions may still be executing.
+    /// Destroys the recorder. The device must have finished all its submissions.
     pub(crate) fn destroy(self, device: &ash::Device) {
         // SAFETY: the fence is the device's, and no submission that signals it is being executed.
         unsafe { device.destroy_fence(self.fence, None) };

@@ -1,4 +1,4 @@
-//! The renderer: uploads scenes and draws frames.
+//! Renderer that uploads scenes and draws frames.
 
 use crate::cells::{CellBuffers, CellReadback, CellTile, record_tiles};
 use crate::commands::submit;
@@ -29,10 +29,10 @@ use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, S
 
 /// Existing Vulkan device of a program.
 pub struct RawDevice {
-    /// Vulkan loader. A program that continues to use its device must keep a clone: dropping the last one unloads the
-    /// functions.
+    /// Vulkan loader. A program that continues to use its device must keep a clone, because dropping the last clone
+    /// unloads Vulkan.
     pub entry: ash::Entry,
-    /// Instance of Vulkan 1.1 or later.
+    /// Instance created for Vulkan 1.1 or later.
     pub instance: ash::Instance,
     /// Physical device.
     pub physical: vk::PhysicalDevice,
@@ -40,15 +40,15 @@ pub struct RawDevice {
     pub device: ash::Device,
     /// Queue of the device that supports graphics and compute.
     pub queue: vk::Queue,
-    /// Family of the queue.
+    /// Index of the queue's family.
     pub family: u32,
 }
 
 /// Renderer of the Vulkan backend.
 pub struct Renderer {
-    // Fields are declared in the order of their destruction, although each holds the device.
+    // Fields are declared in the order of their destruction, although each has a reference to the device.
     targets: Option<Targets>,
-    /// Targets of shadow maps.
+    /// Targets of the last frame's shadow maps.
     map_targets: Option<Targets>,
     /// Shadow maps of the last frame.
     maps: Option<ShadowMapCache<Arc<Buffer>>>,
@@ -58,7 +58,7 @@ pub struct Renderer {
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
-    /// The lesser of the device's limits and the limits in the options.
+    /// The smaller of the device's limits and the limits in the options.
     limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -179,7 +179,7 @@ impl Renderer {
 
     /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) -> Result<(), Failure> {
-        // The old targets are freed first: memory may not suffice for both.
+        // The old targets are freed first, because memory may not suffice for both.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
         self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
         Ok(())
@@ -201,7 +201,7 @@ impl Renderer {
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok(cache.texels.clone());
         }
-        // The old maps are freed first: memory may not suffice for both.
+        // The old maps are freed first, because memory may not suffice for both.
         self.maps = None;
         let texels = Arc::new(self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?);
         std::mem::swap(&mut self.targets, &mut self.map_targets);
@@ -311,8 +311,8 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Executes the dispatches of a tile. Returns the words of the counters. Times are added to the statistics if the
-    /// tile was drawn.
+    /// Executes the dispatches of a tile, and returns the words of the counters. Times are added to the statistics if
+    /// the tile fitted the capacity `room`.
     fn draw_cells(
         &self,
         job: &FrameJob<'_>,
@@ -380,7 +380,7 @@ impl Renderer {
             if is_whole || !plan.has(Pass::ABuffer) {
                 break counted;
             }
-            // The tile's splats were counted, and are drawn again.
+            // The tile's splats were counted already, and are drawn again.
             [stats.drawn, stats.fragments] = before;
             let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
@@ -395,8 +395,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes work, waits for it, and passes the words of the planes to `read`. The returned flag is true if no
-    /// layers remain.
+    /// Executes `work`, waits for it, and passes the words of the planes to `read`. The returned flag is true if no
+    /// A-buffer layers remain to be drawn.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -452,8 +452,8 @@ impl Renderer {
         Ok((read(targets.readback.words(data.planes.floats as usize)?), is_whole))
     }
 
-    /// Measures the device's fill rates in targets of `side_px` pixels a side: upper bounds that times of passes can be
-    /// compared with. Returns an empty list if the device has no timestamps.
+    /// Measures the device's fill rates in square targets of side `side_px`, in pixels. Fill rates are upper bounds of
+    /// the speed of passes. Returns an empty list if the device has no timestamps.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size; [`RenderError::Backend`] if the device fails.
@@ -494,7 +494,7 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// Work to be executed for a tile.
+/// Steps to be executed for a tile, with their data.
 struct TileWork {
     draws: Vec<Draw>,
     /// Pixel passes among the steps.

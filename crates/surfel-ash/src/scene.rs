@@ -12,11 +12,11 @@ use surfel_model::Scene;
 use surfel_model::Storage;
 use surfel_render::{RenderError, UploadProgress};
 
-/// Scene as this backend stores it: splats in the device's memory, chunks and clouds in the host's.
+/// Uploaded scene of this backend. Splats are in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
     pub(crate) segments: Vec<ResidentSegment>,
-    /// Textures of polygons.
+    /// Textures of the polygons.
     pub(crate) texels: Buffer,
     /// True if all segments share one buffer of records.
     pub(crate) shared_records: bool,
@@ -30,7 +30,7 @@ pub(crate) struct ResidentSegment {
     pub count: u32,
 }
 
-/// Records of splats.
+/// Buffers of the records of splats.
 pub(crate) struct Records {
     pub records: Buffer,
     /// Clips of the records; `None` unless the splats are clipped.
@@ -95,12 +95,12 @@ fn segments(
     Ok(segments)
 }
 
-/// Copies words to the device's own memory, through a staging buffer.
+/// Copies words to a new buffer in the device's own memory, through a staging buffer.
 pub(crate) fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
     resident_before(device, name, words, 0)
 }
 
-/// Like [`resident`], with `more` uninitialised bytes after the words.
+/// Copies words like [`resident`]; the buffer has `more` uninitialised bytes after the words.
 pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], more: u64) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
@@ -114,8 +114,8 @@ pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], m
     Ok(buffer)
 }
 
-/// Converts an error of the upload. Other programs use the device's memory, too, so less may be free than the device
-/// has.
+/// Converts an error during the upload. Less memory may be free than the device has, because other programs use it,
+/// too.
 fn too_large(failure: Failure, needed: u64, available: u64) -> RenderError {
     match failure {
         Failure::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },

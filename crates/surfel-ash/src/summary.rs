@@ -1,11 +1,11 @@
-//! Limits and features of this machine's Vulkan devices, queried without opening one.
+//! Descriptions of this machine's Vulkan devices, queried without opening one.
 
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};
 use ash::vk;
 use surfel_render::RenderError;
 
-/// Device that this backend can draw on.
+/// Description of a device that this backend can draw on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceSummary {
     /// Name reported by the driver.
@@ -18,7 +18,7 @@ pub struct DeviceSummary {
     pub facts: Vec<(&'static str, String)>,
 }
 
-/// Returns the devices that Vulkan finds. The first one is a renderer's default.
+/// Returns the devices that Vulkan finds. The first is the default of a renderer.
 ///
 /// # Errors
 /// [`RenderError::Backend`] if there is no Vulkan loader, or no instance can be created.

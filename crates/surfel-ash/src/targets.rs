@@ -1,4 +1,4 @@
-//! Images and buffers of a tile, reused from frame to frame while they fit.
+//! Images and buffers of a tile, reused from frame to frame if their key is the same.
 
 use crate::commands::submit;
 use crate::device::Device;
@@ -19,7 +19,7 @@ pub(crate) struct Targets {
     framebuffers: HashMap<Draw, Owned<vk::Framebuffer>>,
     images: HashMap<Target, Image>,
     pub planes: Buffer,
-    /// Composites of transparent layers.
+    /// Composites of the transparent layers, one per pixel.
     pub layer_composites: Buffer,
     /// Host-readable copy of the planes.
     pub readback: Buffer,

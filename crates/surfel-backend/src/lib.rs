@@ -1,11 +1,12 @@
-//! The rendering backends in one enum, and the choice of the fastest one that works here.
+//! All rendering backends in one enum, and the selection of the fastest one that works on this machine.
 //!
 //! Main types, in reading order:
 //!
-//! 1. [`Backend`]: a started backend. [`Backend::auto`] starts the fastest one, [`Backend::by_name`] a certain one;
-//! 2. [`BackendScene`]: a scene in the backend's memory, with the light of its sky;
+//! 1. [`Backend`]: a backend that has been started. [`Backend::auto`] starts the fastest one, [`Backend::by_name`] one
+//!    by its name;
+//! 2. [`BackendScene`]: a scene in a backend's memory, with the stored light of its sky;
 //! 3. [`BackendOptions`]: threads, adapter and storage;
-//! 4. [`backends`]: all backends, with their availability on this machine.
+//! 4. [`backends`]: returns all backends, with their availability on this machine.
 //!
 //! ```
 //! use surfel_backend::Backend;
@@ -22,10 +23,10 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above the backends and `surfel-light`, and below everything that draws. It opens no file.
+//! The crate is above the backends and `surfel-light`, and below all packages that draw. It opens no file.
 //!
 //! # Features
-//! `cpu`, `reference`, `wgpu` and `ash` build the backends of these names; at least one is needed.
+//! Each of `cpu`, `reference`, `wgpu` and `ash` enables the backend of this name. At least one is required.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -47,9 +48,9 @@ pub use surfel_wgpu::GpuPath;
 #[cfg(not(any(feature = "cpu", feature = "wgpu", feature = "ash", feature = "reference")))]
 compile_error!("Surfel draws by a backend: build it with one at least of its features cpu, wgpu, ash and reference");
 
-/// Names of backends, fastest first; `reference` is last.
+/// Names of all backends, fastest first. `reference`, the slowest, is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
-/// Names of the backends built into this program.
+/// Names of the backends that are enabled in this build.
 const BUILT: &[&str] = &[
     #[cfg(feature = "ash")]
     "ash",
@@ -61,7 +62,7 @@ const BUILT: &[&str] = &[
     "reference",
 ];
 
-/// Returns Cargo's feature that builds a backend.
+/// Returns the Cargo feature that enables a backend.
 fn feature_of(name: &'static str) -> &'static str {
     match name {
         "ash" | "wgpu" => "gpu",
@@ -73,20 +74,21 @@ fn feature_of(name: &'static str) -> &'static str {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct BackendOptions {
-    /// Threads of a CPU backend; 0: as many as the machine has.
+    /// Number of threads of a CPU backend; 0 uses as many as the machine has.
     pub threads: usize,
-    /// Case-insensitive part of the adapter's name; `None`: any adapter.
+    /// Part of the adapter's name, in any case; `None` accepts any adapter.
     pub adapter: Option<String>,
-    /// True if splats are stored in 16 bits per chunk, with half the memory or less and a measured error
-    /// (docs/accuracy.md). The reference backend ignores it.
+    /// True if splats are stored as 16-bit numbers, relative to their chunk's bounds. This
+    /// takes half the memory or less, with a measured error (docs/accuracy.md). The reference backend ignores the
+    /// option.
     pub quantised: bool,
-    /// Use of compute shaders or raster hardware by wgpu and ash; CPU backends ignore it.
+    /// Method by which wgpu and ash draw: compute shaders or raster hardware. CPU backends ignore the option.
     #[cfg(any(feature = "wgpu", feature = "ash"))]
     pub path: GpuPath,
 }
 
 impl BackendOptions {
-    /// Sets a case-insensitive part of the adapter's name; `None`: any adapter.
+    /// Sets the part of the adapter's name, in any case; `None` accepts any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();
@@ -109,33 +111,33 @@ impl BackendOptions {
     }
 }
 
-/// A backend that has been started.
+/// Backend that has been started.
 #[non_exhaustive]
 pub enum Backend {
-    /// A GPU through raw Vulkan.
+    /// GPU backend through raw Vulkan.
     #[cfg(feature = "ash")]
     Ash(Box<surfel_ash::Renderer>),
-    /// A GPU through wgpu.
+    /// GPU backend through wgpu.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<surfel_wgpu::Renderer>),
-    /// The CPU, with SIMD on all threads.
+    /// CPU backend, with SIMD on all threads.
     #[cfg(feature = "cpu")]
     Cpu(surfel_cpu::Renderer),
-    /// The rendering model in executable form: exact and slow.
+    /// Reference backend: the rendering model in executable form, exact and slow.
     #[cfg(feature = "reference")]
     Reference(surfel_reference::Renderer),
 }
 
-/// A scene resident in a [`Backend`]. The light of its sky is stored in it.
+/// Scene resident in a [`Backend`], with the stored light of its sky.
 pub struct BackendScene {
     resident: Resident,
-    /// Scene whose light is stored; `None` without a sky.
+    /// Parts of the scene on which its stored light depends; `None` without a sky.
     light: Option<LitBy>,
-    /// The ground, and the background behind it (linear premultiplied RGBA).
+    /// Ground, and background behind it in linear premultiplied RGBA.
     ground: Option<(LitGround, [f32; 4])>,
 }
 
-/// The parts of a scene on which its stored light depends.
+/// Parts of a scene on which its stored light depends, for detecting whether the light of another scene is the same.
 #[derive(Clone, Debug)]
 struct LitBy {
     geometry: SceneGeometry,
@@ -152,7 +154,7 @@ impl LitBy {
         Self { geometry: SceneGeometry::of(scene), sky, ground, background, objects }
     }
 
-    /// True if the light of another scene is the same.
+    /// True if another scene has the same stored light.
     fn is_of(&self, scene: &Scene) -> bool {
         let of = |object: &Object| (object.world_from_object, object.material);
         self.geometry.is_of(scene)
@@ -161,18 +163,18 @@ impl LitBy {
     }
 }
 
-/// A scene in the memory of a renderer.
+/// Scene in the memory of a renderer.
 enum Resident {
-    /// Scene in the memory of a Vulkan device.
+    /// Scene of the ash backend, in the memory of a Vulkan device.
     #[cfg(feature = "ash")]
     Ash(Box<<surfel_ash::Renderer as Renderer>::Scene>),
-    /// Scene in the memory of a wgpu device.
+    /// Scene of the wgpu backend, in the memory of a wgpu device.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<<surfel_wgpu::Renderer as Renderer>::Scene>),
     /// Scene of the CPU backend.
     #[cfg(feature = "cpu")]
     Cpu(<surfel_cpu::Renderer as Renderer>::Scene),
-    /// Scene of the reference renderer.
+    /// Scene of the reference backend.
     #[cfg(feature = "reference")]
     Reference(<surfel_reference::Renderer as Renderer>::Scene),
 }
@@ -182,13 +184,13 @@ enum Resident {
 pub struct BackendInfo {
     /// Name of the backend.
     pub name: &'static str,
-    /// Renderer description, or the reason why the backend isn't available.
+    /// Description of the renderer, or the reason why the backend isn't available.
     pub state: Result<RendererInfo, String>,
-    /// Cargo feature that would build the backend in; `None` if it is built in.
+    /// Cargo feature that would enable the backend; `None` if it is enabled.
     pub missing_feature: Option<&'static str>,
 }
 
-/// Returns all backends, fastest first, with their availability on this machine.
+/// Returns all backends with their availability on this machine, fastest first.
 pub fn backends() -> Vec<BackendInfo> {
     let info = |name| {
         let (state, missing_feature) = match Backend::by_name(name, &BackendOptions::default()) {
@@ -204,27 +206,27 @@ pub fn backends() -> Vec<BackendInfo> {
     NAMES.into_iter().map(info).collect()
 }
 
-/// Selected backend, and the reasons against faster ones.
+/// Selected backend, and the reasons why faster ones were rejected.
 pub struct Chosen {
-    /// The backend.
+    /// Selected backend.
     pub backend: Backend,
-    /// Name and rejection reason of each faster backend that is built in, one entry per backend.
+    /// Reason why each faster backend of this build was rejected, as text that begins with the backend's name.
     pub rejected: Vec<String>,
 }
 
 impl Backend {
     surfel_render::renderer_methods!(BackendScene);
 
-    /// Starts the fastest backend that works here, with default options.
+    /// Starts the fastest backend that works on this machine, with default options.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend tried.
+    /// [`BackendError`] of the last backend that was tried.
     pub fn auto() -> Result<Self, BackendError> {
         Self::by_name("auto", &BackendOptions::default())
     }
 
-    /// Frees memory that the CPU backend would reuse for later frames; useful after an image much larger than the next
-    /// ones.
+    /// Frees memory that the CPU backend would reuse for later frames. Useful after an image that is much larger than
+    /// the next ones.
     pub fn release_memory(&mut self) {
         #[cfg(feature = "cpu")]
         #[allow(irrefutable_let_patterns, reason = "the only backend of the smallest build")]
@@ -233,10 +235,10 @@ impl Backend {
         }
     }
 
-    /// Starts the fastest backend that works here and supports the scene and its settings.
+    /// Starts the fastest backend that works on this machine and supports the scene, settings and planes.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend tried.
+    /// [`BackendError`] of the last backend that was tried.
     pub fn auto_for(
         scene: &Scene,
         settings: &Settings,
@@ -246,11 +248,11 @@ impl Backend {
         Ok(Self::choose(options, refusals(scene, settings, planes))?.backend)
     }
 
-    /// Starts the fastest backend that works here and that `refuses` gives no reason against. A GPU backend that runs
-    /// in software on the CPU is skipped, unless its adapter is asked for.
+    /// Starts the fastest backend that works on this machine and for which `refuses` returns `None`. GPU backends that
+    /// run in software on the CPU are skipped, unless the options name an adapter.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend tried, or of the first whose threads can't be started.
+    /// [`BackendError`] of the last backend that was tried, or of the first whose threads can't be started.
     pub fn choose(
         options: &BackendOptions,
         mut refuses: impl FnMut(&Capabilities) -> Option<String>,
@@ -261,13 +263,14 @@ impl Backend {
                 rejected.push(format!("{name}: this machine has no GPU"));
                 continue;
             }
-            // Starting a device takes time, so capabilities are checked first.
+            // Starting a device takes time, so that known capabilities are checked first.
             if let Some(reason) = capabilities_of(name).and_then(|capabilities| refuses(&capabilities)) {
                 rejected.push(format!("{name}: {reason}"));
                 continue;
             }
             let reason = match Self::by_name(name, options) {
-                // The reference would need the same threads, and draw for hours where they start a moment later.
+                // The reference backend would need as many threads, and would draw for hours if they start a moment
+                // later.
                 Err(error @ BackendError::NoStart { source: RenderError::Threads { .. }, .. }) => return Err(error),
                 Err(error) => error.to_string(),
                 Ok(backend) => {
@@ -286,7 +289,7 @@ impl Backend {
         Ok(Chosen { backend: Self::by_name("reference", options)?, rejected })
     }
 
-    /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest one that works.
+    /// Starts a backend by its name: `cpu`, `wgpu`, `ash` or `reference`, or `auto` for the fastest one that works.
     ///
     /// # Errors
     /// [`BackendError::Unknown`], [`BackendError::NotBuilt`], [`BackendError::NoAdapter`] or [`BackendError::NoStart`].
@@ -343,7 +346,7 @@ impl Backend {
         Ok(Self::Reference(renderer))
     }
 
-    /// True for a GPU backend whose device is software, such as lavapipe or WARP.
+    /// True if the backend is a GPU backend whose device is software, such as lavapipe or WARP.
     pub fn is_software(&self) -> bool {
         match self {
             #[cfg(feature = "ash")]
@@ -357,13 +360,13 @@ impl Backend {
         }
     }
 
-    /// True for the backend that can render several samples per pixel.
+    /// True if the backend can render several samples per pixel, which only `reference` can.
     pub fn can_supersample(&self) -> bool {
         self.info().backend == "reference"
     }
 
-    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them. The region with all its samples
-    /// must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
+    /// Renders an image with `samples`×`samples` unfiltered samples per pixel, and averages them. The region with all
+    /// of its samples must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
     ///
     /// # Errors
     /// Errors of [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for
@@ -398,7 +401,7 @@ impl Backend {
         Ok(stats)
     }
 
-    /// Uploads a scene whose light is stored.
+    /// Uploads a scene in which the light of its sky is already stored.
     fn upload_stored(
         &mut self,
         scene: &Scene,
@@ -422,7 +425,7 @@ impl Backend {
 }
 
 impl BackendScene {
-    /// Returns the settings with which the stored light is shown.
+    /// Returns the settings for drawing the scene: with stored light, phong shading is replaced by unlit colours.
     fn settings(&self, settings: &Settings) -> Settings {
         match (&self.light, settings.shader) {
             (Some(_), Shader::Phong) => settings.with_shader(Shader::Unlit),
@@ -430,13 +433,13 @@ impl BackendScene {
         }
     }
 
-    /// Returns the planes to be drawn, for the planes that are asked for.
+    /// Returns the planes that must be drawn for the requested planes. A ground needs linear colours.
     fn planes(&self, planes: Planes) -> Planes {
         let has_ground = self.ground.is_some() && planes.shows_color();
         planes.with_color(planes.color || has_ground)
     }
 
-    /// Draws ground and background behind the colours of a frame that the ground isn't in yet.
+    /// Draws ground and background behind the colours of a frame.
     fn draw_ground(&self, view: &View, planes: Planes, frame: &mut Frame) {
         let Some((ground, background)) = self.ground.as_ref().filter(|_| planes.shows_color()) else { return };
         ground.draw_behind(view, *background, frame.color_mut());
@@ -446,13 +449,13 @@ impl BackendScene {
     }
 }
 
-/// Returns the summary of a scene as a [`Backend`] stores it, with the light of its sky.
+/// Returns the summary of a scene as a [`Backend`] stores it, with the light of its sky in the colours.
 pub fn summary_of(scene: &Scene) -> SceneSummary {
     SceneSummary { has_sky: false, ..SceneSummary::of(scene) }
 }
 
-/// Returns a function for [`Backend::choose`]: the reason why a backend of these capabilities can't draw a scene with
-/// the settings and planes; `None` if it can.
+/// Returns a function for [`Backend::choose`]. It returns the reason why a backend with certain capabilities can't draw
+/// the scene with the settings and planes, or `None` if it can.
 pub fn refusals(
     scene: &Scene,
     settings: &Settings,
@@ -462,7 +465,7 @@ pub fn refusals(
     move |capabilities| unsupported(&summary, &settings, planes, capabilities).map(|missing| missing.to_string())
 }
 
-/// Returns the capabilities of a backend, if they are known before it starts.
+/// Returns the capabilities of a backend that are known before it is started, if there are any.
 fn capabilities_of(name: &str) -> Option<Capabilities> {
     match name {
         #[cfg(feature = "ash")]
@@ -473,7 +476,8 @@ fn capabilities_of(name: &str) -> Option<Capabilities> {
     }
 }
 
-/// False if the machine has no GPU, so that starting a GPU backend would at best find a software device.
+/// True unless the backend needs a GPU and the machine has none. Starting the backend would then find a software device
+/// at best.
 fn has_device_for(name: &str) -> bool {
     if name == "cpu" || !cfg!(target_os = "linux") {
         return true;
@@ -483,7 +487,7 @@ fn has_device_for(name: &str) -> bool {
     ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"].into_iter().any(has)
 }
 
-/// Returns the error for a scene whose light can't be stored.
+/// Returns the error for a scene in which the light of its sky can't be stored.
 fn not_lit(backend: &Backend, error: LightError) -> RenderError {
     match error {
         LightError::Model(error) => error.into(),
@@ -491,7 +495,7 @@ fn not_lit(backend: &Backend, error: LightError) -> RenderError {
     }
 }
 
-/// Returns the error for a scene that was uploaded to another backend.
+/// Returns the error for a scene that was uploaded to a different backend.
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }

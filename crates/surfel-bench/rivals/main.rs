@@ -1,8 +1,9 @@
-//! Estimates normals of points by Surfel or by kiddo: `rivals surfel|kiddo THREADS POINTS [NORMALS]`.
+//! Comparison program that estimates normals of points with Surfel or with the crate kiddo:
+//! `rivals surfel|kiddo THREADS POINTS [NORMALS]`.
 //!
-//! POINTS is a file of f64, three a point; NORMALS is an output file of the same form. Prints durations in seconds (of
-//! the neighbour search; of search and normals; of everything up to splats) and the memory in bytes a point, without
-//! POINTS.
+//! POINTS is a file of f64, three per point; NORMALS is an output file of the same format. The program prints durations
+//! in seconds: of the neighbour search, of search and normals, and of everything up to splats. It also prints the
+//! memory in bytes per point, without POINTS.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ use std::time::Instant;
 use surfel_model::{Column3, PointCloud};
 use surfel_sample::{PointOptions, Progress, splats_from_points};
 
-/// Number of neighbours of a point, as in Surfel's default options.
+/// Number of neighbours per point; the default of Surfel.
 const NEIGHBOURS: usize = 16;
 
 fn main() -> Result<(), Failure> {
@@ -38,8 +39,8 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns resident memory in bytes: with `starts` the current size, after resetting the peak, otherwise the peak since
-/// then.
+/// Returns the resident memory in bytes. With `starts`, resets the peak and returns the current size; otherwise returns
+/// the peak since the reset.
 fn resident(starts: bool) -> Result<f64, Failure> {
     if starts {
         std::fs::write("/proc/self/clear_refs", "5")?;
@@ -50,7 +51,7 @@ fn resident(starts: bool) -> Result<f64, Failure> {
     Ok(kib.ok_or("no VmRSS")? * 1024.0)
 }
 
-/// Start times of stages.
+/// Clock that records the start times of stages.
 struct Clock(Mutex<Vec<(String, Instant)>>);
 
 impl Progress for Clock {
@@ -73,7 +74,7 @@ fn surfel(points: &[[f64; 3]]) -> Result<Normals, Failure> {
     let (splats, _) = splats_from_points(&cloud, &PointOptions::default(), &clock)?;
     let all = start.elapsed().as_secs_f64();
     let stages = clock.0.into_inner()?;
-    // Normals are complete when the next stage starts.
+    // The normals are complete when the next stage starts.
     let after = stages.iter().skip_while(|(name, _)| name != "normals").nth(1);
     let normals = after.map(|(_, at)| (*at - start).as_secs_f64());
     let normal = |i: usize| splats.normal(i).normalize().to_array();
@@ -105,7 +106,7 @@ fn kiddo(points: &[[f64; 3]]) -> Result<Normals, Failure> {
     Ok((normals, [Some(neighbours), Some(start.elapsed().as_secs_f64()), None]))
 }
 
-/// Returns the direction of least variance, by inverse iteration.
+/// Returns the direction of least variance of a point's neighbourhood, by inverse iteration.
 fn normal<'a>(at: &[f64; 3], near: impl Iterator<Item = &'a [f64; 3]>) -> [f64; 3] {
     let (mut first, mut c, mut count) = ([0.0; 3], [[0.0; 3]; 3], 0.0);
     for q in near {
@@ -119,7 +120,8 @@ fn normal<'a>(at: &[f64; 3], near: impl Iterator<Item = &'a [f64; 3]>) -> [f64; 
     for i in 0..3 {
         (0..3).for_each(|j| c[i][j] -= first[i] * first[j] / count);
     }
-    // The columns of the adjugate approximate the direction of least variance, the better the flatter the points are.
+    // The columns of the adjugate approximate the direction of least variance. The approximation is better for flatter
+    // neighbourhoods.
     let cross =
         |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

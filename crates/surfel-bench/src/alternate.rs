@@ -1,4 +1,4 @@
-//! Runs two builds of this program in turn, so that disturbances of the machine affect both equally.
+//! Measurement of two builds of this program in alternation, so that disturbances of the machine affect both equally.
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -11,7 +11,7 @@ use crate::{Arguments, Failure, read};
 /// Number of runs of each build.
 const ROUNDS: usize = 3;
 
-/// Runs both builds with the same arguments, one after the other, [`ROUNDS`] times. Each report has the frames of all
+/// Runs both builds with the same arguments, in alternation, [`ROUNDS`] times each. Each report has the frames of all
 /// rounds.
 pub(crate) fn measured(programs: [&Path; 2], arguments: &Arguments) -> Result<[Report; 2], Failure> {
     let mut reports: [Option<Report>; 2] = [None, None];
@@ -54,12 +54,12 @@ impl Drop for Temporary {
     }
 }
 
-/// Returns the arguments with which a build is run.
+/// Returns the arguments for running a build.
 fn words(a: &Arguments) -> Vec<OsString> {
     let mut words: Vec<OsString> =
         vec!["--backend".into(), a.backend.name().into(), "--simd".into(), a.simd.name().into()];
     words.extend(["--models".into(), a.models.clone().into()]);
-    // Older builds don't accept this option.
+    // Older builds don't have this option.
     words.extend((a.storage != "32").then(|| ["--storage".into(), a.storage.clone().into()]).into_iter().flatten());
     words.extend(a.threads.iter().flat_map(|n| ["--threads".into(), n.to_string().into()]));
     words.extend(a.scene.iter().flat_map(|name| ["--scene".into(), name.into()]));

@@ -1,4 +1,4 @@
-//! Curves and labelled points over logarithmic axes, drawn as SVG.
+//! Charts of curves and labelled points over logarithmic axes, as SVG.
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
@@ -26,41 +26,42 @@ const SHADE_TEXT: RGBColor = RGBColor(74, 122, 58);
 /// Logarithmic axis of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// Quantity that the axis shows, with its unit.
+    /// Quantity along the axis, with its unit.
     pub label: String,
-    /// True if large values come first. Values that aren't above 0 are drawn at the small end.
+    /// True if large values come first. A value that isn't above 0 is drawn at the end of small values.
     pub descends: bool,
-    /// Values at the ends, both above 0; `None` fits them to the data. Values beyond the range are drawn at its ends.
+    /// Values at the two ends, both above 0; `None` fits the range to the data. Values outside of the range are drawn
+    /// at its ends.
     pub range: Option<[f64; 2]>,
 }
 
 impl Axis {
-    /// Creates an ascending axis that fits its range to the data.
+    /// Creates an ascending axis whose range is fitted to the data.
     pub fn new(label: impl Into<String>) -> Self {
         Self { label: label.into(), descends: false, range: None }
     }
 
-    /// Returns the axis with a given range.
+    /// Sets the range of the axis.
     #[must_use]
     pub fn over(self, range: [f64; 2]) -> Self {
         Self { range: Some(range), ..self }
     }
 
-    /// Returns the logarithmic axis for these values.
+    /// Returns the logarithmic axis that fits these values.
     fn fit(&self, values: impl Iterator<Item = f64>) -> LogAxis {
         let values = self.range.map_or_else(|| values.collect(), |range| range.to_vec());
         let exponents = values.iter().filter(|v| v.is_finite() && **v > 0.0).map(|v| v.log10());
         let ends = exponents
             .fold(None, |ends: Option<[f64; 2]>, e| Some(ends.map_or([e, e], |[low, high]| [low.min(e), high.max(e)])));
         let [low, high] = ends.unwrap_or([0.0, 1.0]);
-        // A given range is exact. A fitted one gets a margin, and a single value a factor of two.
+        // A given range is exact. A fitted range gets a margin, and a range of a single value spans a factor of two.
         let room = if self.range.is_some() { 0.0 } else { (0.04 * (high - low)).max(0.5 * (0.3 - (high - low))) };
         let (low, high) = (low - room, high + room);
         if self.descends { LogAxis { first: high, last: low } } else { LogAxis { first: low, last: high } }
     }
 }
 
-/// Range of a logarithmic axis, as exponents of ten.
+/// Range of a logarithmic axis, as decimal exponents.
 #[derive(Clone, Copy, Debug)]
 struct LogAxis {
     first: f64,
@@ -68,7 +69,7 @@ struct LogAxis {
 }
 
 impl LogAxis {
-    /// Returns the labelled values: powers of ten, and on short axes multiples in between.
+    /// Returns the values with labels: powers of ten, and on short axes multiples in between.
     fn ticks(self) -> Vec<f64> {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let length = high - low;
@@ -118,13 +119,13 @@ impl ValueFormatter<f64> for LogAxis {
 pub enum Style {
     /// A line with a mark at each point.
     Line,
-    /// A dashed line without marks, for a bound.
+    /// A dashed line without marks, for a bound of the other series.
     Bound,
-    /// A dotted line with small marks, for comparison.
+    /// A dotted line with small marks, for a reference curve.
     Faint,
-    /// Marks alone, each with its label, if any.
+    /// Marks without lines, with optional labels.
     Points,
-    /// A thin line without marks, right then up or down, for a Pareto front.
+    /// A thin line of horizontal and vertical steps without marks, for a Pareto front.
     Steps,
 }
 
@@ -135,9 +136,10 @@ pub struct Series {
     pub name: String,
     /// Drawing style.
     pub style: Style,
-    /// Index of the colour. The palette has eight; from the ninth on, the marks are squares.
+    /// Index of the colour in the palette, which has eight colours. From index 8 on, colours repeat and marks are
+    /// squares.
     pub color: usize,
-    /// Points in order. A NaN makes a gap.
+    /// Points [x, y] in drawing order. NaN interrupts the line.
     pub points: Vec<[f64; 2]>,
     /// Labels of the points; either one per point, or none.
     pub labels: Vec<String>,
@@ -157,7 +159,7 @@ impl Series {
         self.color >= COLORS.len()
     }
 
-    /// Returns the points that aren't gaps.
+    /// Returns the points without the gaps.
     fn places(&self) -> impl Iterator<Item = (f64, f64)> {
         self.points.iter().filter(|p| !is_gap(p)).map(|p| (p[0], p[1]))
     }
@@ -178,7 +180,7 @@ pub struct Chart {
     pub y: Axis,
     /// Series, from back to front.
     pub series: Vec<Series>,
-    /// Range along x that is shaded, with its name.
+    /// Shaded range along x, with its name.
     pub shaded: Option<([f64; 2], String)>,
 }
 
@@ -186,10 +188,10 @@ type Drawing<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 type DrawingError<'a> = DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>;
 type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<LogAxis, LogAxis>>;
 
-/// Factor by which `plotters` divides text sizes to get those of the SVG.
+/// Factor between a text height in pixels and the size that `plotters` needs for it.
 const TEXT_SCALE: f64 = 1.24;
 
-/// Returns a text style with a height in pixels.
+/// Returns a text style with a text height in pixels.
 fn text(pixels: f64, color: RGBColor) -> TextStyle<'static> {
     ("sans-serif", pixels * TEXT_SCALE).into_font().color(&color)
 }
@@ -241,7 +243,8 @@ impl Chart {
         root.present()
     }
 
-    /// Writes labels where they overlap neither marks nor each other.
+    /// Draws the labels of points. Each label is at one of four sides of its point, and is omitted if it would overlap
+    /// marks or other labels at all of them.
     fn label<'a>(&self, root: &Drawing<'a>, plot: &Plot<'_, 'a>) -> Result<(), DrawingError<'a>> {
         let labelled = || self.series.iter().filter(|series| series.style == Style::Points);
         let place = |point: (f64, f64)| plot.backend_coord(&point);
@@ -263,7 +266,7 @@ impl Chart {
     }
 }
 
-/// Box in pixels that a label or a mark covers.
+/// Rectangle that a label or a mark covers, in pixels.
 #[derive(Clone, Copy, Debug)]
 struct LabelBox {
     left: i32,
@@ -273,9 +276,9 @@ struct LabelBox {
 }
 
 impl LabelBox {
-    /// Returns the boxes of a label of `letters` characters to the right of a point, left of it, above and below.
+    /// Returns possible rectangles of a label of `letters` characters: right of a point, left of it, above and below.
     fn beside((x, y): (i32, i32), letters: usize) -> [Self; 4] {
-        // A label is nine pixels high, and a little more than five wide a letter.
+        // A label is nine pixels high, and 5.3 pixels wide per letter.
         let width = (5.3 * letters as f64).ceil() as i32;
         let at = |left: i32, top: i32| Self { left, top, right: left + width, bottom: top + 9 };
         [at(x + 6, y - 5), at(x - 6 - width, y - 5), at(x - width / 2, y - 14), at(x - width / 2, y + 5)]
@@ -328,7 +331,7 @@ fn draw_series<'a>(plot: &mut Plot<'_, 'a>, series: &Series) -> Result<(), Drawi
     Ok(())
 }
 
-/// Draws a row of the legend, `y` pixels below its top.
+/// Draws a row of the legend. `y` is the distance from the legend's top in pixels.
 fn draw_legend<'a>(legend: &Drawing<'a>, series: &Series, y: i32) -> Result<(), DrawingError<'a>> {
     let color = series.color();
     let dashes: &[(i32, i32)] = match series.style {

@@ -1,4 +1,4 @@
-//! Generated surfaces. One formula and fixed seeds give the same splats on every machine.
+//! Generated surfaces. Formulas and fixed seeds give the same splats on every machine.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,18 +7,19 @@ use rayon::prelude::*;
 use surfel_model::SplatCloud;
 use surfel_model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
-/// Mean number of splats over each point of a surface. Disks on a hexagonal lattice cover the plane from 1.06 on; the
-/// rest is the overlap that blending needs.
+/// Mean number of splats over each point of a surface. On a hexagonal lattice, 1.06 would suffice to cover the plane;
+/// the rest is the overlap that blending needs.
 pub(crate) const LAYERS: f64 = 3.8;
 
-/// Bumps of the ball, from coarse to fine: cycles around the ball, and height relative to the radius.
+/// Waves of bumps on the ball, from coarse to fine: number of cycles around the ball, and height relative to the
+/// radius.
 const OCTAVES: [(f64, f64); 4] = [(1.5, 0.12), (3.0, 0.06), (7.0, 0.02), (15.0, 0.006)];
 
-/// Number of waves of different directions in an octave.
+/// Number of waves per octave, each with another direction.
 const WAVES_PER_OCTAVE: usize = 3;
 
-/// Returns a closed, bumpy surface of genus 0 about the origin with a radius of about 1, similar to a scanned head:
-/// `count` coloured disks on a Fibonacci lattice.
+/// Returns a watertight, bumpy surface of genus 0 about the origin with a radius of about 1, similar to a scanned head.
+/// It consists of `count` coloured disks on a Fibonacci lattice.
 pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     let waves = waves();
     let golden = PI * (3.0 - 5f64.sqrt());
@@ -34,7 +35,8 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     })
 }
 
-/// Returns the points of the [`ball`] as balls that touch their neighbours, as the program draws points by default.
+/// Returns the points of the [`ball`] as balls that touch their neighbours, which is how the program draws points by
+/// default.
 pub(crate) fn balls(count: usize) -> Result<SplatCloud, ModelError> {
     let disks = ball(count)?;
     let radius_per_disk = 0.5 / (LAYERS / PI).sqrt();
@@ -43,7 +45,7 @@ pub(crate) fn balls(count: usize) -> Result<SplatCloud, ModelError> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns the ball's distance from the origin along a direction, and its normal there.
+/// Returns the distance of the bumpy surface from the origin along a direction, and the normal there.
 fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     let (mut radius, mut gradient) = (1.0, DVec3::ZERO);
     for (wave, phase, height) in waves {
@@ -55,8 +57,8 @@ fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     (radius, (radius * direction - (gradient - direction * gradient.dot(direction))).normalize())
 }
 
-/// Returns the same ball as `4·rings²` triangles between circles of latitude, with colours and normals. `rings` is at
-/// least 2.
+/// Returns the surface of the [`ball`] as `4·rings²` triangles between circles of latitude, with colours and normals.
+/// `rings` is at least 2.
 pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     let waves = waves();
     let columns = 2 * rings;
@@ -98,18 +100,18 @@ pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     }
 }
 
-/// Returns the albedo of a point.
+/// Returns the linear albedo of a point on the surface.
 fn color_at(point: DVec3) -> [f32; 3] {
     (Vec3::splat(0.6) + 0.3 * (4.0 * point).map(f64::sin).as_vec3()).to_array()
 }
 
 /// Returns a wavy sheet across the z axis, 2 wide and high. It faces +z with slopes up to about 60°, and every splat is
-/// visible.
+/// visible. Each point is covered by `layers` splats on average.
 pub(crate) fn sheet(count: usize, layers: f64) -> Result<SplatCloud, ModelError> {
     build(count, layers, |i| wavy(i, count))
 }
 
-/// Returns twelve wavy sheets one behind another, the nearest first: walls behind walls.
+/// Returns twelve wavy sheets of `count` splats each, one behind another, the nearest first.
 pub(crate) fn stack(count: usize) -> Result<SplatCloud, ModelError> {
     build(12 * count, LAYERS, |i| {
         let (center, normal, spacing) = wavy(i % count, count);
@@ -125,7 +127,7 @@ fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
     let (row, column) = ((i as f64 / side).floor(), i as f64 % side);
     let x = -1.0 + (column + 0.5 * (row % 2.0)) * spacing;
     let y = -1.0 + (row + 0.5) * spacing;
-    // Steepest slopes across and along.
+    // Steepest slopes along x and y.
     let slopes = [1.5, 1.0];
     let [(sine_x, cosine_x), (sine_y, cosine_y)] = [x, y].map(|v| (waves * v * TAU).sin_cos());
     let (slope_x, slope_y) = (slopes[0] * cosine_x, slopes[1] * cosine_y);
@@ -134,7 +136,8 @@ fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
     (DVec3::new(x, y, z), normal.normalize(), spacing * normal.length().sqrt())
 }
 
-/// Creates a cloud of disks, `layers` over each point. `splat` returns centre, normal and distance to the neighbours.
+/// Creates a cloud of disks that cover each point `layers` times on average. `splat` returns the centre, the normal and
+/// the distance to the neighbours of a splat.
 fn build(
     count: usize,
     layers: f64,
@@ -158,7 +161,7 @@ fn build(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns wave vector, phase and height of each bump.
+/// Returns the wave vector, phase and height of each wave of bumps.
 fn waves() -> Vec<(DVec3, f64, f64)> {
     let mut random = Random(7);
     let mut waves = Vec::new();
@@ -174,7 +177,7 @@ fn waves() -> Vec<(DVec3, f64, f64)> {
     waves
 }
 
-/// Generator of numbers in [0, 1): Knuth's MMIX constants, upper bits.
+/// Generator of random numbers in [0, 1): a linear congruential generator with Knuth's MMIX constants.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {

@@ -1,13 +1,13 @@
-//! Comparison of two runs.
+//! Comparison of the reports of two runs.
 
 use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Returns a table with the ratios B over A of medians, of their noise, and of minima.
+/// Returns a table with the ratios of B to A: medians, their noise, and minima.
 ///
-/// It compares CPU time if both runs measured it, since other work on the machine affects CPU time little. Otherwise it
-/// compares wall-clock time.
+/// The table compares CPU times if both runs have them, since other work on the machine affects CPU time little.
+/// Otherwise it compares wall-clock times.
 pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     let cells = |cells: [&str; 8]| cells.map(str::to_owned).to_vec();
     let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", "least", ""])];
@@ -49,13 +49,14 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     Ok(text)
 }
 
-/// Returns the time of the least disturbed frame: the minimum.
+/// Returns the time of the least disturbed frame, which is the minimum.
 fn least(frames_ms: &[f64]) -> f64 {
     frames_ms.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles, so that few disturbed
-/// frames don't count. Both constants are those of the normal distribution. A disturbance of a whole run doesn't show.
+/// Returns the relative standard error of a median: 1.2533·σ/√n. σ is computed from the quartiles, so that a few
+/// disturbed frames have no effect. Both constants are those of the normal distribution. A disturbance of the whole run
+/// isn't included.
 fn standard_error(frames_ms: &[f64]) -> f64 {
     if frames_ms.len() < 2 {
         return f64::NAN;

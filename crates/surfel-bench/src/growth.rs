@@ -1,4 +1,4 @@
-//! Chart of the table that `cargo xtask growth` prints: cost of conversion to levels of detail by number of points.
+//! Chart of the table that `cargo xtask growth` prints: the cost of conversion to levels of detail by number of points.
 
 use crate::Failure;
 use crate::chart::{Axis, Chart, Series, Style};
@@ -23,7 +23,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Columns to draw: name in the legend, name in the table's head, and number of earlier columns with the same name.
+/// Curves of the chart: name in the legend, name of the column in the table, and number of earlier columns with the
+/// same name.
 const DRAWN: [(&str, &str, usize); 4] = [
     ("to COPC, wall", "to COPC, s", 0),
     ("to COPC, CPU", "CPU, s", 0),
@@ -53,7 +54,7 @@ fn chart(page: &str) -> Result<Chart, String> {
         let points = rows.iter().map(|row| [row[0], row[column]]).collect();
         series.push(Series::new(name, Style::Line, color, points));
     }
-    // Reference line of linear growth, through the first row's CPU time of conversion.
+    // Reference line of linear growth, through the CPU time of conversion in the first row.
     if let (Some(&[from, cost]), Some(last)) = (series[1].points.first(), rows.last()) {
         let line = vec![[from, cost], [last[0], cost * last[0] / from]];
         series.push(Series::new("as many times the points", Style::Faint, 6, line));

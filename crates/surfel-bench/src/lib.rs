@@ -58,7 +58,7 @@ use std::process::ExitCode;
 
 use program::{Arguments, Backend, Failure, Simd, read};
 
-/// Runs the program `surfel-bench` with these arguments, the first of which is its name.
+/// Runs the program `surfel-bench` with these arguments. The first argument is the program's name.
 pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     program::main(words)
 }

@@ -1,19 +1,19 @@
-//! Facts about the machine of a run.
+//! Description of the machine of a run.
 
 use std::process::Command;
 
 use serde::{Deserialize, Serialize};
 
-/// Machine and source of a run. Unknown fields are empty.
+/// Machine and source version of a run. Unknown fields are empty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Machine {
     pub cpu: String,
     /// Number of hardware threads that the system reports.
     pub threads: usize,
     pub system: String,
-    /// System load of the last minute before the run; a value above 0 means that other processes were running.
+    /// Mean system load in the minute before the run. A value above 0 means that other processes were running.
     pub load: Option<f64>,
-    /// Commit, with a trailing `+` if files differ from it.
+    /// Commit of the source, with a trailing `+` if the working tree has changes.
     pub commit: String,
 }
 
@@ -29,9 +29,9 @@ impl Machine {
     }
 }
 
-/// Returns the CPU time of this process, milliseconds; `None` if the system doesn't report it.
+/// Returns the CPU time of this process, in milliseconds; `None` if the system doesn't report it.
 ///
-/// On a shared machine the CPU time, not the wall-clock time, is the cost of a frame.
+/// On a shared machine, CPU time is a better measure of the cost of a frame than wall-clock time.
 #[cfg(unix)]
 pub(crate) fn busy_ms() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
@@ -44,7 +44,8 @@ pub(crate) fn busy_ms() -> Option<f64> {
     None
 }
 
-/// Returns Linux's name of the CPU, with family and model: names of virtual CPUs alone are ambiguous.
+/// Returns the name of the CPU with its family and model, as Linux reports them. The names of virtual CPUs alone are
+/// ambiguous.
 fn cpu() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {

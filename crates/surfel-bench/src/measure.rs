@@ -1,4 +1,4 @@
-//! Measurement of frames: draws all scenes in turn, repeatedly.
+//! Measurement of frames: draws all scenes in alternation, several times.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -42,7 +42,7 @@ impl Plan {
                 Simd::Avx2 => SimdLevel::Avx2,
             },
             quantised: arguments.storage == "16",
-            // The threads of a GPU can't be set.
+            // The number of threads of a GPU can't be set.
             threads: if on_cpu { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
             models: arguments.models.clone(),
@@ -63,19 +63,19 @@ impl Plan {
     }
 }
 
-/// True for backends whose threads this program sets. GPU backends on software Vulkan don't count: their threads can't
-/// be set, and may belong to another process.
+/// True for backends whose number of threads this program sets. GPU backends on software Vulkan don't count, because
+/// their threads can't be set.
 fn is_on_cpu(backend: crate::Backend) -> bool {
     matches!(backend, crate::Backend::Cpu | crate::Backend::Reference)
 }
 
-/// Scene that is ready to be drawn.
+/// Scene that is uploaded and ready to be drawn.
 struct Ready {
-    /// Index of the source's upload.
+    /// Index of the uploaded source.
     upload: usize,
     view: View,
     settings: Settings,
-    /// Samples of each backend.
+    /// Measurements, one entry per backend.
     samples: Vec<Samples>,
 }
 
@@ -94,11 +94,11 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     };
     let fill_rates = fill_rates(first, FILL_RATE_SIDE_PX)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
-    // There is a frame of each pixel format, so that no case pays for planes that another one left in it.
+    // Each pixel format has its own frame, so that no case pays for planes that another case has left in the frame.
     let mut frames = [Frame::default(), Frame::default()];
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
-    // The first round warms up (pipelines, page faults, clocks) and counts: weights give the covered pixels, and some
-    // backends count fragments only on request.
+    // The first round warms up pipelines, memory pages and clock rates. It also counts: weights show which pixels are
+    // covered, and some backends count fragments only on request.
     for round in 0..=plan.runs {
         for (case, ready) in cases.iter().zip(&mut ready) {
             if std::io::stderr().is_terminal() {
@@ -145,10 +145,11 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     Ok(Report::new(machine, facts, fill_rates, rows))
 }
 
-/// Side of the targets for fill rates, in pixels.
+/// Side of the targets with which fill rates are measured, in pixels.
 const FILL_RATE_SIDE_PX: u32 = 1024;
 
-/// Returns the GPU's fill rates in targets of `side_px` pixels a side; empty for backends that don't use a GPU.
+/// Measures the GPU's fill rates in square targets of side `side_px`, in pixels. Returns an empty list for backends
+/// that don't use a GPU.
 #[cfg_attr(
     not(any(feature = "wgpu", feature = "ash")),
     allow(clippy::unnecessary_wraps, unused_variables, reason = "without GPUs")
@@ -173,7 +174,7 @@ pub(crate) fn fill_rates(backend: &mut Backend, side_px: u32) -> Result<Vec<Fill
     })
 }
 
-/// Loads and uploads every source once; backends of one kind share the uploads.
+/// Loads and uploads every source once. Backends of one kind share the uploads.
 fn prepare(plan: &Plan, cases: &[Case], backend: &mut Backend) -> Result<(Vec<BackendScene>, Vec<Ready>), Failure> {
     let mut sources: Vec<Source> = Vec::new();
     for case in cases {
@@ -184,7 +185,7 @@ fn prepare(plan: &Plan, cases: &[Case], backend: &mut Backend) -> Result<(Vec<Ba
     let mut uploads = Vec::new();
     let mut ready: Vec<Option<Ready>> = cases.iter().map(|_| None).collect();
     for source in sources {
-        // The loaded scene is dropped as soon as it is uploaded.
+        // The loaded scene is dropped right after its upload.
         let loaded: Loaded = source.load(&plan.models)?;
         for (case, ready) in cases.iter().zip(&mut ready).filter(|(case, _)| case.source == source) {
             *ready = Some(Ready {

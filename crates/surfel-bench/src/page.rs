@@ -1,4 +1,4 @@
-//! Page: text, tables, charts and images in one HTML file.
+//! HTML pages of text, tables, charts and images in a single file.
 
 use crate::chart::Chart;
 use std::fmt::Write;
@@ -57,14 +57,14 @@ impl Table {
 }
 
 impl Page {
-    /// Creates a page with a title alone.
+    /// Creates a page with a title and no content.
     pub fn new(title: &str) -> Self {
         Self { body: format!("<h1>{}</h1>", escape(title)), title: escape(title) }
     }
 
     /// Begins a section.
     pub fn section(&mut self, title: &str) {
-        // Writing to a string can't fail, here and below.
+        // Writing to a string can't fail, here and in the functions below.
         let _ = write!(self.body, "<h2>{}</h2>", escape(title));
     }
 

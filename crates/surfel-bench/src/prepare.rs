@@ -1,4 +1,4 @@
-//! Measures the cost of making splats from points, stage by stage.
+//! Measurement of the time to make splats from points, stage by stage.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -26,7 +26,7 @@ pub(crate) struct Arguments {
     runs: usize,
 }
 
-/// Wall-clock seconds of a run, CPU seconds if the system reports them, and seconds of each stage.
+/// Result of a run: wall-clock seconds, CPU seconds if the system reports them, and seconds of each stage.
 type Run = (f64, Option<f64>, Vec<(String, f64)>);
 
 /// Clock that measures the seconds of each stage.
@@ -65,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     for &count in &arguments.points {
         let cloud = clouds::ball(count)?;
         let high = cloud.data().centers.high();
-        // A fixed shuffle: i·k mod n, with k coprime to n.
+        // The shuffle is fixed: i·k mod n, with k coprime to n.
         let step = (0..).map(|i| (count as f64 * 0.618) as usize + i).find(|k| gcd(*k, count) == 1).unwrap_or(1);
         let shuffled = (0..count).map(|i| high[(i as u128 * step as u128 % count as u128) as usize]).collect();
         drop(cloud);

@@ -10,7 +10,7 @@ use crate::measure::Plan;
 use crate::report::Report;
 use crate::{alternate, compare, growth, kit, measure, prepare, scale, scenes, start, table, tradeoff};
 
-/// Error of the program, as a one-line message.
+/// Error of the program; its text is a one-line message.
 pub(crate) type Failure = Box<dyn std::error::Error>;
 
 /// Backends that can be timed.
@@ -102,7 +102,7 @@ pub(crate) struct Arguments {
     pub(crate) compare: Option<Vec<PathBuf>>,
 }
 
-/// Other measurements.
+/// Measurements other than that of frames.
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     /// Measure what every setting costs in time and error; the same as `cargo xtask tradeoff`.

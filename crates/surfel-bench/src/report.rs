@@ -1,4 +1,4 @@
-//! Figures of a run, as stored in JSON.
+//! Report of a run, as stored in JSON.
 
 use std::collections::BTreeMap;
 
@@ -10,38 +10,38 @@ use crate::machine::Machine;
 /// Version of the JSON format. It increases whenever a field changes its meaning, but not with new fields.
 const VERSION: u32 = 1;
 
-/// Report of a run.
+/// Report of a run: machine, backend, and a row per scene and number of threads.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Report {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
-    /// Peak fill rates of the GPU; empty for backends that don't use one, and in older files.
+    /// Peak fill rates of the GPU; empty for backends that don't use a GPU, and in older files.
     #[serde(default)]
     pub fill_rates: Vec<FillRate>,
     pub rows: Vec<Row>,
 }
 
-/// Fill rate that no pass over splats can exceed.
+/// Fill rate of a GPU, which no pass over splats can exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FillRate {
-    /// `clear`, `depth`, `fill`, `blend` or `blend two`.
+    /// Name of the probe: `clear`, `depth`, `fill`, `blend` or `blend two`.
     pub name: String,
     pub fragments_per_s: f64,
 }
 
-/// Backend that drew the frames.
+/// Description of the backend that drew the frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BackendFacts {
     pub name: String,
-    /// GPU, or SIMD instructions of the CPU.
+    /// Name of the GPU, or SIMD instructions of the CPU.
     pub adapter: String,
     pub driver: String,
-    /// True for a GPU interface computed by the CPU. Its times aren't representative of GPUs.
+    /// True for a GPU interface that computes on the CPU. Its times aren't representative of GPUs.
     pub is_software: bool,
 }
 
-/// Figures of one scene with one number of threads. Counts are per frame.
+/// Results of one scene with one number of threads. Counts are per frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     pub scene: String,
@@ -50,53 +50,54 @@ pub(crate) struct Row {
     pub shader: String,
     pub threads: usize,
     pub size: [u32; 2],
-    /// Wall-clock time of every frame in drawing order, milliseconds.
+    /// Wall-clock time of every frame in drawing order, in milliseconds.
     pub frames_ms: Vec<f64>,
     pub median_ms: f64,
     pub min_ms: f64,
-    /// CPU time of every frame, all threads together, milliseconds; empty for GPUs, and if the system doesn't report
+    /// CPU time of every frame, summed over threads, in milliseconds; empty for GPUs, and if the system doesn't report
     /// it.
     pub busy_frames_ms: Vec<f64>,
-    /// Median CPU time, milliseconds: the time of the frame on a single thread that is never interrupted.
+    /// Median CPU time per frame, summed over threads, in milliseconds.
     pub busy_ms: Option<f64>,
-    /// Median time of each stage, milliseconds.
+    /// Median time of each stage, in milliseconds, by the name of the stage.
     pub stages_ms: BTreeMap<String, f64>,
     /// Number of splats of the scene, including culled ones.
     pub splats: u64,
     pub drawn: u64,
     /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
-    /// Number of pixels with any contribution.
+    /// Number of pixels to which any splat contributes.
     pub covered_px: u64,
-    /// All splats of the scene, including culled ones, divided by the median time.
+    /// Number of splats of the scene, including culled ones, divided by the median time.
     pub splats_per_s: f64,
     pub drawn_per_s: f64,
     pub fragments_per_s: Option<f64>,
-    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets. Splats
-    /// per second are the same fraction of the rate that the fill rate would allow.
+    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
-    /// Like `share_of_blend`, for the time of the whole frame.
+    /// Fragments per second of the whole frame, as a fraction of the GPU's fill rate for the targets of the attribute
+    /// pass.
     #[serde(default)]
     pub frame_share_of_blend: Option<f64>,
-    /// Fragments per drawn splat.
+    /// Mean number of fragments per drawn splat.
     pub fragments_per_splat: Option<f64>,
-    /// Fragments per covered pixel.
+    /// Mean number of fragments per covered pixel.
     pub fragments_per_px: Option<f64>,
-    /// Number of computed pairs of a splat and a block of 4×4 pixels (CPU backend).
+    /// Number of pairs of a splat and a block of 4×4 pixels that the CPU backend computed.
     pub block_pairs: Option<f64>,
-    /// Time of the tile loops per thread and pair, nanoseconds.
+    /// Time of the tile loops per thread and pair, in nanoseconds.
     pub ns_per_pair: Option<f64>,
     /// Resident bytes per splat.
     pub bytes_per_splat: f64,
-    /// Resident memory, 10⁶ bytes.
+    /// Resident memory, in units of 10⁶ bytes.
     pub resident_mb: f64,
-    /// Records and lists of the largest batch, 10⁶ bytes: the memory of a frame besides the scene and the image.
+    /// Records and lists of the largest batch, in units of 10⁶ bytes. This is the memory of a frame besides the scene
+    /// and the image.
     pub batch_mb: Option<f64>,
-    /// Memory traffic, 10⁹ bytes per second: splats that were set up are read once, their records and lists written
-    /// once and read once.
+    /// Estimated memory traffic, in units of 10⁹ bytes per second. Splats that are set up are read once; their records
+    /// and lists are written once and read once.
     pub gb_per_s: Option<f64>,
-    /// All counters of the backend.
+    /// All counters of the backend, by name.
     pub counters: BTreeMap<String, f64>,
 }
 
@@ -104,7 +105,7 @@ pub(crate) struct Row {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
     pub frames_ms: Vec<f64>,
-    /// CPU time of each frame, all threads together, milliseconds.
+    /// CPU time of each frame, summed over threads, in milliseconds.
     pub busy_ms: Vec<f64>,
     pub stats: Vec<Stats>,
     pub covered_px: u64,
@@ -112,7 +113,7 @@ pub(crate) struct Samples {
     pub fragments: u64,
 }
 
-/// Scene and parameters that a row describes.
+/// Scene and parameters of a row.
 pub(crate) struct Subject {
     pub scene: String,
     pub about: String,
@@ -127,7 +128,7 @@ impl Report {
         Self { version: VERSION, machine, backend, fill_rates, rows }
     }
 
-    /// Adds the frames of a later run of the same scenes. Rates and figures of single frames remain unchanged.
+    /// Appends the frames of a later run of the same scenes. Rates and counts per frame remain unchanged.
     pub(crate) fn extend(&mut self, later: Self) {
         for row in &mut self.rows {
             let same = later.rows.iter().find(|other| other.scene == row.scene && other.threads == row.threads);
@@ -201,9 +202,9 @@ impl Row {
         }
     }
 
-    /// Compares the fragment rate with the GPU's fill rate.
+    /// Computes the fragment rates as fractions of the GPU's fill rate.
     fn judge(&mut self, fill_rates: &[FillRate]) {
-        // Unlit images sum colours alone, all others normals and depths, too.
+        // Unlit images sum only colours; all others sum normals and depths, too.
         let name = if self.shader == "unlit" { "blend" } else { "blend two" };
         let fill_rate =
             fill_rates.iter().find(|fill_rate| fill_rate.name == name).map(|fill_rate| fill_rate.fragments_per_s);
@@ -213,12 +214,12 @@ impl Row {
     }
 }
 
-/// Returns the middle value, or the mean of the two middle ones; NaN without values.
+/// Returns the median; NaN without values. For an even number of values, it is the mean of the two middle ones.
 pub(crate) fn median(values: &[f64]) -> f64 {
     0.5 * (quantile(values, 0.5 - 1e-12) + quantile(values, 0.5 + 1e-12))
 }
 
-/// Returns the quantile `part`, below which that fraction of the values lies; NaN without values.
+/// Returns the quantile of the fraction `part`, which is 0 to 1; NaN without values.
 pub(crate) fn quantile(values: &[f64], part: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,13 +1,13 @@
-//! Simulation of jobs of many tasks on many workers, from measured costs: the figures of docs/scale.md.
+//! Simulation of jobs of many tasks on many workers, from measured costs. It computes the tables of docs/scale.md.
 
 use crate::Failure;
 use crate::page::Table;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Markers of the begin and end of the figures on the page.
+/// Texts that mark the begin and the end of the tables on the page.
 const MARKS: [&str; 2] = ["<!-- figures -->\n", "<!-- end of figures -->\n"];
-/// Numbers of workers that are simulated.
+/// Simulated numbers of workers.
 const WORKERS: [usize; 5] = [1, 10, 100, 1000, 10_000];
 
 /// Simulates jobs of many tasks on 1 to 10,000 workers and prints tables.
@@ -35,62 +35,64 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Costs measured on one core of the machine that docs/scale.md names, by the commands given there.
+/// Costs measured on one core, on the machine and with the commands that docs/scale.md names.
 mod measured {
-    /// Start of the program, seconds.
+    /// Time to start the program, in seconds.
     pub(super) const START_S: f64 = 0.001_8;
-    /// Conversion of LAZ without normals to splats by `convert`, seconds of one core per point.
+    /// Time of `convert` per point, from LAZ without normals to splats, in seconds of one core.
     pub(super) const CONVERT_S: f64 = 2.46e-6;
-    /// Bytes per point of the LAZ input, and of the PLY output.
+    /// Bytes per point of the LAZ input.
     pub(super) const LAZ_BYTES: f64 = 3.74;
+    /// Bytes per splat of the PLY output.
     pub(super) const PLY_BYTES: f64 = 28.0;
-    /// Loading and uploading the scene of frames, seconds of one core per splat.
+    /// Time to load and upload the scene, per splat, in seconds of one core.
     pub(super) const LOAD_S: f64 = 0.218e-6;
-    /// Splats of the scene of frames.
+    /// Number of splats of the scene.
     pub(super) const SPLATS: f64 = 2e6;
-    /// Time of a frame of 1024x1024 pixels: quantiles over a turntable, seconds.
+    /// Time of a frame of 1024×1024 pixels, in seconds: quantiles over a turntable, evenly spaced.
     pub(super) const FRAME_S: [f64; 11] =
         [0.0901, 0.0912, 0.0917, 0.0928, 0.0938, 0.0950, 0.0960, 0.0980, 0.1019, 0.1124, 0.1728];
-    /// Encoding and writing of the image, seconds, and size of its file in bytes.
+    /// Time to encode and write an image, in seconds.
     pub(super) const WRITE_S: f64 = 0.0047;
+    /// Size of an image file, in bytes.
     pub(super) const FRAME_BYTES: f64 = 408e3;
 }
 
-/// Assumed properties of a cluster, which are not measured.
+/// Assumed properties of a cluster, which aren't measured.
 mod supposed {
-    /// Bytes per second that all workers together read and write.
+    /// Bandwidth of the storage that all workers share, in bytes per second.
     pub(super) const STORAGE: f64 = 10e9;
-    /// Losses per worker and hour, typical of discounted machines.
+    /// Number of lost workers per worker and hour; typical of discounted machines.
     pub(super) const LOSSES_PER_HOUR: f64 = 0.05;
-    /// Time until a lost worker is replaced, seconds.
+    /// Time until a lost worker is replaced, in seconds.
     pub(super) const REPLACE_S: f64 = 120.0;
     /// Number of tasks that a scheduler starts per second.
     pub(super) const DISPATCH_PER_S: f64 = 100.0;
-    /// Mean number of points of a tile of a country, and their relative spread: uniform from one less the spread to one
-    /// more.
+    /// Mean number of points of a tile.
     pub(super) const TILE_POINTS: f64 = 2e7;
+    /// Relative half-width of the uniform distribution of a tile's number of points about the mean.
     pub(super) const TILE_SPREAD: f64 = 0.5;
 }
 
-/// Job, with the costs of its tasks.
+/// Simulated job, given by the costs of its tasks.
 struct Job {
-    /// Core seconds of each task, and bytes that it reads and writes.
+    /// Costs of each task: core seconds, and bytes read and written.
     tasks: Vec<(f64, f64)>,
-    /// Core seconds without the overhead of splitting the job into tasks.
+    /// Core seconds that the job would need without being divided into tasks.
     useful_s: f64,
 }
 
-/// Result of a simulated job.
+/// Result of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Outcome {
-    /// Seconds until the last task is done.
+    /// Time until the last task is done, in seconds.
     wall_s: f64,
-    /// Seconds that workers spent on lost tasks.
+    /// Time that workers spent on lost tasks, in seconds.
     lost_s: f64,
     losses: usize,
 }
 
-/// Random numbers by SplitMix64 (Steele, Lea and Flood 2014).
+/// Random number generator: SplitMix64 (Steele, Lea and Flood 2014).
 struct Random(u64);
 
 impl Random {
@@ -101,17 +103,17 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Returns a number uniform in [0, 1).
+    /// Returns a random number that is uniform in [0, 1).
     fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Returns an exponentially distributed number with mean 1.
+    /// Returns a random number of the exponential distribution with mean 1.
     fn exponential(&mut self) -> f64 {
         -(1.0 - self.unit()).ln()
     }
 
-    /// Returns a number of a distribution given by evenly spaced quantiles, from the minimum to the maximum.
+    /// Returns a random number of the distribution with these quantiles, evenly spaced from the minimum to the maximum.
     fn of_quantiles(&mut self, quantiles: &[f64]) -> f64 {
         let at = self.unit() * (quantiles.len() - 1) as f64;
         let (i, t) = (at as usize, at.fract());
@@ -119,7 +121,7 @@ impl Random {
     }
 }
 
-/// Returns the job of converting 10¹² points in tiles, one task a tile.
+/// Returns the job of converting the 10¹² points of a country in tiles, with one task per tile.
 fn country(random: &mut Random) -> Job {
     use measured::{CONVERT_S, LAZ_BYTES, PLY_BYTES, START_S};
     use supposed::{TILE_POINTS, TILE_SPREAD};
@@ -133,7 +135,7 @@ fn country(random: &mut Random) -> Job {
     Job { tasks, useful_s: 1e12 * CONVERT_S }
 }
 
-/// Returns the job of drawing a million frames, `per_task` frames a task.
+/// Returns the job of drawing a million frames, with `per_task` frames per task.
 fn frames(random: &mut Random, per_task: usize) -> Job {
     use measured::{FRAME_BYTES, FRAME_S, LOAD_S, PLY_BYTES, SPLATS, START_S, WRITE_S};
     let mut useful_s = 0.0;
@@ -146,14 +148,14 @@ fn frames(random: &mut Random, per_task: usize) -> Job {
     Job { tasks, useful_s }
 }
 
-/// Simulates a job. Workers take tasks in the order in which a scheduler starts them. All share one storage, through
-/// which tasks' bytes pass one after another. The task of a lost worker starts again on another worker.
+/// Simulates a job. Tasks start in the order of the scheduler. The bytes of all tasks pass one after another through
+/// one storage. The task of a lost worker starts again on another worker.
 fn simulate(job: &Job, workers: usize, losses_per_hour: f64, random: &mut Random) -> Outcome {
-    // Times at which workers become free, in nanoseconds: integers can be ordered.
+    // Times at which workers become free, in nanoseconds. Integers are used because they can be ordered.
     let ns = |s: f64| (s * 1e9) as u128;
     let s = |ns: u128| ns as f64 * 1e-9;
     let mut free: BinaryHeap<Reverse<u128>> = (0..workers).map(|_| Reverse(0)).collect();
-    // Lost tasks, each with the time of its loss.
+    // Lost tasks, each with the time of the loss.
     let mut again: Vec<(f64, (f64, f64))> = Vec::new();
     let (mut outcome, mut storage_free, mut dispatch_free) = (Outcome::default(), 0.0_f64, 0.0_f64);
     let mut waiting = job.tasks.iter().copied();
@@ -165,7 +167,7 @@ fn simulate(job: &Job, workers: usize, losses_per_hour: f64, random: &mut Random
         dispatch_free = started + 1.0 / supposed::DISPATCH_PER_S;
         let lost_at = started + random.exponential() * 3600.0 / losses_per_hour;
         let stored = storage_free.max(started) + task.1 / supposed::STORAGE;
-        // Reading and writing overlap with computing, so the longer of both counts.
+        // Reading and writing overlap with computing, so the longer time of both counts.
         let done = (started + task.0).max(stored);
         if lost_at < done {
             outcome.lost_s += lost_at - started;
@@ -190,7 +192,7 @@ fn duration(s: f64) -> String {
     }
 }
 
-/// Returns a title and a table for each job.
+/// Simulates both jobs with a seed. Returns a title and a table for each job.
 fn tables(seed: u64) -> [(String, Table); 2] {
     let hours = |s: f64| format!("{:.0}", s / 3600.0);
     let mut random = Random(seed);
@@ -224,7 +226,7 @@ fn tables(seed: u64) -> [(String, Table); 2] {
     [(format!("10¹² points, {tiles} tiles:"), first), ("A million frames:".to_owned(), second)]
 }
 
-/// Returns the figures of the page as Markdown.
+/// Returns the tables of the page as Markdown.
 fn markdown(seed: u64) -> String {
     tables(seed).map(|(name, table)| format!("{name}\n\n{}\n", table.markdown())).concat().replace("\n\n\n", "\n\n")
 }

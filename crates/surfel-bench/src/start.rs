@@ -1,4 +1,4 @@
-//! Measures the time from a command to its result: the whole process, as a user waits for it.
+//! Measurement of the time of whole commands, from their start to their result.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -33,8 +33,9 @@ pub(crate) struct Arguments {
 struct Row {
     name: String,
     words: Vec<PathBuf>,
-    /// Least wall-clock seconds of all runs, and sum of the CPU seconds if the system reports them.
+    /// Shortest wall-clock time of all runs, in seconds.
     best: f64,
+    /// Sum of the CPU times of all runs, in seconds; `None` if the system doesn't report them.
     busy: Option<f64>,
 }
 
@@ -101,7 +102,7 @@ fn time_once(program: &Path, row: &Row) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns a binary PLY file with nothing but positions of points on a bumpy ball.
+/// Returns a binary PLY file that contains only positions of points on a bumpy ball.
 fn bare_points(count: usize) -> Result<Vec<u8>, Failure> {
     let cloud = clouds::ball(count)?;
     let mut bytes = Vec::with_capacity(128 + 12 * count);
@@ -113,14 +114,14 @@ fn bare_points(count: usize) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// Returns the CPU seconds of this process's children that have ended, in steps of a hundredth; `None` if the system
-/// doesn't report them.
+/// Returns the CPU time of this process's children that have ended, in seconds, with a resolution of 0.01 s; `None` if
+/// the system doesn't report it.
 fn children_seconds() -> Option<f64> {
     of_children(&std::fs::read_to_string("/proc/self/stat").ok()?)
 }
 
-/// Returns the sum of fields 16 and 17 of Linux's `stat` file, which are hundredths of a second. The program's name, in
-/// brackets, may contain any characters.
+/// Parses the sum of fields 16 and 17 of Linux's `stat` file, in seconds. The fields are in hundredths of a second. The
+/// program's name, in parentheses, may contain any characters.
 fn of_children(stat: &str) -> Option<f64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let [user, system] = [13, 14].map(|i| fields.get(i)?.parse::<f64>().ok());
@@ -136,7 +137,7 @@ fn table(rows: &[Row], runs: usize) -> Table {
     table
 }
 
-/// Returns the table as a Markdown file that names the machine and its load at the start.
+/// Returns the table as a Markdown file, with the machine and its load at the start of the measurement.
 fn markdown(machine: &Machine, rows: &[Row], runs: usize) -> String {
     let load = machine.load.map_or("unknown".to_owned(), |load| format!("{load:.1}"));
     format!(

@@ -34,7 +34,7 @@ pub(crate) fn of(report: &Report) -> String {
     text
 }
 
-/// Returns the report as a Markdown file: a row per scene, with the times of all thread counts beside each other.
+/// Returns the report as a Markdown file with a row per scene. The times of all numbers of threads are side by side.
 pub(crate) fn markdown(report: &Report) -> String {
     let (machine, backend) = (&report.machine, &report.backend);
     let mut threads: Vec<usize> = report.rows.iter().map(|row| row.threads).collect();
@@ -98,7 +98,8 @@ fn line(row: &Row) -> Vec<String> {
     ]
 }
 
-/// Returns columns as wide as their widest cell, the first and the last left-aligned, the others right-aligned.
+/// Formats rows of cells as columns with the width of their widest cell. The first and the last column are
+/// left-aligned, the others right-aligned.
 pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let width = |i: usize| lines.iter().filter_map(|line| line.get(i)).map(|cell| cell.chars().count()).max();
@@ -119,13 +120,13 @@ pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
     text
 }
 
-/// Returns the CPU time if it is known, else the wall-clock time. Shaders differ by less than the noise of a shared
-/// machine's wall clock.
+/// Returns the CPU time if it is known, else the wall-clock time, in milliseconds. Differences between shaders are
+/// smaller than the noise of wall-clock times on a shared machine.
 fn cost(row: &Row) -> f64 {
     row.busy_ms.unwrap_or(row.median_ms)
 }
 
-/// Returns notes on the cost of shading. The scenes of other shaders are named after the Phong scene.
+/// Returns notes on the cost of each shader. The scenes of other shaders are named after the Phong scene.
 fn shader_notes(rows: &[Row]) -> Vec<String> {
     let phong = rows.iter().filter(|row| row.shader == "phong");
     let notes = phong.filter_map(|phong| {
@@ -145,7 +146,7 @@ fn shader_notes(rows: &[Row]) -> Vec<String> {
     notes.collect()
 }
 
-/// Returns a note on the speed-up by a second thread.
+/// Returns a note on the speed-up with two threads, if both numbers of threads were measured.
 fn scaling_note(rows: &[Row]) -> Option<String> {
     let gains = rows.iter().filter(|row| row.threads == 1).filter_map(|one| {
         let two = rows.iter().find(|row| row.scene == one.scene && row.threads == 2)?;

@@ -1,4 +1,4 @@
-//! `surfel again`: draws an image again from the scene stored in its metadata.
+//! `surfel again`: draws an image again, from the scene that the image's metadata contains.
 
 use crate::console::Console;
 use crate::failure::Failure;
@@ -53,8 +53,8 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     judge(args, &image, written, &changed, &drawn, console)
 }
 
-/// Reports whether the image is identical to the original. Fails with exit code 5 if it differs although nothing is
-/// known to have changed.
+/// Reports whether the image is identical to the original. Fails with exit code 5 if it differs without a reported
+/// cause.
 fn judge(
     args: &Options,
     image: &Planes,
@@ -71,7 +71,7 @@ fn judge(
         return Ok(());
     }
     let differs = format!("{written}: is not the image of {name} to the bit");
-    // The difference is explained by changes reported before, another backend, or another machine's GPU.
+    // Changes reported before, another backend, or another machine's GPU explain the difference.
     if !changed.is_empty() || args.backend.is_some() || !drawn["adapter"].is_null() {
         console.note(&differs);
         return Ok(());
@@ -79,12 +79,12 @@ fn judge(
     Err(Failure::threshold(format!("{differs}, although its inputs and surfel's version are as they were")))
 }
 
-/// Returns the bits of a plane, so that NaN compares equal to itself.
+/// Returns the bit patterns of a plane, so that NaN compares equal to itself.
 fn bits(plane: Option<&[f32]>) -> Vec<u32> {
     plane.into_iter().flatten().map(|value| value.to_bits()).collect()
 }
 
-/// Returns the default output: IMAGE's name with `-again`, in the current folder.
+/// Returns the default output: the name of IMAGE with `-again`, in the current folder.
 fn default_output(image: &Path) -> PathBuf {
     let mut name = image.file_stem().unwrap_or_default().to_owned();
     name.push("-again.");
@@ -128,7 +128,7 @@ fn changed_inputs(args: &Options, inputs: &Value, base: &Path, stdin: &Stdin) ->
     )))
 }
 
-/// Returns the options that draw the image.
+/// Returns the options with which the image was drawn, as stored in its metadata, updated by the command line.
 fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
     let name = input(args).shown();
     let mut options = Options::default();
@@ -147,7 +147,7 @@ fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
                 let known = if is_named { Ok(()) } else { Err("is no name of it".to_owned()) };
                 known.and_then(|()| row.set(&mut options, text.as_ref())).map_err(damaged)?;
             }
-            // The adapter explains differences, but another one may draw the image, too.
+            // The adapter can explain differences, but the image may be drawn on another one.
             None if key == "adapter" => {}
             None => {
                 let message = format!("{name}: {DRAWN_KEY} has the unknown key '{key}'");
@@ -161,7 +161,7 @@ fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
     Ok(options)
 }
 
-/// Returns the image to draw again.
+/// Returns the path of the image to draw again.
 fn input(args: &Options) -> &Path {
     args.inputs.first().map_or(Path::new(""), PathBuf::as_path)
 }

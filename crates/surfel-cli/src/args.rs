@@ -17,7 +17,7 @@ use surfel_render::Preset;
 #[derive(Debug)]
 pub(crate) struct Cli {
     pub(crate) command: Command,
-    /// Options of the program itself.
+    /// Options that all commands have, such as verbosity.
     pub(crate) program: Options,
 }
 
@@ -36,22 +36,22 @@ pub(crate) enum Command {
     Backends(BackendsArgs),
     #[cfg(feature = "mcp")]
     Mcp(McpArgs),
-    /// Options, and names and texts of those that were given.
+    /// Options of `view`, and the names and texts of the options on the command line.
     View(Box<Options>, Vec<(String, String)>),
     Completions(CompletionsArgs),
     Man,
 }
 
-/// Help of the inputs of `render` and `serve`.
+/// Help text of the inputs of `render` and `serve`.
 const SCENE: &str = "A scene file (.json), or splats, points or meshes that form one scene; - is stdin. With {input} \
                      in OUT, each INPUT gets its own image";
 
-/// Returns the command-line grammar.
+/// Returns the command-line grammar of the program.
 pub(crate) fn command() -> clap::Command {
     grammar(table())
 }
 
-/// Returns the command-line grammar with the options of a table.
+/// Returns the command-line grammar with the options of `table`.
 pub(crate) fn grammar(table: &Table) -> clap::Command {
     let of = |name: &'static str, about: &'static str| of_table(table, clap::Command::new(name).about(about));
     let plain = |name: &'static str, about: &'static str| clap::Command::new(name).about(about);
@@ -120,12 +120,13 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
     command
 }
 
-/// Returns a command with derived arguments. Doc comments of flattened arguments would replace `about`.
+/// Returns a command with arguments that clap derives from `A`. `about` is set last, because doc comments of flattened
+/// arguments would replace it.
 fn derived<A: Args>(name: &'static str, about: &'static str) -> clap::Command {
     A::augment_args(clap::Command::new(name)).about(about)
 }
 
-/// Adds the table's options to a command.
+/// Adds those options of the table that belong to the command.
 fn of_table(table: &Table, command: clap::Command) -> clap::Command {
     let of = Commands::named(command.get_name());
     let rows: Vec<&Row> = table.of(of).filter(|row| row.commands != Commands::ALL).collect();
@@ -140,7 +141,7 @@ fn inputs(name: &'static str, help: &'static str, count: impl Into<clap::builder
     argument.value_parser(clap::value_parser!(PathBuf)).action(ArgAction::Append)
 }
 
-/// Returns the argument of an option. `known` are the names of the command's options.
+/// Returns clap's argument for an option of the table. `known` are the names of the command's options.
 fn argument(row: &Row, known: &[&str]) -> Arg {
     let known = |names: &'static [&'static str]| names.iter().copied().filter(|name| known.contains(name));
     let help = row.help.strip_suffix('.').unwrap_or(row.help);
@@ -188,7 +189,7 @@ fn argument(row: &Row, known: &[&str]) -> Arg {
     }
 }
 
-/// Parser of an option's value, which stays text until all options are set.
+/// Parser of an option's value, which checks the value and returns its text. Options are set from texts later.
 #[derive(Clone)]
 struct RowParser(Row);
 
@@ -208,7 +209,7 @@ impl TypedValueParser for RowParser {
         if row.set(&mut Options::default(), value).is_ok() {
             return Ok(value.to_owned());
         }
-        // A closure of text gives the message clap's own form.
+        // A function of `&str` as a parser formats the error message as clap does.
         let row = *row;
         let check = move |text: &str| row.set(&mut Options::default(), text.as_ref()).map(|()| OsString::from(text));
         check.parse_ref(command, argument, value)
@@ -220,7 +221,7 @@ impl TypedValueParser for RowParser {
     }
 }
 
-/// True if this program can do what a value names.
+/// True if this build supports the choice `name` of an option, such as a backend.
 fn is_built(row: &Row, name: &str) -> bool {
     match (row.name, name) {
         ("backend", "cpu") => cfg!(feature = "cpu"),
@@ -260,7 +261,7 @@ fn options(table: &Table, command: Commands, matches: &ArgMatches) -> Result<Opt
     Ok(options)
 }
 
-/// Returns names and texts of a command's own options that aren't defaults, in the table's order.
+/// Returns the names and texts of a command's own options on the command line, in the order of the table.
 fn given(table: &Table, command: Commands, matches: &ArgMatches) -> Vec<(String, String)> {
     let mut given = Vec::new();
     for row in table.of(command).filter(|row| row.commands != Commands::ALL) {

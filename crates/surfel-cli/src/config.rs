@@ -1,4 +1,4 @@
-//! `--config FILE`: flags from a TOML file.
+//! Option `--config FILE`: reads flags from a TOML file.
 
 use crate::args;
 use crate::failure::Failure;
@@ -10,10 +10,10 @@ use surfel_app::options::{Commands, Row, table};
 use surfel_io::ShowPath as _;
 use toml::Value;
 
-/// Ways to place the camera: one on the command line overrides the others in the file.
+/// Flags that place the camera. If the command line has one of them, the others in the file are ignored.
 const CAMERAS: [&str; 4] = ["view", "camera", "eye", "target"];
 
-/// Returns the options of a command that exclude `key`.
+/// Returns the names of a command's options that conflict with `key`.
 fn excluding(command: Commands, key: &str) -> Vec<&'static str> {
     let conflicts = |row: &&Row| row.conflicts.contains(&key);
     let by_others = table().of(command).filter(conflicts).map(|row| row.name);
@@ -22,7 +22,8 @@ fn excluding(command: Commands, key: &str) -> Vec<&'static str> {
     by_others.chain(own).chain(of_camera).collect()
 }
 
-/// Returns the file's flags as arguments, except flags given on the command line and flags of other commands.
+/// Returns the flags of the file as arguments. Flags that the command line also has and flags of other commands are
+/// omitted.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
     let wrong = |what: String| Failure::usage(format!("{}: {what}", path.shown()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;
@@ -65,7 +66,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     Ok(extra)
 }
 
-/// Kind of a flag's value: none, one, one per occurrence, or an optional text.
+/// Kind of a flag by its values: none, one, one per occurrence, or an optional one.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Switch,

@@ -9,10 +9,10 @@ use surfel_app::wording::as_flags;
 use surfel_io::is_obeyed;
 use surfel_sample::Progress;
 
-/// Longest line of an error message, in characters.
+/// Maximum length of a line of an error message, in characters.
 const MAX_LINE: usize = 400;
 
-/// Verbosity of messages.
+/// Printer of messages on stderr, with the verbosity of `-q` and `-v`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Console {
     quiet: bool,
@@ -31,7 +31,7 @@ impl Console {
         }
     }
 
-    /// Prints a detail, only with `-v`.
+    /// Prints a detail if `-v` is given.
     pub(crate) fn detail(&self, text: &str) {
         if self.verbose && !self.quiet {
             to_stderr(&format!("{}\n", harmless(&as_flags(text))));
@@ -45,7 +45,7 @@ impl Console {
     }
 }
 
-/// A progress bar.
+/// Progress bar, which is created with its first stage.
 pub(crate) struct Bar {
     visible: bool,
     current: Mutex<Option<ProgressBar>>,
@@ -58,7 +58,7 @@ impl Bar {
         }
     }
 
-    /// Removes the bar, so that it doesn't mix with notes.
+    /// Removes the bar from the terminal, so that notes don't mix with it.
     pub(crate) fn clear(&self) {
         self.with(|current| {
             if let Some(bar) = current.take() {
@@ -93,13 +93,13 @@ impl Drop for Bar {
     }
 }
 
-/// Least number of steps of a stage for which a rate is shown.
+/// Minimum number of steps of a stage whose rate is shown.
 const LEAST_STEPS: u64 = 2;
-/// Interval at which a bar is redrawn when nothing advances it.
+/// Interval at which a bar is redrawn even if nothing advances it.
 const TICK: Duration = Duration::from_millis(250);
 
-/// Creates a bar that shows stage, rate and time left. A stage with a single step, or an unknown number of steps, shows
-/// the elapsed time instead.
+/// Creates a bar that shows the stage, the rate and the time left. For a stage with a single step, or an unknown number
+/// of steps, the bar shows the elapsed time instead.
 fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     let (length, template) = match total {
         0..LEAST_STEPS => (None, "{msg:>20} {spinner} {lasted}"),
@@ -108,7 +108,7 @@ fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(length, target);
     if let Ok(style) = ProgressStyle::with_template(template) {
         type Out<'a> = &'a mut dyn fmt::Write;
-        // Text that can't be written isn't shown.
+        // A write error only means that the text isn't shown.
         let rate = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&rate(state.per_sec()));
         let left = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&left(state));
         let lasted = |state: &ProgressState, out: Out<'_>| _ = out.write_str(&clock(state.elapsed().as_secs()));
@@ -119,7 +119,7 @@ fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     bar
 }
 
-/// Formats steps per second with three digits.
+/// Formats a rate in steps per second with three digits.
 fn rate(per_second: f64) -> String {
     let (scaled, unit) = match per_second {
         r if r >= 999.5e6 => (r / 1e9, " G/s"),
@@ -137,13 +137,13 @@ fn left(state: &ProgressState) -> String {
     if state.pos() == 0 { String::new() } else { format!("{} left", clock(state.eta().as_secs())) }
 }
 
-/// Formats seconds as 0:07 or 1:02:03.
+/// Formats a duration in seconds, such as 0:07 or 1:02:03.
 fn clock(seconds: u64) -> String {
     let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
     if hours > 0 { format!("{hours}:{minutes:02}:{seconds:02}") } else { format!("{minutes}:{seconds:02}") }
 }
 
-/// Prints an error: `error:` and at most four lines.
+/// Prints an error message: `error:` and at most four lines.
 pub(crate) fn error(message: &str) {
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
     let label = if color { "\x1b[1;31merror:\x1b[0m " } else { "error: " };
@@ -162,8 +162,8 @@ pub(crate) fn error(message: &str) {
     to_stderr(&text);
 }
 
-/// Escapes the characters of a message that a terminal obeys instead of displaying, except newlines: names and files
-/// may contain any.
+/// Escapes control characters that a terminal would execute, except newlines. Names and files may contain any
+/// characters.
 fn harmless(text: &str) -> String {
     let mut harmless = String::with_capacity(text.len());
     for c in text.chars() {

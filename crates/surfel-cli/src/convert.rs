@@ -47,7 +47,7 @@ fn output(args: &Options) -> &Path {
     args.output.as_deref().unwrap_or(Path::new(""))
 }
 
-/// Checks the options of a shard that are wrong for any input.
+/// Refuses combinations of options for a shard that are wrong for any input.
 pub(crate) fn check(args: &Options) -> Result<(), Failure> {
     let output = pieces::with_shard(output(args), args.shard);
     check_output(args, &output)?;
@@ -63,7 +63,7 @@ fn converted(args: &Options, console: &Console) -> Result<SplatCloud, Failure> {
     Ok(request.convert(loaded, &mut |note| console.note(&note))?)
 }
 
-/// Returns the content of stdin, if it is the input.
+/// Returns the content of stdin if the input is `-`, else `None`.
 fn bytes(args: &Options) -> Result<Option<Arc<[u8]>>, Failure> {
     Ok(if is_stdin(input(args)) { Some(Stdin::default().bytes()?) } else { None })
 }
@@ -112,7 +112,8 @@ fn hybrid(args: &Options, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the shard for this run: from the flag, or from a cluster's variables if the output is named like a shard.
+/// Returns the shard that this run converts. It comes from the flag or, if the output is named like a shard, from a
+/// cluster's environment variables.
 fn shard(args: &Options, console: &Console) -> Result<Option<Part>, Failure> {
     if args.shard.is_some() || !levels::is_shard(output(args)) {
         return Ok(args.shard);
@@ -124,7 +125,7 @@ fn shard(args: &Options, console: &Console) -> Result<Option<Part>, Failure> {
     }))
 }
 
-/// Writes points as a COPC file, or a shard of one.
+/// Writes points as a COPC file, or as one shard of a COPC file.
 fn copc(args: &Options, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
     let options = &args.render.splats;
     copc_output::check_copc(output, options, args.ascii, shard)?;

@@ -1,4 +1,4 @@
-//! Failures of a run, with their exit codes.
+//! Failures of a run, with their exit codes and messages.
 
 use surfel_app::wording::as_flags;
 use surfel_backend::BackendError;
@@ -20,17 +20,17 @@ impl Failure {
         Self::with_code(1, message)
     }
 
-    /// Creates a failure with exit code 2: the command line is at fault.
+    /// Creates a failure with exit code 2: a usage error.
     pub(crate) fn usage(message: impl Into<String>) -> Self {
         Self::with_code(2, message)
     }
 
-    /// Creates a failure with exit code 3: the input is at fault.
+    /// Creates a failure with exit code 3: an invalid or missing input.
     pub(crate) fn input(message: impl Into<String>) -> Self {
         Self::with_code(3, message)
     }
 
-    /// Creates a failure with exit code 4: the backend isn't available, or doesn't support what it should draw.
+    /// Creates a failure with exit code 4: the backend isn't available, or doesn't support the image.
     pub(crate) fn backend(message: impl Into<String>) -> Self {
         Self::with_code(4, message)
     }
@@ -45,7 +45,8 @@ impl Failure {
         Self { code, message: as_flags(&message.into()).into_owned() }
     }
 
-    /// Creates a failure for writing to stdout. A closed pipe isn't a failure: the reader has read enough.
+    /// Creates a failure for an error of writing to stdout. A closed pipe gives exit code 0 and no message, because the
+    /// reader doesn't want more.
     pub(crate) fn stdout(error: &std::io::Error) -> Self {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             return Self { code: 0, message: String::new() };
@@ -58,7 +59,7 @@ impl Failure {
         self.code
     }
 
-    /// Returns the message; empty if nothing is printed.
+    /// Returns the message; empty if nothing is to be printed.
     pub(crate) fn message(&self) -> &str {
         &self.message
     }

@@ -1,4 +1,4 @@
-//! `surfel figure`.
+//! `surfel figure`: draws a figure of several panels.
 
 use crate::console::Console;
 use crate::failure::Failure;

@@ -1,4 +1,4 @@
-//! Films: the encoder of a run, and the film that is being written.
+//! Film output of a run: frames are sent to a video encoder one by one.
 
 use crate::console::Console;
 use crate::failure::Failure;
@@ -8,7 +8,7 @@ use surfel_app::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate};
 use surfel_io::ShowPath as _;
 use surfel_render::Frame;
 
-/// A film that is being written. Its encoder starts with the first frame, which tells the size.
+/// Film that is being written. The encoder starts with the first frame, which gives the size of the film.
 pub(crate) struct Film<'a> {
     path: PathBuf,
     encoder: &'a FilmEncoder,
@@ -25,7 +25,7 @@ impl<'a> Film<'a> {
         Self { path, encoder, overwrite, frames, rate, writer: None }
     }
 
-    /// Adds a frame; without alpha it is blended onto the background's linear RGB.
+    /// Appends a frame. If the film has no alpha, the frame is blended onto the background colour, which is linear RGB.
     pub(crate) fn push(&mut self, frame: &Frame, [r, g, b, _]: [f64; 4], console: &Console) -> Result<(), Failure> {
         let planes = frame.planes();
         let writer = match &mut self.writer {
@@ -42,7 +42,7 @@ impl<'a> Film<'a> {
         Ok(writer.push(&planes)?)
     }
 
-    /// Completes the film, and notes its length and its encoder.
+    /// Completes the film, and prints a note on its length and encoder.
     pub(crate) fn finish(self, console: &Console) -> Result<PathBuf, Failure> {
         let Some(writer) = self.writer else { return Ok(self.path) };
         writer.finish()?;
@@ -55,7 +55,7 @@ impl<'a> Film<'a> {
     }
 }
 
-/// Notes that a film has no alpha, if its first frame has some.
+/// Prints a note if the film's format has no alpha, but the first frame has some.
 fn tell_of_alpha(path: &Path, encoder: &FilmEncoder, frame: &Frame, [r, g, b]: [f64; 3], console: &Console) {
     let is_transparent = frame.rgba8().iter().any(|pixel| pixel[3] < 255);
     if is_transparent && !encoder.format().has_alpha() {

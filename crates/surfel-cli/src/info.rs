@@ -73,7 +73,7 @@ fn attributes(facts: &Value) -> impl Iterator<Item = (&String, &Value)> {
     facts["attributes"].as_object().into_iter().flatten()
 }
 
-/// Returns lines about columns, classes and the coordinate reference system.
+/// Returns the lines about columns, classes and the coordinate reference system, as pairs of label and text.
 fn attribute_lines(facts: &Value) -> Vec<(&'static str, String)> {
     let list = |key: &str| facts[key].as_array().into_iter().flatten();
     let string = |value: &Value| value.as_str().unwrap_or_default().to_owned();

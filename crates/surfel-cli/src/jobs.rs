@@ -1,4 +1,4 @@
-//! `surfel jobs`: prints a job for an existing job system, whose tasks run `--shard` or `--tile`.
+//! `surfel jobs`: prints a job for an existing job system. The job's tasks run `surfel` with `--shard` or `--tile`.
 //!
 //! Tasks run in the folder in which the job was created, so that relative paths keep their meaning; workers must share
 //! it. Job files that are usually YAML are written as JSON, a subset of YAML, so that no name is mistaken for syntax.
@@ -22,8 +22,8 @@ use surfel_load::levels;
 
 /// Default number of tasks.
 const TASKS: usize = 64;
-/// Placeholder for a task's number in [`Job`], which each job system replaces by its own. It uses private-use
-/// characters, which JSON doesn't escape.
+/// Placeholder for a task's number in [`Job`], which is replaced by the syntax of each job system. It consists of
+/// private-use characters, which JSON doesn't escape.
 const TASK: &str = "\u{e000}TASK\u{e000}";
 
 pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
@@ -58,31 +58,31 @@ pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
 struct Job {
     name: String,
     folder: String,
-    /// Description of the result.
+    /// Description of the job's result, for messages.
     what: String,
     tasks: usize,
-    /// Command of a task.
+    /// Command line of a task, with [`TASK`] for the task's number.
     words: Vec<String>,
-    /// Files written by tasks, one each, if they are merged.
+    /// Files written by the tasks, if a last step merges them; one file per task.
     pieces: Option<Pieces>,
 }
 
-/// Files that are merged.
+/// Files of all tasks, which a last step merges.
 #[derive(Debug)]
 struct Pieces {
-    /// Name of the files, with [`TASK`] for their number.
+    /// Name of the file of a task, with [`TASK`] for the task's number.
     name: String,
-    /// Names of all files.
+    /// Names of the files of all tasks.
     files: Vec<String>,
     /// Name of the merging step.
     step: &'static str,
-    /// Command of the merging step.
+    /// Command line of the merging step.
     join: Vec<String>,
     whole: String,
 }
 
 impl Pieces {
-    /// Creates `count` files, whose name contains `placeholder` for their number.
+    /// Creates the description of `count` files. `name` contains `placeholder` for the number of a file.
     fn new([name, placeholder]: [&str; 2], count: usize, step: &'static str, whole: &str) -> Self {
         let files: Vec<String> = (0..count).map(|i| name.replace(placeholder, &format!("{i:04}"))).collect();
         let command = if step == "stitch" { "stitch" } else { "convert" };
@@ -154,7 +154,7 @@ impl Job {
         Ok(Self { what: format!("{pictures} pictures"), tasks, words, pieces, ..self })
     }
 
-    /// Creates a conversion of points to a COPC file, in shards.
+    /// Creates the job that converts points to a COPC file in shards.
     fn of_shares(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
         let output = args.output.as_deref().map_or_else(|| Ok(String::new()), text_of)?;
         let is_of_pictures = args.frames.is_some() || args.cameras.is_some() || args.tiles.is_some();
@@ -182,16 +182,17 @@ impl Job {
         Ok(Self { what, tasks, words, pieces, ..self })
     }
 
-    /// Returns a shell command line that runs `words` in the job's folder. `task` is inserted unquoted for the task's
-    /// number.
+    /// Returns a shell command line that runs `words` in the job's folder. `task` replaces the task's number, without
+    /// quotes.
     fn shell(&self, words: &[String], task: &str) -> String {
         format!("cd {} && {}", quote(&self.folder), shell(words).replace(TASK, task))
     }
 
+    /// Returns the job as a template of OpenJD, in JSON:
     /// <https://github.com/OpenJobDescription/openjd-specifications/wiki/2023-09-Template-Schemas>
     fn openjd(&self) -> Result<String, Failure> {
         let run = |script: String| {
-            // OpenJD's own brackets can't be escaped.
+            // OpenJD has no escape for its own brackets.
             if script.replace(OPENJD_TASK, "").contains("{{") {
                 return Err(Failure::usage("OpenJD can't hold {{ in a name or a flag: rename the file"));
             }
@@ -224,7 +225,7 @@ impl Job {
         let last = self.tasks - 1;
         let mut text = format!("#!/bin/bash\n#SBATCH --job-name={}\n#SBATCH --array=0-{last}\nset -eu\n", self.name);
         if let Some(Pieces { step, join, .. }) = &self.pieces {
-            // A script instead of an argument, which may not exceed 128 KiB.
+            // The task's command is written to a script, because an argument may not exceed 128 KiB.
             text += &format!(
                 "if [ -z \"${{SLURM_ARRAY_TASK_ID-}}\" ]; then\n  # Run by bash: the array, and then what needs all of \
                  it.\n  array=$(sbatch --parsable \"$0\")\n  exec sbatch --job-name={}-{step} \
@@ -236,6 +237,7 @@ impl Job {
         text + &self.shell(&self.words, "\"$SLURM_ARRAY_TASK_ID\"") + "\n"
     }
 
+    /// Returns the job as a Kubernetes Job, in JSON:
     /// <https://kubernetes.io/docs/reference/kubernetes-api/workload-resources/job-v1/>
     fn k8s(&self, image: &str) -> String {
         let job = |name: &str, words: &[String], tasks: Option<usize>| {
@@ -263,7 +265,7 @@ impl Job {
         };
         let tasks = job(&self.name, &self.words, Some(self.tasks));
         let Some(Pieces { step, join, files, .. }) = &self.pieces else { return pretty(&tasks) };
-        // Kubernetes jobs can't wait for another, but files appear complete: this job waits for them.
+        // A Kubernetes job can't wait for another one. Files appear complete, so the merging job waits for the files.
         let command = &join[..join.len() - files.len()];
         let script = format!("for f do until [ -e \"$f\" ]; do sleep 5; done; done; exec {} \"$@\"", shell(command));
         let words = ["sh".to_owned(), "-c".to_owned(), script, "sh".to_owned()];
@@ -316,10 +318,10 @@ impl Job {
 
 /// Placeholder for a task's number in OpenJD.
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
-/// Largest length in bytes of a command as one word: Linux allows 128 KiB including the terminating zero.
+/// Maximum length in bytes of a command as one word. Linux allows 128 KiB including the terminating zero.
 const MOST_LINE: usize = 128 * 1024 - 1;
 
-/// Checks a command that a job system passes to a shell as one word.
+/// Returns an error if a command is too long for a job system that passes it to a shell as one word.
 fn line(command: String) -> Result<String, Failure> {
     if command.len() < MOST_LINE {
         return Ok(command);
@@ -328,7 +330,7 @@ fn line(command: String) -> Result<String, Failure> {
     Err(Failure::usage(format!("{what}\n  help: fewer files, shorter names, or --slurm, whose scripts are files")))
 }
 
-/// Returns the name of a file that tasks read or write.
+/// Returns the name of a file that tasks read or write. Refuses stdin and names that aren't UTF-8.
 fn text_of(path: &Path) -> Result<String, Failure> {
     if is_stdin(path) {
         return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
@@ -337,7 +339,7 @@ fn text_of(path: &Path) -> Result<String, Failure> {
     path.to_str().map(str::to_owned).ok_or_else(not)
 }
 
-/// Returns OUT with `{tile}` inserted before its extension.
+/// Returns the output name with `{tile}` inserted before its extension.
 fn tile_name(output: &str) -> String {
     if output.contains("{tile}") {
         return output.to_owned();
@@ -348,7 +350,7 @@ fn tile_name(output: &str) -> String {
     }
 }
 
-/// Parses a task's command line; a parse error would occur in every task.
+/// Parses the command line of a task, because a parse error would occur in every task.
 fn parsed(words: &[String]) -> Result<Command, Failure> {
     let words = words.iter().map(|word| word.replace(TASK, "0"));
     let wrong = |e: clap::Error| {
@@ -360,7 +362,7 @@ fn parsed(words: &[String]) -> Result<Command, Failure> {
     Ok(args::parsed(&matches).map_err(wrong)?.command)
 }
 
-/// Refuses options that every task would refuse.
+/// Refuses options that every task would refuse, too.
 fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     let Command::Render(render) = parsed(words)? else {
         return Err(Failure::usage("flags after -- are those of surfel render"));
@@ -382,8 +384,8 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     pieces::check(&render, !format.is_stdout())
 }
 
-/// Returns the flags of tasks with the value range over everything they draw. Tasks then needn't find the range, and
-/// all use the same one. The colour bar is written here.
+/// Returns the flags of the tasks, with the range of values of all inputs. Tasks then don't compute the range, and all
+/// use the same one. The colour bar is written here.
 fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Console) -> Result<Vec<String>, Failure> {
     let mut flags: Vec<OsString> = args.flags.iter().map(OsString::from).collect();
     join_values(&mut flags);
@@ -412,7 +414,7 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
         save_color_bar(&bar, render.force, &coloring)?;
         console.note(&format!("{}: the colour bar of all tasks", bar.display()));
     }
-    // A flag's value may be a separate word.
+    // The value of a flag may be a separate word.
     let is_range = |flag: &String| flag == "--range";
     while let Some(at) = flags.iter().position(is_range) {
         flags.drain(at..(at + 2).min(flags.len()));
@@ -440,7 +442,7 @@ fn quote(word: &str) -> String {
     if !word.is_empty() && word.replace(TASK, "").chars().all(plain) {
         return word.to_owned();
     }
-    // The task placeholder must be outside quotes, where a job system's variable is expanded.
+    // The placeholder of the task's number must be outside of quotes, where the shell expands a job system's variable.
     format!("'{}'", word.replace('\'', r"'\''").replace(TASK, &format!("'{TASK}'")))
 }
 

@@ -44,13 +44,13 @@ use failure::Failure;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Stack size for parsing the arguments: the grammar of all commands needs most of 1 MiB.
+/// Stack size for parsing the arguments, in bytes. The grammar of all commands needs most of 1 MiB.
 const STACK_BYTES: usize = 8 << 20;
 
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", feature = "wgpu"))]
     wayland::silence();
-    // A panic is a defect, but is reported in one line on stderr, with exit code 1.
+    // A panic is a defect. It is reported in one line on stderr, with exit code 1.
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
         console::error(&format!("this is a defect of surfel, not of your input{place}: please report it"));
@@ -59,7 +59,7 @@ fn main() -> ExitCode {
     signals::watch();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let guarded = |arguments| std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1));
-    // A separate thread, since the main thread's stack may be as small as `ulimit -s` allows.
+    // The work runs on a separate thread, since the main thread's stack may be as small as `ulimit -s` allows.
     let own = arguments.clone();
     match std::thread::Builder::new().stack_size(STACK_BYTES).spawn(move || guarded(own)) {
         Ok(thread) => thread.join().unwrap_or(ExitCode::from(1)),
@@ -74,7 +74,7 @@ fn run(arguments: Vec<OsString>) -> ExitCode {
     };
     let console = Console::new(cli.program.quiet, cli.program.verbose);
     let threads = cli.program.threads.unwrap_or(0);
-    // Conversions use as many threads as rendering does.
+    // Conversions use as many threads as rendering.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let result = match pool {
         Ok(pool) => pool.install(|| execute(cli.command, threads, &console)),

@@ -1,11 +1,11 @@
-//! `surfel mcp`: tools for programs that look, such as assistants and agents.
+//! `surfel mcp`: serves tools that draw and inspect scenes to other programs, such as assistants and agents.
 
 use crate::args::McpArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use std::io::IsTerminal as _;
 
-/// Answers messages on stdin until it ends.
+/// Answers the messages on stdin until the stream ends.
 pub(crate) fn run(args: &McpArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     let mut input = std::io::stdin().lock();
     if input.is_terminal() {

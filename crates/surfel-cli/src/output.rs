@@ -20,12 +20,12 @@ pub(crate) enum Format {
         f32_color: bool,
     },
     Npz,
-    /// A film, which a [`crate::film::Film`] writes.
+    /// Film, written by [`crate::film::Film`].
     Film,
 }
 
 impl Format {
-    /// True if files of this format contain more planes than colour.
+    /// True if files of this format contain more planes than the colour.
     pub(crate) fn has_planes(self) -> bool {
         matches!(self, Self::Exr { .. } | Self::Npz)
     }
@@ -36,7 +36,7 @@ impl Format {
     }
 }
 
-/// Returns the text that replaces `{input}`.
+/// Returns the text that replaces `{input}` in a file name: the name of the input without extension.
 fn stem_of(input: &Path) -> String {
     let input = if is_stdin(input) { Path::new("stdin") } else { input };
     input.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
@@ -53,14 +53,14 @@ pub(crate) fn of_input(name: &Path, input: &Path) -> PathBuf {
 /// Destination of images, as given by `-o`.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
-    /// File name with its placeholders; `None`: stdout.
+    /// File name with its placeholders; `None` for stdout.
     template: Option<String>,
     pub(crate) format: Format,
     force: bool,
 }
 
 impl Output {
-    /// Checks file name and format.
+    /// Creates an output. Checks the file name and the format.
     pub(crate) fn new(path: &Path, force: bool, png16: bool, exr_f32: bool) -> Result<Self, Failure> {
         let png = Format::Png { sixteen: png16 };
         let name = path.to_string_lossy().into_owned();
@@ -83,7 +83,7 @@ impl Output {
         Ok(Self { template: Some(name), format, force })
     }
 
-    /// Checks file name and format like [`Output::new`], for commands that write no films.
+    /// Creates an output like [`Output::new`], for commands that write no films.
     pub(crate) fn still(path: &Path, force: bool, png16: bool, exr_f32: bool) -> Result<Self, Failure> {
         let output = Self::new(path, force, png16, exr_f32)?;
         if output.format.is_film() {
@@ -93,12 +93,12 @@ impl Output {
         Ok(output)
     }
 
-    /// Allows existing files to be replaced from now on, since this run has written them.
+    /// Allows existing files to be replaced from now on, since this run has written them itself.
     pub(crate) fn replace(&mut self) {
         self.force = true;
     }
 
-    /// Returns the name of the film, if the output is one.
+    /// Returns the path of the film; `None` if the output isn't a film.
     pub(crate) fn film(&self) -> Option<&Path> {
         self.template.as_deref().map(Path::new).filter(|_| self.format.is_film())
     }
@@ -113,17 +113,17 @@ impl Output {
         self.template.is_none()
     }
 
-    /// True if each frame gets its own name.
+    /// True if each frame gets its own file name.
     pub(crate) fn names_frames(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{frame}"))
     }
 
-    /// True if each input gets its own name.
+    /// True if each input gets its own file name.
     pub(crate) fn names_inputs(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{input}"))
     }
 
-    /// True if each camera gets its own name.
+    /// True if each camera gets its own file name.
     pub(crate) fn names_cameras(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{name}"))
     }
@@ -133,11 +133,11 @@ impl Output {
         path.and_then(Path::parent).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }
 
-    /// Returns the file name of a frame; `camera` is the name of its camera. `None`: stdout.
+    /// Returns the file name of a frame; `None` for stdout. `camera` is the name of the frame's camera.
     pub(crate) fn path(&self, backend: &str, frame: u32, camera: &str, input: &Path) -> Option<PathBuf> {
         let stem = stem_of(input);
         let frame = format!("{frame:04}");
-        // In a single pass, so that placeholders in an input's name aren't replaced.
+        // Placeholders are replaced in a single pass, so that placeholders in the name of an input aren't replaced.
         let mut rest = self.template.as_deref()?;
         let mut name = String::new();
         'next: while !rest.is_empty() {
@@ -154,7 +154,7 @@ impl Output {
         Some(name.into())
     }
 
-    /// Refuses a file that couldn't be written, before the work is done.
+    /// Refuses a file that couldn't be written. Called before the image is drawn.
     pub(crate) fn check(&self, path: Option<&Path>) -> Result<(), Failure> {
         let Some(path) = path else { return Ok(()) };
         if path.is_file() && !self.force {
@@ -168,7 +168,7 @@ impl Output {
         Ok(())
     }
 
-    /// Writes a frame; a JPEG is blended onto the background's linear RGB.
+    /// Writes a frame. For JPEG, the frame is blended onto the background colour, which is linear RGB.
     pub(crate) fn write(
         &self,
         path: Option<&Path>,

@@ -11,7 +11,7 @@ pub(crate) fn completions(shell: Shell) -> Result<(), Failure> {
     stdout::result(&bytes)
 }
 
-/// Prints the manual page: the program, then each of its commands.
+/// Prints the manual page of the program, followed by the pages of its commands.
 pub(crate) fn man() -> Result<(), Failure> {
     let mut command = args::command();
     command.build();

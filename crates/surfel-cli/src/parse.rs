@@ -8,9 +8,9 @@ use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use surfel_app::options::{Commands, Near, Row, Setter, table};
 
-/// Parses a command line. Inserts `render` into the bare form, and the flags of the configuration file.
+/// Parses a command line. Inserts `render` if no command is given, and the flags of the configuration file.
 ///
-/// Errors and help are printed here, so that only an exit code is returned.
+/// Errors and help are printed here; the error is the exit code.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
@@ -26,7 +26,7 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     completed(cli, bare)
 }
 
-/// Records whether the command line omitted `render`, and assigns default file names.
+/// Records whether the command line omitted `render`, and sets default file names.
 fn completed(mut cli: Cli, bare: bool) -> Result<Cli, u8> {
     if let Command::Render(args) = &mut cli.command {
         args.names_output = bare;
@@ -40,8 +40,8 @@ fn tell(failure: &Failure) -> u8 {
     failure.code()
 }
 
-/// Joins flags whose value is optional to the word after them, if it is a value: `--edge-aa samples` becomes
-/// `--edge-aa=samples`, and `--colorbar BAR.png` `--colorbar=BAR.png`. Any other word is an input.
+/// Joins a flag whose value is optional with the next word, if that word is a value of the flag. `--edge-aa samples`
+/// becomes `--edge-aa=samples`, and `--colorbar BAR.png` becomes `--colorbar=BAR.png`. Any other word is an input.
 pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     for row in table().rows().filter(|row| row.missing.is_some()) {
         let flag = format!("--{}", row.name);
@@ -59,7 +59,7 @@ pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     }
 }
 
-/// Names a colour bar without a name after OUT: for OUT.png it is OUT-colorbar.png.
+/// Sets the file name of a colour bar that has none. For OUT.png, the name is OUT-colorbar.png.
 fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
     let args = match &mut cli.command {
         Command::Render(args) | Command::Convert(args) | Command::Ortho(args) if args.names_colorbar => args,
@@ -74,7 +74,7 @@ fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the name of an image's colour bar, which all frames and cameras of an input share.
+/// Returns the file name of an image's colour bar, which all frames and cameras of an input share.
 pub(crate) fn color_bar_beside(output: &Path) -> PathBuf {
     let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = ["{frame}", "{name}", "{backend}"].iter().fold(stem, |stem, placeholder| stem.replace(placeholder, ""));
@@ -103,7 +103,7 @@ fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
     !words.is_empty()
 }
 
-/// Returns the message about a flag that a command of the options table doesn't have.
+/// Returns the message about a flag that the command doesn't have; `None` for other errors.
 fn unknown(error: &clap::Error, arguments: &[OsString]) -> Option<String> {
     let Some(ContextValue::String(flag)) = error.get(ContextKind::InvalidArg) else { return None };
     let mut words = arguments.iter().skip(1).filter_map(|word| word.to_str());

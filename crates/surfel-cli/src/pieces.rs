@@ -1,7 +1,7 @@
-//! Shards of a job: selection of the images, or the tile of an image, that one of several runs draws.
+//! Shards of a job: selection of the images, or of the tile of an image, that this run draws.
 //!
 //! A job is a list of images: all frames or cameras, in order, of each input in order. A shard is a contiguous range of
-//! the list, so that few inputs are loaded twice.
+//! this list, so that few inputs are loaded by two runs.
 
 use crate::console::Console;
 use crate::failure::Failure;
@@ -10,19 +10,19 @@ use std::path::{Path, PathBuf};
 use surfel_app::options::Options;
 use surfel_app::values::Part;
 
-/// Images that this run draws.
+/// Selection of the images that this run draws.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pictures {
-    /// Requested frames of each input.
+    /// Numbers of the requested frames, the same for each input.
     frames: Vec<u32>,
     /// Range of the list of images that this run draws.
     drawn: Range<usize>,
-    /// True if the images of each input are one film, which isn't divided.
+    /// True if the images of each input form a film. A film isn't divided between shards.
     are_films: bool,
 }
 
 impl Pictures {
-    /// Selects this run's shard of the images of `inputs` inputs, each with `frames` frames.
+    /// Selects this run's shard of the images. There are `inputs` inputs with `frames` frames each.
     pub(crate) fn of(
         args: &Options,
         inputs: usize,
@@ -37,7 +37,7 @@ impl Pictures {
         let mut drawn = 0..pictures;
         let told = match args.shard {
             Some(part) => Some((part, None)),
-            // A single image can't be divided, and may belong to a job whose script divides the work itself.
+            // A single image can't be divided. It may also belong to a job whose script divides the work itself.
             None if pictures > 1 => from_environment(|name| std::env::var(name).ok())
                 .map_err(Failure::usage)?
                 .map(|(part, from)| (part, Some(from))),
@@ -57,7 +57,7 @@ impl Pictures {
         Ok(Self { frames, drawn, are_films })
     }
 
-    /// Returns the frames to draw of an input, by its number.
+    /// Returns the frames that this run draws of an input, given by its index.
     pub(crate) fn of_input(&self, input: usize) -> &[u32] {
         if self.are_films {
             return if self.drawn.contains(&input) { &self.frames } else { &[] };
@@ -68,9 +68,9 @@ impl Pictures {
     }
 }
 
-/// Returns the shard stated by a cluster's environment variables, and the names of these variables.
+/// Returns the shard that a cluster's environment variables define, and the names of these variables.
 ///
-/// Kubernetes states a pod's index but not their number, so `JOB_COMPLETIONS` must be set too.
+/// Kubernetes defines the index of a pod but not the number of pods, so `JOB_COMPLETIONS` must be set, too.
 pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
     let get = |name: &str| get(name).filter(|value| !value.is_empty());
     let number = |name: &str| {
@@ -104,8 +104,8 @@ pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<O
     Ok(None)
 }
 
-/// Returns the position of task `id` among `count` evenly numbered tasks. Slurm's arrays may start at any number and
-/// have steps.
+/// Returns the index of task `id` among `count` evenly numbered tasks. Slurm's arrays may begin at any number and have
+/// a step above 1.
 fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     let (offset, span) = (id.checked_sub(min)?, max.checked_sub(min)?);
     let gaps = count.checked_sub(1)?;
@@ -113,7 +113,7 @@ fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     (step > 0 && gaps * step == span && offset % step == 0).then(|| offset / step).filter(|&place| place < count)
 }
 
-/// Returns an image's name with `{tile}` replaced by its tile's number.
+/// Returns the output name with `{tile}` replaced by the number of the tile.
 pub(crate) fn with_tile(output: &Path, args: &Options) -> PathBuf {
     match (args.render.tile, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
@@ -121,7 +121,7 @@ pub(crate) fn with_tile(output: &Path, args: &Options) -> PathBuf {
     }
 }
 
-/// Returns the name of a conversion's shard with `{shard}` replaced by its number.
+/// Returns the output name with `{shard}` replaced by the number of the shard.
 pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
     match (shard, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{shard}", &format!("{:04}", part.index())).into(),
@@ -129,7 +129,7 @@ pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
     }
 }
 
-/// Refuses combinations of flags that make no sense.
+/// Refuses combinations of flags for tiles and shards that contradict each other.
 pub(crate) fn check(args: &Options, to_files: bool) -> Result<(), Failure> {
     let moves = args.render.turntable || args.path.is_some();
     if args.frame_range.is_some() && !moves && !args.sequence && args.cameras.is_none() {

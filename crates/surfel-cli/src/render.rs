@@ -1,4 +1,4 @@
-//! `surfel render`.
+//! `surfel render`: draws images of scenes.
 
 mod sequence;
 
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     drawn.verified.map_or(Ok(()), |verified| verified.judge())
 }
 
-/// Returns the arguments with the value range over all inputs, whichever of them this run draws.
+/// Returns the options with the range of values of all inputs, even inputs that this run doesn't draw.
 fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failure> {
     let sources = args.inputs.iter().map(|input| match is_stdin(input) {
         true => Err(surfel_load::Error::Usage(
@@ -88,20 +88,20 @@ fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failu
     Ok(args)
 }
 
-/// Returns the output of `surfel INPUT` without -o: INPUT's name with .png, in the current folder.
+/// Returns the output of `surfel INPUT` without `-o`: the name of INPUT with .png, in the current folder.
 pub(crate) fn default_output(args: &Options) -> Option<PathBuf> {
     let wanted = args.names_output && !args.print_scene && !args.stats && !args.render.verify;
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
 }
 
-/// State of a command that draws one image, or one for each input.
+/// State of a command that draws one scene, or each of several inputs as its own scene.
 pub(crate) struct Session<'a> {
     args: &'a Options,
     output: Option<Output>,
     stdin: Rc<Stdin>,
     threads: usize,
     console: &'a Console,
-    /// Cameras of the images of a scene.
+    /// Cameras of the images.
     series: Series,
     /// Encoder, if the output is a film.
     encoder: Option<FilmEncoder>,
@@ -109,7 +109,7 @@ pub(crate) struct Session<'a> {
     input_numbers: HashMap<&'a Path, usize>,
     /// Images that this run draws.
     pictures: Pictures,
-    /// Rendering backend; `None` if nothing is drawn.
+    /// Rendering backend; `None` if no image is drawn.
     backend: Option<Backend>,
 }
 
@@ -125,7 +125,7 @@ pub(crate) struct Drawn {
 }
 
 impl<'a> Session<'a> {
-    /// Starts the backend, if anything is drawn.
+    /// Creates the session, and starts the backend if any image is drawn.
     pub(crate) fn start(
         args: &'a Options,
         output: Option<Output>,
@@ -146,25 +146,25 @@ impl<'a> Session<'a> {
         Ok(Self { args, output, stdin, threads, console, series, encoder, input_numbers, pictures, backend })
     }
 
-    /// Returns the frames of an input that are drawn.
+    /// Returns the numbers of the frames that are drawn of an input.
     fn frames_of(&self, label: &Path) -> &[u32] {
         self.pictures.of_input(self.input_numbers.get(label).copied().unwrap_or(0))
     }
 
-    /// Returns the name of a frame's image, or of the film; `None` for stdout.
+    /// Returns the file name of a frame's image, or of the film; `None` for stdout.
     fn path(&self, backend: &Backend, label: &Path, frame: u32) -> Option<PathBuf> {
         let input = self.args.inputs.get(frame as usize).filter(|_| self.args.sequence);
         let input = input.map_or(label, PathBuf::as_path);
         self.output.as_ref()?.path(backend.info().backend, frame, self.series.name(frame), input)
     }
 
-    /// Returns the images of a scene's frames; empty for stdout and for films.
+    /// Returns the file names of all frames of an input; empty for stdout and for films.
     fn paths(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
         let frames = if self.encoder.is_some() { &[] } else { self.frames_of(label) };
         frames.iter().filter_map(|frame| self.path(backend, label, *frame)).collect()
     }
 
-    /// Returns the files of a scene drawn by this backend: one per frame, or a film; empty for stdout.
+    /// Returns the files written for an input: one per frame, or a film; empty for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
         match (&self.encoder, self.frames_of(label).first()) {
             (Some(_), Some(first)) => self.path(backend, label, *first).into_iter().collect(),
@@ -172,21 +172,22 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Prepares the film of a scene, if the output is one.
+    /// Creates the film of an input; `None` if the output isn't a film.
     fn film(&self, backend: &Backend, label: &Path, frames: usize) -> Option<Film<'_>> {
         let (output, encoder) = (self.output.as_ref()?, self.encoder.as_ref()?);
         let path = self.names(backend, label).into_iter().next()?;
         Some(Film::new(&path, output, encoder, frames as u32, series::rate(self.args)))
     }
 
-    /// Refuses files that couldn't be written, before the work is done.
+    /// Refuses files that couldn't be written. Called before anything is drawn.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
         self.check_apart(&[label])?;
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
         self.names(backend, label).iter().filter(|path| !self.skips(path)).try_for_each(|path| output.check(Some(path)))
     }
 
-    /// Refuses two files with one name, and an output that is an input, also through links: one file would be lost.
+    /// Refuses two files with one name, and an output that is an input, also through links, because one file would be
+    /// lost.
     fn check_apart(&self, labels: &[&Path]) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
         let bar = self.args.render.splats.colorbar.as_ref();
@@ -216,13 +217,13 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// True if the image exists already and `--skip-existing` is set.
+    /// True if the image exists already and `--skip-existing` is set, so that it isn't drawn.
     fn skips(&self, path: &Path) -> bool {
         self.args.skip_existing && path.is_file()
     }
 
-    /// Draws each input as its own image, in order. A failure is reported and the other images are still drawn; the
-    /// exit code is that of the first failure.
+    /// Draws each input as its own image, in order. A failure is reported, and the next image is drawn. The exit code
+    /// is that of the first failure.
     fn draw_each(&mut self) -> Result<(), Failure> {
         let inputs = &self.args.inputs;
         self.check_apart(&inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
@@ -268,7 +269,7 @@ impl<'a> Session<'a> {
         }))
     }
 
-    /// Draws all frames of a scene; `label` is the input that `{input}` refers to.
+    /// Draws all frames of a scene. `label` is the input that `{input}` stands for in the output's name.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
         if let Some(backend) = self.backend.as_ref().filter(|_| !args.print_scene) {
@@ -296,7 +297,7 @@ impl<'a> Session<'a> {
         Ok(drawn)
     }
 
-    /// Refuses outputs of `--progressive` that aren't a single file that can be rewritten.
+    /// Refuses outputs of `--progressive` other than a single file, since the file is rewritten.
     fn check_progressive(&self, label: &Path) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
         let names = self.names(backend, label);
@@ -366,7 +367,8 @@ impl<'a> Session<'a> {
             job.render(backend, &mut resolved, detail, &camera, moved.as_ref())?;
             if detail == Detail::Coarse {
                 if let (Some(output), Some(path)) = (&self.output, path) {
-                    // No metadata: the full image's metadata repeats that image, which replaces this one.
+                    // A coarse image has no metadata, because its metadata would describe the final image that replaces
+                    // it.
                     output.write(Some(path), &job.frame, resolved.file.background, Vec::new())?;
                     console.detail(&format!("{}: a coarse picture, which a finer one replaces", path.shown()));
                 }
@@ -400,7 +402,7 @@ impl<'a> Session<'a> {
         Ok(Drawn { files, stats, verified })
     }
 
-    /// Writes a drawn frame as an image, or adds it to the film. `carried` are the hashes of the inputs.
+    /// Writes a drawn frame as an image, or appends it to the film. `carried` caches the hashes of the inputs.
     fn put(
         &self,
         sink: &mut Sink<'_>,
@@ -417,7 +419,7 @@ impl<'a> Session<'a> {
             let metadata = self.metadata(output, path, (scene, beside), backend, carried)?;
             self.tell_of_alpha(output, path, &job.frame, scene.background);
             match output.write(path, &job.frame, scene.background, metadata) {
-                // Another run drew the same image in the meantime.
+                // Another run has written the same image meanwhile.
                 Err(_) if path.is_some_and(|path| self.skips(path)) => {}
                 written => written?,
             }
@@ -429,7 +431,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Returns the metadata of the image at `path`. The inputs' hashes are `carried` from frame to frame.
+    /// Returns the metadata of the image at `path`. `carried` caches the hashes of the inputs from frame to frame.
     fn metadata(
         &self,
         output: &Output,
@@ -461,7 +463,7 @@ impl<'a> Session<'a> {
         }))
     }
 
-    /// Notes that a JPEG has no alpha, if the image has some.
+    /// Prints a note if an image has alpha but its format, JPEG, doesn't.
     fn tell_of_alpha(&self, output: &Output, path: Option<&Path>, frame: &Frame, [r, g, b, _]: [f64; 4]) {
         let (Format::Jpeg, Some(path)) = (output.format, path) else { return };
         if frame.color().iter().any(|c| c[3] < 1.0) {
@@ -473,7 +475,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Returns the drawing options of an image, besides its scene.
+/// Returns the options that determine an image together with its scene, as stored in the metadata.
 pub(crate) fn drawn(
     args: &Options,
     options: &RenderOptions,
@@ -490,17 +492,17 @@ pub(crate) fn drawn(
     Ok(drawn)
 }
 
-/// Returns the preset whose promise applies; `None` with 16-bit storage.
+/// Returns the preset that the settings match, whose promise of accuracy then applies; `None` with 16-bit storage.
 fn promised(args: &Options, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| !args.quantised)
 }
 
-/// True if the options ask for planes that files of planes don't always have.
+/// True if the options request planes that the files of planes don't always contain.
 fn asks_for_planes(args: &Options) -> bool {
     !args.render.planes.is_empty() || args.render.label.is_some()
 }
 
-/// Returns the planes to draw.
+/// Returns the planes that the output needs.
 fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> Planes {
     options.planes_besides(match output.map(|output| output.format) {
         Some(format) if format.has_planes() => Planes::ALL,
@@ -509,7 +511,7 @@ fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> P
     })
 }
 
-/// Refuses combinations of flags that make no sense.
+/// Refuses combinations of flags that contradict each other.
 fn check(args: &Options, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
@@ -577,7 +579,8 @@ pub(crate) fn start(args: &Options, threads: usize, console: &Console) -> Result
     Ok(backend)
 }
 
-/// Starts the fastest backend that isn't refused, and notes why faster ones weren't used.
+/// Starts the fastest backend that `refuses` accepts. Prints a note with the reasons why faster backends weren't
+/// chosen.
 pub(crate) fn choose(
     args: &Options,
     threads: usize,
@@ -607,8 +610,8 @@ fn introduce(backend: &Backend, console: &Console) {
     console.detail(&format!("backend {}: {} ({}){threads}", info.backend, info.adapter, info.driver));
 }
 
-/// Prints the resolved scene file on stdout, with paths relative to the current folder. In this folder the file gives
-/// the same image.
+/// Prints the resolved scene file on stdout, with paths relative to the current folder. Rendering the file from this
+/// folder gives the same image.
 fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     let text = surfel_io::scene_file::to_json_pretty(&paths::relative_to(Path::new("."), file)?);
     if text.trim().is_empty() {
@@ -617,7 +620,7 @@ fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
-/// True if images are shown whole: a part of an image may well be blank.
+/// True if whole images are drawn. A tile or region may well be blank.
 fn is_whole(args: &Options) -> bool {
     args.render.tile.is_none() && args.render.region.is_none()
 }
@@ -628,7 +631,7 @@ struct Sink<'a> {
     film: Option<Film<'a>>,
     /// Files that have been written.
     files: Vec<PathBuf>,
-    /// Number of frames that show nothing.
+    /// Number of frames in which nothing is visible.
     blank: u32,
 }
 
@@ -637,7 +640,8 @@ impl<'a> Sink<'a> {
         Self { film, files: Vec::new(), blank: 0 }
     }
 
-    /// Completes a film of `frames` frames, and returns all files. Notes frames that show nothing, if `why` is given.
+    /// Completes a film of `frames` frames, and returns all files. Prints a note if frames are blank and `why`, the
+    /// likely reason, is given.
     fn finish(self, console: &Console, frames: u32, why: Option<&str>) -> Result<Vec<PathBuf>, Failure> {
         let Self { film, mut files, blank } = self;
         if let Some(film) = film.filter(|_| frames > 0) {
@@ -656,12 +660,12 @@ struct Job<'a> {
     args: &'a Options,
     console: &'a Console,
     planes: Planes,
-    /// True if only the backend needs the scene after the upload.
+    /// True if the scene is uploaded only once, so that its geometry can be freed after the upload.
     last_upload: bool,
     runs: Vec<Stats>,
     frame: Frame,
     scene: Option<BackendScene>,
-    /// Likely reason for a blank image, determined before the scene is freed.
+    /// Likely reason for a blank image. It is determined before the scene is freed.
     why_blank: Option<&'static str>,
 }
 
@@ -715,7 +719,7 @@ impl<'a> Job<'a> {
             Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
             None => backend.render_into(&resident, &view, settings, planes, &mut self.frame),
         };
-        // The frame that isn't timed counts fragments, which takes some time.
+        // The frame that isn't timed also counts fragments, because counting takes time.
         let counted = once(self.planes.with_fragments(self.args.stats))?;
         if let Some(repeat) = self.args.repeat.filter(|_| detail == Detail::Full) {
             for _ in 0..repeat {

@@ -1,4 +1,4 @@
-//! Resolution of inputs and flags into one scene.
+//! Loading of inputs, with the options of the command line, as one scene.
 
 use crate::console::Console;
 use crate::failure::Failure;
@@ -11,13 +11,13 @@ use surfel_app::progressive::{self, Detail};
 use surfel_app::request::{Pictures, Request};
 pub(crate) use surfel_app::request::{Resolved, SceneSource, Source};
 
-/// Determines the source that these inputs form.
+/// Returns the source that these inputs form: a scene file, or files of geometry.
 pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failure> {
     let bytes = if inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
     Ok(Source::of(inputs, bytes.as_deref())?)
 }
 
-/// Loads a scene for images.
+/// Loads a scene and resolves its images: cameras, settings and planes.
 pub(crate) fn resolve(
     source: Source,
     pictures: &Pictures,
@@ -35,7 +35,7 @@ pub(crate) fn resolve(
     Ok(resolved?)
 }
 
-/// Loads a scene progressively, and passes each successively finer scene to `each`.
+/// Loads a scene progressively, and calls `each` with successively finer scenes.
 pub(crate) fn resolve_progressively(
     source: Source,
     pictures: &Pictures,
@@ -65,10 +65,10 @@ pub(crate) fn resolve_progressively(
     resolved
 }
 
-/// A request, and the content of stdin if it is an input.
+/// Request for images of a scene, and the content of stdin if an input is `-`.
 type Asked = (Request, Option<Arc<[u8]>>);
 
-/// Creates the request.
+/// Creates the request for images of a source.
 pub(crate) fn request(source: Source, pictures: &Pictures, args: &Options, stdin: &Stdin) -> Result<Asked, Failure> {
     let mut said = args.render.clone();
     if let (Some(bar), Source::Geometry(paths)) = (&mut said.splats.colorbar, &source) {

@@ -1,4 +1,4 @@
-//! Series of images: the cameras of a turntable, a camera path or another program, or a sequence of files.
+//! Series of images: the cameras of a turntable, of a camera path or of another program, or a sequence of files.
 
 use crate::failure::Failure;
 use crate::output::Output;
@@ -9,7 +9,7 @@ use surfel_app::options::Options;
 use surfel_app::request::Pictures;
 use surfel_io::ShowPath as _;
 
-/// Largest length in bytes of a camera's name used in a file name: systems allow 255 including the extension.
+/// Maximum length in bytes of a camera's name in a file name. File systems allow 255, including the extension.
 const MOST_NAME_BYTES: usize = 200;
 
 /// Images of a scene, or of a sequence of files.
@@ -23,7 +23,7 @@ pub(crate) struct Series {
 }
 
 impl Series {
-    /// Reads the cameras that the options name.
+    /// Creates the series that the options request. Reads the files of cameras.
     pub(crate) fn of(args: &Options, output: Option<&Output>) -> Result<Self, Failure> {
         if let Some(path) = &args.cameras {
             return Self::of_cameras(path, args, output);
@@ -74,7 +74,7 @@ impl Series {
     }
 }
 
-/// Refuses a camera whose name can't be used for its image; `path` is the cameras' file.
+/// Refuses a camera whose name can't be part of a file name. `path` is the file of the cameras.
 fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
     let what = if name.len() > MOST_NAME_BYTES {
         format!("of {} bytes, expected at most {MOST_NAME_BYTES}", name.len())
@@ -91,7 +91,7 @@ fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
     )))
 }
 
-/// Refuses combinations of flags for several images that make no sense.
+/// Refuses combinations of flags for several images that contradict each other.
 pub(crate) fn check(args: &Options, output: Option<&Output>) -> Result<(), Failure> {
     let is_film = output.is_some_and(|output| output.format.is_film());
     let moves = args.render.turntable || args.path.is_some();
@@ -142,7 +142,7 @@ pub(crate) fn check(args: &Options, output: Option<&Output>) -> Result<(), Failu
     }
 }
 
-/// Returns the number of frames a second.
+/// Returns the frame rate, in frames per second.
 pub(crate) fn rate(args: &Options) -> FrameRate {
     args.fps.unwrap_or_default()
 }

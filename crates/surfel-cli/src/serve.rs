@@ -1,7 +1,7 @@
 //! `surfel serve --stdio`: draws images of one scene on request.
 //!
-//! A request is a line of JSON on stdin, and its answer a line of JSON on stdout, in order. A request that fails is
-//! answered by an error, and the next one is read.
+//! A request is a line of JSON on stdin. Its answer is a line of JSON on stdout, in the order of the requests. A
+//! request that fails is answered by an error message, and the next one is read.
 
 use crate::console::Console;
 use crate::failure::Failure;
@@ -20,12 +20,12 @@ use surfel_model::Camera;
 use surfel_model::SceneFile;
 use surfel_render::{Planes, Region, Renderer as _};
 
-/// Longest request in bytes.
+/// Maximum length of a request, in bytes.
 const MAX_LINE: usize = 1 << 16;
-/// Largest number of pixels of an image; larger ones are drawn by regions.
+/// Maximum number of pixels of an image; larger images have to be drawn by regions.
 const MAX_PIXELS: usize = 1 << 26;
 
-/// Largest number of pixels of an image whose memory is reused for the next one. The memory of larger images is freed.
+/// Maximum number of pixels of an image whose memory is reused for the next one. The memory of larger images is freed.
 const KEPT_PIXELS: usize = 1 << 22;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     }
 }
 
-/// Refuses stdin as an input.
+/// Refuses stdin as an input, because stdin has the requests.
 fn check(args: &Options) -> Result<(), Failure> {
     if args.inputs.iter().any(|path| is_stdin(path)) {
         return Err(Failure::usage("-: stdin has the requests, expected a scene file, splats, points or meshes"));
@@ -68,7 +68,7 @@ struct Request {
     force: bool,
 }
 
-/// Parses a request; the error describes what is wrong with it.
+/// Parses a request. The error describes the problem for the client.
 fn parse(object: &Value) -> Result<Request, String> {
     let mut request = Request {
         output: PathBuf::new(),
@@ -138,7 +138,7 @@ fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
     numbers?.try_into().ok()
 }
 
-/// A scene in memory, and its backend.
+/// Server of one scene, which is in memory with its backend.
 struct Server<'a> {
     args: &'a Options,
     session: Session,
@@ -166,7 +166,7 @@ impl<'a> Server<'a> {
         Ok(Self { args, session, inputs })
     }
 
-    /// Returns the answer to a line, whatever it contains.
+    /// Returns the answer to a line of the input, which may contain anything.
     fn answer(&mut self, line: &[u8]) -> Value {
         let request: Value = match serde_json::from_slice(line) {
             Ok(request) => request,
@@ -189,7 +189,8 @@ impl<'a> Server<'a> {
         let path = request.output.as_path();
         let output = Output::still(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
         output.check(Some(path))?;
-        // The scene's camera already includes the flags for it; the request's fields act like such flags.
+        // The scene's camera already includes the camera flags of the command line. The fields of the request act like
+        // further flags.
         let mut said = self.args.render.clone();
         (said.view, said.size, said.region) = (request.view, request.size, request.region);
         (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);

@@ -1,4 +1,4 @@
-//! Signals that end the program, after the programs that it started are ended and its temporary files removed.
+//! Handling of termination signals: ends child processes and removes temporary files before the program ends.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
@@ -6,9 +6,9 @@ use std::ffi::c_int;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Starts a thread that waits for termination signals, kills encoders, removes temporary files, and ends the program as
-/// the signal would have. Without the thread, the next run removes the files. Signals that the parent ignored (`nohup`)
-/// stay ignored.
+/// Starts a thread that waits for termination signals. It kills encoders, removes temporary files, and ends the program
+/// as the signal would have. If the thread can't start, the next run removes the files. Signals that the parent ignored
+/// (`nohup`) stay ignored.
 pub(crate) fn watch() {
     // With a handler, a write beyond `ulimit -f` fails with an error instead of killing the program.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
@@ -26,7 +26,7 @@ pub(crate) fn watch() {
     let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(wait);
 }
 
-/// Returns the mask of ignored signals, which Linux states in `/proc`; empty elsewhere.
+/// Returns the bit mask of ignored signals, which Linux lists in `/proc`; 0 elsewhere.
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

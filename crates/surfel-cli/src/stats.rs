@@ -1,4 +1,4 @@
-//! `--stats`: prints medians as JSON.
+//! Option `--stats`: prints median times and counts as JSON.
 
 use serde_json::{Map, Value, json};
 use surfel_render::RendererInfo;
@@ -13,7 +13,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     *m
 }
 
-/// Adds the fragments counted by another run of the same frame to a run.
+/// Returns a timed run with the number of fragments that another run of the same frame counted.
 pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
     run.fragments = counted.fragments;
     let unknown = |(name, _): &&(&str, f64)| run.counters.iter().all(|(known, _)| known != name);
@@ -22,8 +22,8 @@ pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
     run
 }
 
-/// Returns medians over `runs` (at least one), as the object that `--stats` prints; `preset` is the one whose promise
-/// applies.
+/// Returns the object that `--stats` prints: medians over `runs`, which has at least one run. `preset` is the preset
+/// whose promise of accuracy applies.
 pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, preset: Option<Preset>) -> Value {
     let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());
     let mut passes = Map::new();
@@ -45,7 +45,7 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
     if !rates.is_empty() {
         counters.insert("gb_per_s".to_owned(), json!(median(rates)));
     }
-    // Settings that match no preset have no promise.
+    // Settings that match no preset have no promise of accuracy.
     let promise = preset.map(Preset::promise);
     json!({
         "preset": preset.map(Preset::name),

@@ -1,4 +1,4 @@
-//! The input `-`: a file of any format on stdin.
+//! Input `-`: a file of any format on stdin.
 
 use crate::failure::Failure;
 use std::cell::OnceCell;
@@ -6,15 +6,15 @@ use std::io::{IsTerminal, Read};
 use std::sync::Arc;
 pub(crate) use surfel_load::paths::{display, is_stdin};
 
-/// Largest number of bytes read from stdin, since a stream may never end.
+/// Maximum number of bytes read from stdin, since a stream may never end.
 const MAX_BYTES: u64 = 8 << 30;
 
-/// Content of stdin, read once when it is needed.
+/// Content of stdin, read on first use.
 #[derive(Debug, Default)]
 pub(crate) struct Stdin(OnceCell<Arc<[u8]>>);
 
 impl Stdin {
-    /// Returns the whole content.
+    /// Returns the whole content. Reads stdin on the first call.
     pub(crate) fn bytes(&self) -> Result<Arc<[u8]>, Failure> {
         if let Some(bytes) = self.0.get() {
             return Ok(bytes.clone());

@@ -1,4 +1,4 @@
-//! `surfel stitch`: merges the tiles of an image into the identical image with its metadata.
+//! `surfel stitch`: merges the tiles of an image. The result and its metadata equal those of the image drawn at once.
 
 use crate::args::StitchArgs;
 use crate::console::Console;
@@ -16,7 +16,7 @@ use surfel_model::SceneFile;
 use surfel_render::Region;
 
 pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
-    // A TIFF stores a PNG's samples.
+    // A TIFF has the samples of PNG tiles.
     let extension = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let is_tiff = matches!(extension.as_deref(), Some("tif" | "tiff"));
     let output = if is_tiff { args.output.with_extension("png") } else { args.output.clone() };
@@ -60,12 +60,12 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A tile, and the metadata about the image that it belongs to.
+/// A tile, with the metadata about the image that it belongs to.
 struct Said {
     tile: Tile,
     file: SceneFile,
     version: String,
-    /// Drawing options without the region.
+    /// Drawing options of the image, without the tile's region.
     drawn: Map<String, Value>,
     inputs: Value,
 }
@@ -108,12 +108,12 @@ impl Said {
         Ok(Self { tile, file, version, drawn, inputs })
     }
 
-    /// Returns the first property that differs although all tiles of one image share it. Inputs may have other paths
-    /// but must have the same content.
+    /// Returns the name of the first property in which the tiles differ, although tiles of one image share it. Paths of
+    /// inputs may differ, but not their content.
     fn differs(&self, other: &Self) -> Option<&'static str> {
         let scene = |said: &Self| {
             let mut file = said.file.clone();
-            // Every path has a file name; one without is left unchanged.
+            // Every path has a file name; a path without one is left unchanged.
             let _ = paths::for_each(&mut file, |path| {
                 *path = path.file_name().map_or_else(|| path.clone(), PathBuf::from);
                 Ok(())
@@ -128,7 +128,7 @@ impl Said {
                     *path = name.map(Value::from).unwrap_or_default();
                 }
             }
-            // Inputs are ordered by path, so they are sorted by content here.
+            // Inputs are ordered by path in the metadata, so they are sorted by content here.
             let mut texts: Vec<String> = inputs.as_array().into_iter().flatten().map(Value::to_string).collect();
             texts.sort();
             texts
@@ -151,7 +151,7 @@ impl Said {
         }
     }
 
-    /// Returns the metadata of the whole image in `folder`, as if it had been drawn there at once.
+    /// Returns the metadata of the whole image in `folder`, as if the image had been drawn there at once.
     fn of_whole(&self, folder: &Path, format: Format) -> Result<Vec<(String, String)>, Failure> {
         let here = Output::folder(Some(&self.tile.path));
         let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_path_buf());
@@ -185,7 +185,7 @@ impl Said {
     }
 }
 
-/// Removes `..` from an absolute path, for folders that aren't links.
+/// Removes `..` from an absolute path. The folders before `..` must not be links.
 fn clean(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for part in path.components() {

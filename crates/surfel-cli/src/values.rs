@@ -1,4 +1,4 @@
-//! Thresholds of `compare`.
+//! Thresholds of `surfel compare`.
 
 /// A metric's name and its threshold.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,4 @@
-//! `render --verify`: measures an image's errors, and checks its preset's promise.
+//! Option `--verify`: measures the errors of an image, and checks the promise of its preset.
 
 use crate::failure::Failure;
 use serde_json::{Value, json};
@@ -10,29 +10,29 @@ use surfel_model::{Scene, Settings};
 use surfel_render::{Frame, Planes, Preset, Renderer, View};
 use surfel_render::{Promise, SceneSummary, inside_surfaces};
 
-/// Errors of an image.
+/// Measured errors of an image.
 pub(crate) struct Verified {
     backend: &'static str,
-    /// Difference from the reference backend with the same settings, outside its decision margins.
+    /// Difference from the reference backend with the same settings, outside of the reference's decision margins.
     fidelity: Comparison,
-    /// Number of pixels within the margins.
+    /// Number of pixels within the decision margins, which aren't compared.
     left_out: usize,
     /// Model error: difference between the preset and the preset `reference`, both drawn by the reference backend.
-    /// `None` if the settings match no preset, or some cloud's interior weight is unknown.
+    /// `None` if the settings match no preset, or if the interior weight of a cloud is unknown.
     model: Option<Model>,
 }
 
-/// Difference between a preset and the preset `reference`.
+/// Model error of a preset: its difference from the preset `reference`.
 struct Model {
     preset: Preset,
     whole: Comparison,
-    /// Difference inside surfaces; `None` if no pixel is.
+    /// Difference in the pixels inside surfaces; `None` if there are no such pixels.
     inside: Option<Comparison>,
 }
 
-/// Draws the image again with the reference backend and compares.
+/// Draws the image again with the reference backend, and compares both.
 ///
-/// `preset` is the one whose promise applies; `drawn` is the image of `scene` by the named backend.
+/// `preset` is the preset whose promise applies. `drawn` is the image of `scene` that the named backend drew.
 pub(crate) fn verify(
     settings: &Settings,
     preset: Option<Preset>,
@@ -52,7 +52,7 @@ pub(crate) fn verify(
     let same = image(settings, Planes::COLOR.with_margin(true))?;
     let mask: Vec<bool> = same.margin().iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
-    // Without an interior weight, as for an octree's cloud, there are no antialiased edges to compare.
+    // Without an interior weight, as in an octree's cloud, there are no antialiased edges to compare.
     let summary = SceneSummary::of(scene);
     let weighed = summary.without_interior_weight.is_none();
     let model = match preset.filter(|_| weighed) {
@@ -78,7 +78,7 @@ fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Compariso
 }
 
 impl Verified {
-    /// Returns the errors that exceed the preset's promise.
+    /// Returns a description of each error that exceeds the promise of the preset.
     fn broken(&self) -> Vec<String> {
         let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
         let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();
@@ -93,7 +93,7 @@ impl Verified {
             .collect()
     }
 
-    /// Fails with exit code 5 if the preset's promise is broken.
+    /// Fails with exit code 5 if the promise of the preset is broken.
     pub(crate) fn judge(&self) -> Result<(), Failure> {
         let broken = self.broken();
         if broken.is_empty() { Ok(()) } else { Err(Failure::threshold(broken.join("; "))) }

@@ -4,7 +4,7 @@ use crate::console::Console;
 use crate::failure::Failure;
 use surfel_app::options::Options;
 
-/// Names of options that concern the server, not the scene.
+/// Names of the options that concern the server, not the scene.
 #[cfg(feature = "view")]
 const OF_SERVER: [&str; 5] = ["no-open", "port", "host", "export", "force"];
 
@@ -45,7 +45,7 @@ pub(crate) fn run(
     viewer.run(&mut |text| console.note(text)).map_err(Failure::other)
 }
 
-/// Writes the page as a file, or as a folder if the path isn't that of an HTML file.
+/// Writes the page as an HTML file. If the path isn't that of an HTML file, writes a folder.
 #[cfg(feature = "export")]
 fn export(
     config: &surfel_view::Config,
@@ -67,7 +67,7 @@ fn export(
     Ok(())
 }
 
-/// Refuses the export, which this program lacks.
+/// Refuses the export, which isn't built into this program.
 #[cfg(all(feature = "view", not(feature = "export")))]
 fn export(_: &surfel_view::Config, _: &std::path::Path, _: bool, _: &Console) -> Result<(), Failure> {
     Err(Failure::other(
@@ -76,7 +76,7 @@ fn export(_: &surfel_view::Config, _: &std::path::Path, _: bool, _: &Console) ->
     ))
 }
 
-/// Refuses the command, which this program lacks.
+/// Refuses the command, which isn't built into this program.
 #[cfg(not(feature = "view"))]
 pub(crate) fn run(_: &Options, _: Vec<(String, String)>, _: usize, _: &Console) -> Result<(), Failure> {
     Err(Failure::other(
@@ -85,7 +85,7 @@ pub(crate) fn run(_: &Options, _: Vec<(String, String)>, _: usize, _: &Console) 
     ))
 }
 
-/// Opens an address in the user's browser; false if there is none.
+/// Opens an address in the user's browser. Returns false if no browser can be started.
 #[cfg(feature = "view")]
 fn open(url: &str) -> bool {
     use std::process::{Command, Stdio};

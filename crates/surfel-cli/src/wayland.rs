@@ -16,9 +16,8 @@ const DISPLAY: &str = "WAYLAND_DISPLAY";
 /// Path of a socket that doesn't exist.
 const NO_DISPLAY: &str = "/nonexistent/wayland";
 
-/// Restarts the program, with the same process id, arguments and files, if libwayland couldn't reach a display anyway
-/// and would print the error. Returns if that isn't necessary or possible. Must be called before anything is read or
-/// written.
+/// Restarts the program with the same process id, arguments and open files, if libwayland would print the error.
+/// Returns if a restart isn't necessary or possible. Must be called before anything is read or written.
 pub(crate) fn silence() {
     if !complains(std::env::var_os(RUNTIME_DIR).as_deref(), std::env::var_os(DISPLAY).as_deref()) {
         return;
@@ -29,7 +28,7 @@ pub(crate) fn silence() {
     if let Some(name) = arguments.next() {
         again.arg0(name);
     }
-    // On error the program continues as it is, with one more line on stderr.
+    // If the restart fails, the program continues, and libwayland prints its line.
     let _ = again.args(arguments).env(DISPLAY, NO_DISPLAY).exec();
 }
 

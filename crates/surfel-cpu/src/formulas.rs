@@ -20,11 +20,11 @@ pub enum Weight {
     PowerOfTwo,
     /// The renderer's method: a Chebyshev series of degree 5 for half of c, squared.
     Polynomial,
-    /// The renderer's method with a series of degree 3.
+    /// The renderer's method, with a series of degree 3.
     Cubic,
     /// A table of 33 entries, interpolated linearly.
     Interpolated,
-    /// A table of 256 entries, of which the nearest is read.
+    /// A table of 256 entries, read at the nearest entry.
     Nearest,
 }
 
@@ -55,7 +55,8 @@ enum Of {
 }
 
 impl Formula {
-    /// Returns the kernel at cutoff 2 for ρ² in [0, 1]; `None` if the CPU lacks the instructions.
+    /// Creates the formula of the kernel e^(−cρ²) at cutoff c = 2, for ρ² in [0, 1]. `None` if the CPU lacks the
+    /// instructions.
     pub fn weight(way: Weight) -> Option<Self> {
         const CUTOFF: f64 = 2.0;
         let entries = match way {
@@ -74,12 +75,13 @@ impl Formula {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of })
     }
 
-    /// Returns 1/x for x in [0.66, 2.01]; `None` if the CPU lacks the instructions.
+    /// Creates the formula of 1/x for x in [0.66, 2.01]. `None` if the CPU lacks the instructions.
     pub fn reciprocal(way: Reciprocal) -> Option<Self> {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
     }
 
-    /// Applies the formula to all whole groups of `inputs` and writes the results to the front of `outputs`.
+    /// Applies the formula to all whole groups of 16 numbers of `inputs`, and writes the results to the front of
+    /// `outputs`.
     pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
         with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
             Of::Weight { way, cutoff, kernel, cubic, table } => match way {

@@ -337,8 +337,8 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
-/// True if tiles of tiny splats can be drawn splat by splat. No screen-space pass may follow, and the plan may need no
-/// other sums than those that such a tile computes.
+/// True if tiles of tiny splats can be drawn splat by splat. This requires that no screen-space pass follows, and that
+/// the plan needs only the sums that such a tile computes.
 fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.

@@ -15,7 +15,7 @@ pub(crate) struct Threads {
 
 #[cfg(not(target_family = "wasm"))]
 impl Threads {
-    /// Starts threads; 0 as many as [`crate::Options::threads`] states.
+    /// Starts `count` threads. For 0, starts the default number, as [`crate::Options::threads`] states.
     pub(crate) fn start(count: usize) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(count)
@@ -39,7 +39,7 @@ impl Threads {
 
 #[cfg(target_family = "wasm")]
 impl Threads {
-    /// Starts no thread.
+    /// Starts no thread, and ignores the number.
     pub(crate) fn start(_: usize) -> Result<Self, RenderError> {
         Ok(Self {})
     }

@@ -1,17 +1,17 @@
-//! Drawings: lists of pictures, polygons, lines and texts at fixed places.
+//! Drawings: lists of images, polygons, lines and texts at fixed positions.
 
 use crate::font;
 use std::sync::Arc;
 
-/// sRGB levels of an opaque colour.
+/// Opaque colour as sRGB levels of red, green and blue.
 pub type Rgb = [u8; 3];
 
-/// An image of sRGB levels with straight alpha, in rows from the top.
+/// Image of sRGB levels with straight alpha, in rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Levels of red, green, blue and alpha of each pixel.
+    /// Red, green, blue and alpha levels of each pixel.
     pub rgba: Vec<[u8; 4]>,
 }
 
@@ -27,22 +27,22 @@ impl Picture {
     }
 }
 
-/// A rectangle in pixels, with y down.
+/// Rectangle in pixels, with y down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rect {
-    /// Left top corner.
+    /// Top left corner.
     pub at: [f64; 2],
     /// Width and height.
     pub size: [f64; 2],
 }
 
 impl Rect {
-    /// Creates a rectangle from its corner and its size.
+    /// Creates a rectangle from its top left corner and its size.
     pub const fn new(at: [f64; 2], size: [f64; 2]) -> Self {
         Self { at, size }
     }
 
-    /// Returns the right bottom corner.
+    /// Returns the bottom right corner.
     pub fn end(&self) -> [f64; 2] {
         [self.at[0] + self.size[0], self.at[1] + self.size[1]]
     }
@@ -52,12 +52,12 @@ impl Rect {
         [self.at[0] + 0.5 * self.size[0], self.at[1] + 0.5 * self.size[1]]
     }
 
-    /// True if both rectangles have an area in common.
+    /// True if both rectangles share an area.
     pub fn overlaps(&self, other: &Self) -> bool {
         (0..2).all(|k| self.at[k] < other.end()[k] && other.at[k] < self.end()[k])
     }
 
-    /// True if `other` lies within this rectangle.
+    /// True if `other` is inside this rectangle, up to rounding.
     pub fn contains(&self, other: &Self) -> bool {
         const SLACK: f64 = 1e-6;
         (0..2).all(|k| other.at[k] >= self.at[k] - SLACK && other.end()[k] <= self.end()[k] + SLACK)
@@ -69,10 +69,10 @@ impl Rect {
     }
 }
 
-/// The point of a line of text that lies at a given place.
+/// Point on a text's baseline that is placed at a given position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
-    /// Begin of the baseline.
+    /// Start of the baseline.
     Start,
     /// Middle of the baseline.
     Middle,
@@ -80,27 +80,27 @@ pub enum Anchor {
     End,
 }
 
-/// A line of text.
+/// Line of text with its position and style.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Text {
-    /// The words.
+    /// Characters of the line.
     pub text: String,
-    /// Place of the anchor, on the baseline.
+    /// Position of the anchor, in pixels.
     pub at: [f64; 2],
-    /// Height of an em in pixels.
+    /// Font size in pixels (height of an em).
     pub size: f64,
-    /// Point of the text that lies at `at`.
+    /// Point of the baseline that is at `at`.
     pub anchor: Anchor,
-    /// True if the text runs upwards.
+    /// True if the text is turned by 90°, so that it runs upward.
     pub is_turned: bool,
-    /// Colour.
+    /// Colour of the letters.
     pub color: Rgb,
-    /// Colour of a thin border around the letters.
+    /// Colour of the halo, a thin border around the letters; `None` for no halo.
     pub halo: Option<Rgb>,
 }
 
 impl Text {
-    /// Returns the distance from the anchor back to the begin of the text.
+    /// Returns the distance from the start of the text to the anchor, in pixels.
     pub(crate) fn lead(&self) -> f64 {
         let share = match self.anchor {
             Anchor::Start => 0.0,
@@ -110,7 +110,7 @@ impl Text {
         share * font::width(&self.text) * self.size
     }
 
-    /// Returns the rectangle around the text.
+    /// Returns the bounding rectangle of the text.
     pub fn bounds(&self) -> Rect {
         let (lead, width) = (self.lead(), font::width(&self.text) * self.size);
         let (ascent, descent) = (font::ASCENT * self.size, font::DESCENT * self.size);
@@ -123,37 +123,37 @@ impl Text {
     }
 }
 
-/// Part of a drawing; later parts cover earlier ones.
+/// Item of a drawing; later items cover earlier ones.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
-    /// An image, scaled to a rectangle.
+    /// Image scaled to a rectangle.
     Picture(Rect, Arc<Picture>),
-    /// A filled polygon without holes.
+    /// Filled polygon without holes, given by its corners and colour.
     Polygon(Vec<[f64; 2]>, Rgb),
-    /// A polyline of this width.
+    /// Polyline of constant width.
     Line {
-        /// Corners.
+        /// Vertices of the polyline.
         points: Vec<[f64; 2]>,
         /// Width in pixels.
         width: f64,
-        /// Colour.
+        /// Colour of the polyline.
         color: Rgb,
     },
-    /// A line of text.
+    /// Line of text.
     Text(Text),
 }
 
-/// Items at fixed places, and the names of the areas that they fill.
+/// Items at fixed positions, and the named areas that they occupy.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drawing {
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// sRGB levels and alpha of the background.
+    /// Background colour: sRGB levels and alpha.
     pub background: [u8; 4],
-    /// The parts, from back to front.
+    /// Items from back to front.
     pub items: Vec<Item>,
-    /// Areas of the layout, with their names: title, panel, caption, row label, key, mark. Areas of different names
-    /// don't overlap, except for marks, which lie in their panels.
+    /// Named areas of the layout: title, heading, panel, caption, row label, key, mark. Areas don't overlap, except for
+    /// marks, which are inside their panels.
     pub areas: Vec<(&'static str, Rect)>,
 }
 
@@ -168,7 +168,7 @@ impl Drawing {
         self.items.iter().filter_map(|item| if let Item::Picture(_, picture) = item { Some(&**picture) } else { None })
     }
 
-    /// Returns the characters that the font lacks, each once.
+    /// Returns the characters of all texts that the font lacks, each once.
     pub fn missing(&self) -> Vec<char> {
         font::missing(&self.texts().map(|text| text.text.as_str()).collect::<String>())
     }

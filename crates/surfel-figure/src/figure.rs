@@ -1,30 +1,30 @@
-//! Content of figures, without positions.
+//! Content of figures: panels, keys and marks without positions.
 
 use crate::drawing::{Picture, Rgb};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A figure: rows of panels, with a title above and keys beside them.
+/// Content of a figure: rows of panels, with a title above and keys to the right.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figure {
     /// Line of text above the panels.
     pub title: Option<String>,
-    /// Lines of text above the columns of panels; empty for none.
+    /// Texts above the columns of panels; empty for none.
     pub headings: Vec<String>,
     /// Rows of panels.
     pub rows: Vec<Row>,
     /// Colour bars and legends, in a column to the right of the panels.
     pub keys: Vec<Key>,
-    /// Sizes and colours.
+    /// Sizes and colours of text and lines.
     pub style: Style,
 }
 
-/// A row of panels.
+/// Row of panels.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// Text to the left of the row, and of the rows without a label that follow it.
+    /// Text to the left of the row and of the following rows without a label, turned by 90°.
     pub label: Option<String>,
-    /// Panels from left to right; `None` leaves a place empty.
+    /// Panels from left to right; `None` leaves a gap in the grid.
     pub panels: Vec<Option<Panel>>,
 }
 
@@ -34,12 +34,12 @@ impl From<Vec<Option<Panel>>> for Row {
     }
 }
 
-/// An image with a caption and marks.
+/// Image with a caption and marks.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
-    /// Width and height in pixels.
+    /// Width and height of the image in pixels.
     pub size: [u32; 2],
-    /// The image; `None` leaves the panel's area empty, to find out the layout before the image exists.
+    /// Image; `None` leaves the panel's area empty, to compute a layout before the image exists.
     pub picture: Option<Arc<Picture>>,
     /// Line of text below the image.
     pub caption: Option<String>,
@@ -48,12 +48,12 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Creates a panel of an image.
+    /// Creates a panel with an image, without a caption or marks.
     pub fn new(picture: Picture) -> Self {
         Self { size: picture.size, picture: Some(Arc::new(picture)), caption: None, marks: Vec::new() }
     }
 
-    /// Creates a panel of this size without an image.
+    /// Creates a panel without an image, of this size in pixels.
     pub fn empty(size: [u32; 2]) -> Self {
         Self { size, picture: None, caption: None, marks: Vec::new() }
     }
@@ -72,85 +72,85 @@ impl Panel {
     }
 }
 
-/// A mark over an image. Places and lengths are in pixels of the image, with y down.
+/// Mark over an image. Positions and lengths are in pixels of the image, with y down.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mark {
-    /// A scale bar in the lower left corner, or in the lower right if only that corner's content has one colour.
+    /// Scale bar in the lower left corner, or in the lower right if only that corner's content has one colour.
     Scale {
-        /// Length of the bar.
+        /// Length of the bar, in pixels.
         length: f64,
         /// Text above the bar, such as "2 m".
         label: String,
     },
-    /// Directions of the world's axes, in the lower right corner.
+    /// Directions of the world's axes, drawn in the lower right corner.
     Axes([Axis; 3]),
-    /// An arrow in the upper right corner.
+    /// North arrow in the upper right corner.
     North {
-        /// Direction of north in the image.
+        /// Direction of north in the image; any length but 0.
         direction: [f64; 2],
     },
-    /// A point with a text beside it.
+    /// Point with a text next to it.
     Label {
-        /// Place of the point.
+        /// Position of the point.
         at: [f64; 2],
-        /// The text.
+        /// Text of the label.
         text: String,
     },
-    /// A thin polyline, such as the edges of a camera's frustum.
+    /// Thin polyline, such as the edges of a camera's frustum.
     Line {
-        /// Corners.
+        /// Vertices of the polyline.
         points: Vec<[f64; 2]>,
-        /// Colour.
+        /// Colour of the polyline.
         color: Rgb,
     },
 }
 
-/// An axis of the world, seen by a camera.
+/// Axis of the world, as a camera shows it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
     /// Name, such as "x".
     pub name: String,
     /// Components of the unit vector to the right, down and away from the viewer.
     pub direction: [f64; 3],
-    /// Colour.
+    /// Colour of the axis and its name.
     pub color: Rgb,
 }
 
-/// A colour bar or a legend.
+/// Key to the colours of panels: a colour bar or a legend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Key {
-    /// Text above the colours; empty for none.
+    /// Text above the key; empty for none.
     pub title: String,
-    /// Colours and their meaning.
+    /// Colour bar or legend entries.
     pub content: KeyContent,
-    /// Rows of panels that the key stands beside; all rows if the range is empty.
+    /// Rows of panels next to which the key is placed; all rows if the range is empty.
     pub rows: Range<usize>,
 }
 
 /// Content of a key.
 #[derive(Clone, Debug, PartialEq)]
 pub enum KeyContent {
-    /// A colour bar.
+    /// Colour bar with tick labels.
     Bar {
-        /// Colours from the least value to the largest.
+        /// Colours from the smallest value to the largest.
         colors: Vec<Rgb>,
-        /// Values at the ends.
+        /// Smallest and largest value of the bar.
         range: [f64; 2],
-        /// True if larger values occur, which have the last colour. The bar ends in an arrow.
+        /// True if larger values occur, which have the last colour. The bar then ends in an arrow.
         is_exceeded: bool,
     },
-    /// A coloured square and a text for each category.
+    /// Legend entries: a text and the colour of its square.
     Legend(Vec<(String, Rgb)>),
 }
 
 impl Key {
-    /// Creates a colour bar from its title, its colours from the least value to the largest, and the values at its
+    /// Creates a colour bar from its title, its colours from the smallest value to the largest, and the values at its
     /// ends.
     pub fn bar(title: &str, colors: Vec<Rgb>, range: [f64; 2]) -> Self {
         Self { title: title.to_owned(), content: KeyContent::Bar { colors, range, is_exceeded: false }, rows: 0..0 }
     }
 
-    /// Ends a colour bar in an arrow if values are larger than its end. Legends don't change.
+    /// Sets whether a colour bar ends in an arrow, because larger values occur. Legends don't change.
     #[must_use]
     pub fn exceeded(mut self, exceeded: bool) -> Self {
         if let KeyContent::Bar { is_exceeded, .. } = &mut self.content {
@@ -164,7 +164,7 @@ impl Key {
         Self { title: title.to_owned(), content: KeyContent::Legend(entries), rows: 0..0 }
     }
 
-    /// Sets the rows of panels that the key stands beside.
+    /// Sets the rows of panels next to which the key is placed.
     #[must_use]
     pub fn beside(self, rows: Range<usize>) -> Self {
         Self { rows, ..self }
@@ -174,26 +174,26 @@ impl Key {
 /// Sizes and colours of a figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Style {
-    /// Height of an em of the text in pixels; more than 0. All other lengths follow from it.
+    /// Font size in pixels (height of an em); more than 0. All other lengths of the layout follow from it.
     pub font: f64,
-    /// sRGB levels and alpha of the background.
+    /// Background colour: sRGB levels and alpha.
     pub background: [u8; 4],
-    /// Width of the figure in pixels, if it is fixed; a wider figure isn't cut.
+    /// Smallest width of the figure in pixels; `None` for no minimum. A wider figure isn't cut.
     pub width: Option<u32>,
 }
 
 impl Style {
-    /// Creates a style with a white background and text of this height in pixels.
+    /// Creates a style with a white background and a font size in pixels.
     pub fn new(font: f64) -> Self {
         Self { font, background: [255; 4], width: None }
     }
 
-    /// Returns the colour of text and lines: black on light backgrounds and on transparent ones, white on dark ones.
+    /// Returns the colour of text and lines: white on dark backgrounds, black on light and on transparent ones.
     pub fn ink(&self) -> Rgb {
         if self.is_dark() { [255; 3] } else { [20, 20, 20] }
     }
 
-    /// Returns the colour of borders around text and lines that lie over images.
+    /// Returns the colour of the halo around text and lines over images.
     pub(crate) fn halo(&self) -> Rgb {
         if self.is_dark() { [20, 20, 20] } else { [255; 3] }
     }

@@ -1,11 +1,11 @@
-//! The font of figures: widths and outlines of text.
+//! Font of figures: widths and outlines of text.
 
 use std::sync::LazyLock;
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
-/// The font file.
+/// Content of the font file.
 pub const FILE: &[u8] = include_bytes!("../fonts/Inter-Regular-subset.ttf");
-/// Font families of SVG files; the first is embedded.
+/// Font families named in SVG files; the first one is embedded.
 pub const FAMILY: &str = "Inter, Helvetica, Arial, sans-serif";
 /// Height of capital letters above the baseline, in ems.
 pub const CAP_HEIGHT: f64 = 0.727;
@@ -20,7 +20,7 @@ pub(crate) fn face() -> Option<&'static Face<'static>> {
     FACE.as_ref()
 }
 
-/// Returns the number of font units per em.
+/// Returns the number of font units in an em.
 pub(crate) fn units_per_em() -> f64 {
     face().map_or(1.0, |face| f64::from(face.units_per_em()))
 }
@@ -30,18 +30,18 @@ pub(crate) fn glyph(c: char) -> GlyphId {
     face().and_then(|face| face.glyph_index(c)).unwrap_or(GlyphId(0))
 }
 
-/// Returns the advance of a glyph in ems.
+/// Returns the advance width of a glyph, in ems.
 pub(crate) fn advance(glyph: GlyphId) -> f64 {
     let units = face().and_then(|face| face.glyph_hor_advance(glyph)).unwrap_or(0);
     f64::from(units) / units_per_em()
 }
 
-/// Returns the width of a line of text in ems.
+/// Returns the width of a line of text, in ems.
 pub fn width(text: &str) -> f64 {
     text.chars().map(|c| advance(glyph(c))).sum()
 }
 
-/// Returns the characters that the font lacks, each once.
+/// Returns the characters of a text that the font lacks, each once.
 pub fn missing(text: &str) -> Vec<char> {
     let mut missing: Vec<char> = text.chars().filter(|c| glyph(*c).0 == 0).collect();
     missing.sort_unstable();
@@ -49,7 +49,7 @@ pub fn missing(text: &str) -> Vec<char> {
     missing
 }
 
-/// Segment of an outline, in ems, with y down and the baseline at 0.
+/// Segment of a glyph's outline, in ems, with y down and the baseline at 0.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Segment {
     Line([f64; 2], [f64; 2]),
@@ -90,7 +90,7 @@ impl OutlineBuilder for Outline {
     }
 
     fn curve_to(&mut self, x1: f32, y1: f32, x2: f32, y2: f32, x: f32, y: f32) {
-        // A TrueType font has no cubic curves.
+        // TrueType fonts have no cubic curves.
         self.line_to(x1, y1);
         self.line_to(x2, y2);
         self.line_to(x, y);
@@ -102,7 +102,7 @@ impl OutlineBuilder for Outline {
     }
 }
 
-/// Returns the outlines of a line of text whose baseline begins at (0, 0), in ems.
+/// Returns the outlines of a line of text in ems; its baseline starts at (0, 0).
 pub(crate) fn outlines(text: &str) -> Vec<Segment> {
     let mut outline = Outline { scale: 1.0 / units_per_em(), ..Outline::default() };
     for c in text.chars() {
@@ -113,7 +113,7 @@ pub(crate) fn outlines(text: &str) -> Vec<Segment> {
     outline.segments
 }
 
-/// Returns the text with its end replaced by an ellipsis, if it is wider than `most` ems.
+/// Shortens a text that is wider than `most` ems, and ends it with an ellipsis.
 pub(crate) fn shortened(text: &str, most: f64) -> String {
     if width(text) <= most {
         return text.to_owned();

@@ -1,4 +1,4 @@
-//! Colour bars and legends.
+//! Layout of keys: colour bars and legends.
 
 use crate::drawing::{Anchor, Drawing, Item, Picture, Rect, Rgb, Text};
 use crate::figure::{Key, KeyContent, Style};
@@ -6,34 +6,34 @@ use crate::font;
 use crate::ticks::Ticks;
 use std::sync::Arc;
 
-/// Lengths in ems.
+/// Width of a colour bar, in ems, as are all following lengths.
 const BAR_WIDTH: f64 = 1.0;
 const ARROW: f64 = 0.8;
 const BAR_HEIGHT: (f64, f64) = (7.0, 26.0);
 const TICK: f64 = 0.35;
 const TICK_GAP: f64 = 0.3;
-/// Least distance between ticks.
+/// Smallest distance between ticks.
 const TICK_DISTANCE: f64 = 2.6;
 const SWATCH: f64 = 0.95;
 const ENTRY_HEIGHT: f64 = 1.5;
 const ENTRY_GAP: f64 = 0.5;
 const COLUMN_GAP: f64 = 1.2;
 const TITLE_HEIGHT: f64 = 1.7;
-/// Largest width of an entry's text.
+/// Largest width of a legend entry's text.
 const ENTRY_WIDTH: f64 = 20.0;
-/// Least height that a legend fills before it gets a second column.
+/// Smallest height that a legend fills before it gets a second column.
 const COLUMN_HEIGHT: f64 = 12.0;
-/// Largest number of entries.
+/// Maximum number of legend entries; the rest is summarised as "+N more".
 const MOST_ENTRIES: usize = 256;
 
-/// A key whose size is known, but not its place.
+/// Key with its size and its items, positioned relative to its own corner.
 pub(crate) struct SizedKey {
     pub(crate) size: [f64; 2],
     drawing: Drawing,
 }
 
 impl SizedKey {
-    /// Lays out a key for panels of this height in pixels; 0 if there are no panels.
+    /// Lays out a key next to panels of this height in pixels; 0 if there are no panels.
     pub(crate) fn new(key: &Key, height: f64, style: &Style) -> Self {
         let mut sized = Self { size: [0.0; 2], drawing: Drawing::default() };
         let title = if let KeyContent::Bar { range, .. } = &key.content {
@@ -100,7 +100,7 @@ impl SizedKey {
         self.extend([right + TICK * em, bottom]);
     }
 
-    /// Draws the arrow above a bar, in the colour of all values beyond its end.
+    /// Draws the arrow above a bar, in the colour of all values larger than the bar's range.
     fn arrow(&mut self, bar: Rect, height: f64, color: Rgb, style: &Style) {
         let ([left, top], right) = (bar.at, bar.end()[0]);
         let corners = vec![[left, top], [0.5 * (left + right), top - height], [right, top]];
@@ -145,7 +145,7 @@ impl SizedKey {
         }
     }
 
-    /// Adds the key to a drawing.
+    /// Moves the key to the position `at`, and adds it to a drawing.
     pub(crate) fn place(self, at: [f64; 2], drawing: &mut Drawing) {
         let moved = |[x, y]: [f64; 2]| [x + at[0], y + at[1]];
         for mut item in self.drawing.items {
@@ -160,7 +160,7 @@ impl SizedKey {
     }
 }
 
-/// Returns the height of a key without panels in ems.
+/// Returns the height, in ems, of a key in a figure without panels.
 pub(crate) fn alone(key: &Key) -> f64 {
     match key.content {
         KeyContent::Bar { .. } => 14.0,
@@ -168,7 +168,7 @@ pub(crate) fn alone(key: &Key) -> f64 {
     }
 }
 
-/// Returns the height of a bar beside panels of this height.
+/// Returns the height of a colour bar next to panels of this height, in pixels.
 fn bar_height(height: f64, style: &Style) -> f64 {
     height.clamp(BAR_HEIGHT.0 * style.font, BAR_HEIGHT.1 * style.font)
 }

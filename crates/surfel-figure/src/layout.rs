@@ -1,4 +1,4 @@
-//! Placement of a figure's content.
+//! Layout of figures: positions of panels, texts, marks and keys.
 
 use crate::drawing::{Anchor, Drawing, Item, Rect, Text};
 use crate::figure::{Figure, Key, Panel, Row, Style};
@@ -6,7 +6,7 @@ use crate::keys::{self, SizedKey};
 use crate::{font, marks};
 use std::ops::Range;
 
-/// Lengths in ems.
+/// Margin around the figure, in ems, as are all following lengths.
 const MARGIN: f64 = 0.8;
 const GAP: f64 = 0.7;
 /// Distance between groups of several rows.
@@ -17,17 +17,17 @@ const CAPTION_HEIGHT: f64 = 1.7;
 const ROW_LABEL_WIDTH: f64 = 1.7;
 const KEY_GAP: f64 = 1.4;
 const KEY_DISTANCE: f64 = 1.6;
-/// Smallest size of text that is shrunk to fit, before it is shortened.
+/// Smallest factor by which a text is shrunk to fit; a text that is still too wide is shortened.
 const LEAST_SIZE: f64 = 0.75;
 
-/// Sizes of the rows and columns of panels.
+/// Sizes of the rows and columns of panels, in pixels.
 struct Grid {
     columns: Vec<f64>,
-    /// Heights of the images of each row, and of the captions below them.
+    /// Height of each row's images, and of the captions below them.
     rows: Vec<(f64, f64)>,
     /// Tops of the images of each row, from the top of the first.
     tops: Vec<f64>,
-    /// Width of the texts to the left.
+    /// Width of the row labels on the left; 0 without any.
     labels: f64,
 }
 
@@ -155,7 +155,7 @@ impl Figure {
             let height = if grid.rows.is_empty() { keys::alone(key) * em } else { beside };
             let sized = SizedKey::new(key, height, &self.style);
             let y = (top + first).max(free);
-            // A key that is smaller than its rows is centred, if it has them for itself.
+            // A key that is smaller than its rows is centred, if no other key shares the rows.
             let spare = if shares == 1 { (0.5 * (end - first - sized.size[1])).max(0.0) } else { 0.0 };
             let centred = (top + first + spare).max(y);
             free = centred + sized.size[1] + KEY_DISTANCE * em;
@@ -168,7 +168,7 @@ fn rows_of(key: &Key, count: usize) -> Range<usize> {
     if key.rows.is_empty() { 0..count } else { key.rows.start.min(count)..key.rows.end.min(count) }
 }
 
-/// Places a panel in the middle of its area.
+/// Places a panel in the middle of its cell in the grid.
 fn place_panel(panel: &Panel, at: [f64; 2], area: [f64; 2], style: &Style, drawing: &mut Drawing) {
     let size = panel.size.map(f64::from);
     let place = [(at[0] + 0.5 * (area[0] - size[0])).round(), (at[1] + 0.5 * (area[1] - size[1])).round()];
@@ -186,7 +186,7 @@ fn place_panel(panel: &Panel, at: [f64; 2], area: [f64; 2], style: &Style, drawi
     }
 }
 
-/// Returns a centred text. If it is wider than `width` pixels, the text is shrunk to 75 %, and then shortened.
+/// Returns a centred text. If it is wider than `width` pixels, it is shrunk to 75 % at most, and then shortened.
 fn fitted(text: &str, at: [f64; 2], width: f64, style: &Style) -> Text {
     fitted_at(text, at, width, style.font, style)
 }

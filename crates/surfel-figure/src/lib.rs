@@ -1,13 +1,13 @@
-//! Layout of figures: images in rows, with titles, legends, colour bars, scale bars and other marks, as PNG, SVG or
-//! PDF.
+//! Layout of figures: images in rows, with titles, legends, colour bars, scale bars and other marks. Figures are
+//! written as PNG, SVG or PDF.
 //!
 //! Modules, in reading order:
 //!
 //! 1. `figure`: [`Figure`], its panels, marks and keys: the content of a figure, without positions;
 //! 2. `layout`, `keys` and `marks`: [`Figure::layout`] places the content and returns a [`Drawing`];
-//! 3. `drawing`: a [`Drawing`] is a list of pictures, polygons, lines and texts;
-//! 4. `raster`, `svg` and `pdf`: [`Drawing::picture`], [`Drawing::svg`] and [`Drawing::pdf`] write the list. SVG and
-//!    PDF files contain the words as text.
+//! 3. `drawing`: a [`Drawing`] is a list of images, polygons, lines and texts at fixed positions;
+//! 4. `raster`, `svg` and `pdf`: [`Drawing::picture`], [`Drawing::svg`] and [`Drawing::pdf`] convert the list to a
+//!    file. SVG and PDF files contain the words as text.
 //!
 //! ```
 //! use surfel_figure::{Figure, Key, Panel, Picture, Style};
@@ -25,12 +25,12 @@
 //! ```
 //!
 //! # Font
-//! Text is set in Inter (SIL Open Font License 1.1, `fonts/OFL.txt`), of which `fonts/Inter-Regular-subset.ttf` has the
-//! Latin and Greek letters and mathematical signs. `fonts/subset.py` made it.
+//! Text is set in Inter (SIL Open Font License 1.1, `fonts/OFL.txt`). `fonts/Inter-Regular-subset.ttf` has its Latin
+//! and Greek letters and mathematical signs; `fonts/subset.py` made this subset.
 //!
 //! # Layer
-//! The crate has no terms of splatting, opens no file and depends on no other crate of Surfel. `surfel-app`
-//! fills its figures.
+//! The crate has no terms of splatting, opens no file and depends on no other crate of Surfel. `surfel-app` builds its
+//! figures.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

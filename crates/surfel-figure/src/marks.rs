@@ -1,10 +1,10 @@
-//! Marks over images: scale bars, axes, arrows, labels and lines.
+//! Layout of marks over images: scale bars, axes, arrows, labels and lines.
 
 use crate::drawing::{Anchor, Drawing, Item, Picture, Rect, Rgb, Text};
 use crate::figure::{Axis, Mark, Panel, Style};
 use crate::font;
 
-/// Lengths in ems.
+/// Distance of marks from the panel's border, in ems, as are all following lengths.
 const INSET: f64 = 0.9;
 const AXIS: f64 = 1.9;
 const AXIS_NAME: f64 = 0.6;
@@ -12,18 +12,18 @@ const ARROW: f64 = 2.2;
 const LINE: f64 = 0.12;
 const HALO: f64 = 0.12;
 const DOT: f64 = 0.22;
-/// Distance between a mark in a corner and the border of the image's content.
+/// Smallest distance between a mark in a corner and the outline of the image's content.
 const CLEARANCE: f64 = 0.25;
 /// Largest distance along each axis by which a mark moves away from that border, and the step of the search.
 const MOST_MOVE: f64 = 5.0;
 const MOVE: f64 = 0.25;
-/// Largest difference of levels, per channel, between the background and a pixel without content.
+/// Largest difference of levels, per channel, at which a pixel counts as background.
 const SAME_LEVELS: u8 = 24;
 /// Largest difference of levels, per channel, between the pixels of an area of one colour. The shades of one surface in
 /// soft light differ by less, and the colours of two classes by more.
 const ONE_COLOR_LEVELS: u8 = 48;
 
-/// Places the marks of a panel, whose image lies in the rectangle `at`.
+/// Places the marks of a panel, whose image is in the rectangle `at`.
 pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawing) {
     let marks = &panel.marks;
     let mut placer = Placer { panel: at, picture: panel.picture.as_deref(), style, drawing, taken: Vec::new() };
@@ -49,11 +49,11 @@ pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawin
 
 struct Placer<'a> {
     panel: Rect,
-    /// Image below the marks.
+    /// Image under the marks.
     picture: Option<&'a Picture>,
     style: &'a Style,
     drawing: &'a mut Drawing,
-    /// Areas of the panel's words and marks.
+    /// Areas already occupied by marks and their words.
     taken: Vec<Rect>,
 }
 
@@ -110,13 +110,13 @@ impl Placer<'_> {
         bounds
     }
 
-    /// Draws the border that sets a line off from the image.
+    /// Draws the halo that separates a line from the image.
     fn border(&mut self, points: Vec<[f64; 2]>, width: f64) {
         let (width, color) = (width + 2.0 * HALO * self.em(), self.style.halo());
         self.drawing.items.push(Item::Line { points, width, color });
     }
 
-    /// Draws a line with its border.
+    /// Draws a line with a halo.
     fn stroke(&mut self, points: Vec<[f64; 2]>, width: f64, color: Rgb) {
         self.border(points.clone(), width);
         self.drawing.items.push(Item::Line { points, width, color });
@@ -125,7 +125,7 @@ impl Placer<'_> {
     fn scale(&mut self, length: f64, label: &str) {
         let em = self.em();
         let (width, cap) = ((0.16 * em).max(1.0), 0.3 * em);
-        // The words may be wider than the bar.
+        // The label may be wider than the bar.
         let half = 0.5 * length.max(font::width(label) * em);
         let height = cap + (0.25 + font::ASCENT) * em;
         let lefts = [self.panel.at[0] + INSET * em, self.panel.end()[0] - INSET * em - 2.0 * half];
@@ -149,17 +149,17 @@ impl Placer<'_> {
         let inset = INSET * em * 0.6 + reach;
         let origin = [self.panel.end()[0] - inset, self.panel.end()[1] - inset];
         let mut order: Vec<&Axis> = axes.iter().collect();
-        // The farthest first.
+        // Axes are drawn from far to near.
         order.sort_by(|a, b| b.direction[2].total_cmp(&a.direction[2]));
         let width = (LINE * em).max(1.0);
         let tip_of = |axis: &Axis| [0, 1].map(|k| origin[k] + AXIS * em * axis.direction[k]);
-        // The border of an axis covers no other axis.
+        // Halos are drawn first, so that they cover no other axis.
         axes.iter().for_each(|axis| self.border(vec![origin, tip_of(axis)], width));
         for axis in order {
             let [x, y, _] = axis.direction;
             let (length, tip) = (x.hypot(y), tip_of(axis));
             self.drawing.items.push(Item::Line { points: vec![origin, tip], width, color: axis.color });
-            // An axis along the view has its name beside the origin.
+            // The name of an axis along the view is next to the origin.
             let away = if length > 0.05 { [x / length, y / length] } else { [-0.7, 0.7] };
             let name = [tip[0] + away[0] * AXIS_NAME * em, tip[1] + away[1] * AXIS_NAME * em];
             self.words(&axis.name, [name[0], name[1] + 0.5 * 0.545 * em], Anchor::Middle, axis.color);
@@ -240,7 +240,7 @@ impl Placer<'_> {
         self.take(bounds);
     }
 
-    /// Draws the parts of a polyline that lie within the panel.
+    /// Draws the parts of a polyline that are inside the panel.
     fn line(&mut self, points: &[[f64; 2]], color: Rgb) {
         let [x, y] = self.panel.at;
         let width = (LINE * self.em()).max(1.0);
@@ -295,14 +295,14 @@ fn has_one_color(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> b
     has_one && is_uniform(picture, panel, area, style)
 }
 
-/// Returns a polygon for a disk.
+/// Returns a polygon that approximates a disk.
 fn disk(center: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     const CORNERS: u32 = 24;
     let at = |i: u32| (f64::from(i) / f64::from(CORNERS) * std::f64::consts::TAU).sin_cos();
     (0..CORNERS).map(at).map(|(s, c)| [center[0] + radius * c, center[1] + radius * s]).collect()
 }
 
-/// Returns the part of a segment within a rectangle (Liang and Barsky 1984).
+/// Returns the part of a segment inside a rectangle (Liang and Barsky 1984); `None` if the segment misses it.
 fn clipped([a, b]: [[f64; 2]; 2], rect: Rect) -> Option<[[f64; 2]; 2]> {
     let (mut from, mut to) = (0.0_f64, 1.0_f64);
     for k in 0..2 {

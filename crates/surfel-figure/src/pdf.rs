@@ -1,4 +1,4 @@
-//! Drawings as PDF, with words as text in the embedded font.
+//! PDF output of drawings, with words as text in the embedded font.
 
 use crate::drawing::{Drawing, Item, Picture, Rgb, Text};
 use crate::font::{self, Segment};
@@ -19,16 +19,16 @@ const CID_FONT: Ref = Ref::new(6);
 const DESCRIPTOR: Ref = Ref::new(7);
 const FONT_FILE: Ref = Ref::new(8);
 const TO_UNICODE: Ref = Ref::new(9);
-/// Reference of the first image; each image takes two, its colours and its alpha.
+/// Object number of the first image. Each image takes two numbers, for its colours and its alpha.
 const FIRST_IMAGE: i32 = 10;
 
 const FONT_NAME: Name<'static> = Name(b"SURFEL+Inter-Regular");
 const SYSTEM: SystemInfo<'static> = SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"Identity"), supplement: 0 };
-/// Points per inch.
+/// PDF points per inch.
 const POINTS: f64 = 72.0;
 
 impl Drawing {
-    /// Writes the items as a PDF file with one page, of this number of pixels per inch.
+    /// Converts the drawing to a PDF file with one page, at `dpi` pixels per inch.
     pub fn pdf(&self, dpi: f64) -> Vec<u8> {
         let scale = POINTS / dpi;
         let [width, height] = self.size.map(|side| (f64::from(side) * scale) as f32);
@@ -60,12 +60,12 @@ impl Drawing {
         pdf.finish()
     }
 
-    /// Returns the page's operators. Coordinates are pixels with y down, which the first operator maps to points.
+    /// Returns the operators of the page. Coordinates are pixels with y down; the first operator maps them to points.
     fn content(&self, scale: f64) -> Vec<u8> {
         let mut content = Content::new();
         let (s, height) = (scale as f32, f64::from(self.size[1]) * scale);
         content.transform([s, 0.0, 0.0, -s, 0.0, height as f32]);
-        // Square ends and corners, as in the other formats.
+        // Line ends are square, and joins round.
         content.set_line_cap(pdf_writer::types::LineCapStyle::ProjectingSquareCap);
         content.set_line_join(pdf_writer::types::LineJoinStyle::MiterJoin);
         let [r, g, b, a] = self.background;
@@ -100,7 +100,7 @@ impl Drawing {
     }
 
     fn put_font(&self, pdf: &mut Pdf) {
-        // The first character of each glyph.
+        // First character of each glyph that is used.
         let mut used: BTreeMap<u16, char> = BTreeMap::new();
         for text in self.texts() {
             for c in text.text.chars() {
@@ -170,10 +170,10 @@ fn put_image(pdf: &mut Pdf, picture: &Picture, (colors, alpha): (Ref, Ref)) {
 fn put_text(content: &mut Content, text: &Text) {
     let glyphs: Vec<u8> = text.text.chars().flat_map(|c| font::glyph(c).0.to_be_bytes()).collect();
     let (lead, [x, y]) = (text.lead(), text.at);
-    // Letters have y up.
+    // Glyphs have y up.
     let matrix = if text.is_turned { [0.0, -1.0, -1.0, 0.0, x, y + lead] } else { [1.0, 0.0, 0.0, -1.0, x - lead, y] };
     if let Some(halo) = text.halo {
-        // As outlines, so that the words are in the file once.
+        // The halo is drawn as outlines, so that the words are in the file only once.
         stroke_color(content, halo);
         content.set_line_width((2.0 * raster::HALO) as f32);
         content.save_state().transform(halo_matrix(text));
@@ -185,14 +185,14 @@ fn put_text(content: &mut Content, text: &Text) {
     content.set_text_matrix(matrix.map(|c| c as f32)).show(Str(&glyphs)).end_text();
 }
 
-/// Returns the matrix from ems along the baseline to pixels.
+/// Returns the matrix that maps ems along the baseline to pixels.
 fn halo_matrix(text: &Text) -> [f32; 6] {
     let (s, lead, [x, y]) = (text.size, text.lead(), text.at);
     let matrix = if text.is_turned { [0.0, -s, s, 0.0, x, y + lead] } else { [s, 0.0, 0.0, s, x - lead, y] };
     matrix.map(|c| c as f32)
 }
 
-/// Adds the outlines of letters to the current path.
+/// Adds the outlines of glyphs to the current path.
 fn outline(content: &mut Content, segments: &[Segment]) {
     let mut at = [f64::NAN; 2];
     let point = |[x, y]: [f64; 2]| (x as f32, y as f32);
@@ -206,7 +206,7 @@ fn outline(content: &mut Content, segments: &[Segment]) {
         match *segment {
             Segment::Line(..) => content.line_to(x, y),
             Segment::Curve(_, middle, _) => {
-                // A quadratic curve as a cubic one.
+                // The quadratic curve is written as a cubic one.
                 let toward = |end: [f64; 2]| point([0, 1].map(|k| end[k] + 2.0 / 3.0 * (middle[k] - end[k])));
                 let ((x1, y1), (x2, y2)) = (toward(from), toward(to));
                 content.cubic_to(x1, y1, x2, y2, x, y)

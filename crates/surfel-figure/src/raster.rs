@@ -1,18 +1,18 @@
-//! Drawings as images of pixels.
+//! Raster output of drawings, as images and PNG files.
 
 use crate::drawing::{Drawing, Item, Picture, Rect, Rgb, Text};
 use crate::font::{self, Segment};
 use ab_glyph_rasterizer::{Point, Rasterizer, point};
 use png::{BitDepth, ColorType, Compression, Encoder, PixelDimensions, Unit};
 
-/// Number of copies of a text that form its halo.
+/// Number of shifted copies of a text that form its halo.
 const HALO_COPIES: u32 = 16;
-/// Width of a halo in ems.
+/// Width of a halo, in ems.
 pub(crate) const HALO: f64 = 0.11;
-/// Inches per metre.
+/// Number of inches per metre.
 const INCHES: f64 = 39.370_078_740_157_48;
 
-/// An image that is drawn upon.
+/// Image into which a drawing is rasterised.
 struct Canvas {
     size: [usize; 2],
     rgba: Vec<[u8; 4]>,
@@ -32,7 +32,7 @@ impl Canvas {
         *pixel = [mix(color[0], r), mix(color[1], g), mix(color[2], b), (255.0 * whole).round() as u8];
     }
 
-    /// Fills closed outlines whose holes run the other way around.
+    /// Fills closed outlines, whose holes run in the opposite direction.
     fn fill(&mut self, segments: &[Segment], color: Rgb) {
         let mut points = segments.iter().flat_map(|segment| match segment {
             Segment::Line(a, b) => [*a, *b, *b],
@@ -113,13 +113,13 @@ impl Canvas {
     }
 }
 
-/// Returns the outline of a polygon.
+/// Converts a polygon to an outline.
 fn outline(points: &[[f64; 2]]) -> Vec<Segment> {
     let next = points.iter().cycle().skip(1);
     points.iter().zip(next).map(|(a, b)| Segment::Line(*a, *b)).collect()
 }
 
-/// Returns the outline of a polyline with square ends and corners.
+/// Converts a polyline to an outline with square ends and corners.
 fn stroke(points: &[[f64; 2]], width: f64) -> Vec<Segment> {
     let half = 0.5 * width;
     let quads = points.windows(2).filter_map(|pair| {
@@ -139,7 +139,7 @@ fn stroke(points: &[[f64; 2]], width: f64) -> Vec<Segment> {
 }
 
 impl Drawing {
-    /// Draws the items as an image of one pixel per unit.
+    /// Rasterises the drawing to an image, with one pixel per unit.
     pub fn picture(&self) -> Picture {
         let size = self.size.map(|side| side as usize);
         let mut canvas = Canvas { size, rgba: vec![self.background; size[0] * size[1]] };
@@ -154,14 +154,14 @@ impl Drawing {
         Picture { size: self.size, rgba: canvas.rgba }
     }
 
-    /// Encodes the drawing as a PNG file, which states `dpi` pixels per inch if given. Returns no bytes for a
+    /// Encodes the drawing as a PNG file, which states `dpi` pixels per inch if given. The result is empty for a
     /// drawing without pixels.
     pub fn png(&self, dpi: Option<f64>) -> Vec<u8> {
         encode_png(&self.picture(), dpi)
     }
 }
 
-/// Encodes an image as PNG; opaque images have no alpha.
+/// Encodes an image as a PNG file; opaque images are stored without alpha.
 pub(crate) fn encode_png(picture: &Picture, dpi: Option<f64>) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = Encoder::new(&mut bytes, picture.size[0], picture.size[1]);
@@ -179,7 +179,7 @@ pub(crate) fn encode_png(picture: &Picture, dpi: Option<f64>) -> Vec<u8> {
     if written.is_ok() { bytes } else { Vec::new() }
 }
 
-/// Returns the samples of an image, with or without alpha.
+/// Returns the channel levels of an image, without alpha if `opaque` is true.
 pub(crate) fn bytes_of(picture: &Picture, opaque: bool) -> Vec<u8> {
     let count = if opaque { 3 } else { 4 };
     picture.rgba.iter().flat_map(|pixel| pixel.iter().copied().take(count)).collect()

@@ -1,16 +1,16 @@
-//! Drawings as SVG, with words as text and images embedded as PNG.
+//! SVG output of drawings, with words as text and images embedded as PNG.
 
 use crate::drawing::{Anchor, Drawing, Item, Rgb, Text};
 use crate::{font, raster};
 use std::fmt::Write as _;
 
 impl Drawing {
-    /// Writes the items as an SVG file with one CSS pixel per pixel of the drawing.
+    /// Converts the drawing to an SVG file, with one CSS pixel per pixel of the drawing.
     pub fn svg(&self) -> String {
         self.svg_at(None)
     }
 
-    /// Writes the items as an SVG file of this number of pixels per inch.
+    /// Converts the drawing to an SVG file. With `dpi` pixels per inch, its size is stated in millimetres.
     pub fn svg_at(&self, dpi: Option<f64>) -> String {
         let [width, height] = self.size;
         let side = |pixels: u32| match dpi {
@@ -116,7 +116,7 @@ fn color([r, g, b]: Rgb) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Escapes text for XML, which has no control characters.
+/// Escapes text for XML, and replaces control characters by spaces.
 fn escaped(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {

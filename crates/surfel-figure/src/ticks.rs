@@ -1,17 +1,17 @@
-//! Round numbers for axes and scale bars.
+//! Round numbers for the ticks of colour bars and for scale bars.
 
-/// Values that label a range, and their texts.
+/// Ticks of a range: round values and their labels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ticks {
-    /// Values, ascending, within the range.
+    /// Values of the ticks, in ascending order.
     pub values: Vec<f64>,
-    /// Text of each value, divided by 10 to the power of `exponent`.
+    /// Label of each value, which is divided by 10 to the power of `exponent`.
     pub labels: Vec<String>,
-    /// Common power of ten of all labels; 0 if the labels are the values.
+    /// Common power of ten by which the labels' values are divided; 0 for none.
     pub exponent: i32,
 }
 
-/// Exponents of ten of the largest value that are written out as digits.
+/// Exponents of ten of the largest value at which labels are written without a common factor.
 const WRITTEN: std::ops::RangeInclusive<i32> = -3..=5;
 
 /// Returns the smallest of 1, 2 and 5 times a power of ten that isn't less than `least`.
@@ -42,8 +42,8 @@ pub fn round_end(value: f64, count: usize) -> f64 {
 }
 
 impl Ticks {
-    /// Returns at least two and about `count` ticks at round values of a range. For a range that is empty, reversed or
-    /// infinite, returns its first end as the only tick.
+    /// Returns at least two and about `count` ticks at round values of a range. For an empty, reversed or infinite
+    /// range, the first end is the only tick.
     pub fn new([lo, hi]: [f64; 2], count: usize) -> Self {
         let is_usable = lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite();
         if !is_usable {
@@ -81,7 +81,7 @@ impl Ticks {
     }
 }
 
-/// Formats a number with a true minus sign.
+/// Formats a number with a minus sign (U+2212) instead of a hyphen.
 fn number(value: f64, decimals: usize) -> String {
     // Adding zero turns −0 into 0.
     format!("{:.decimals$}", value + 0.0).replace('-', "−")

@@ -11,17 +11,17 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
 
-/// Existing temporary files of this process.
+/// Paths of the temporary files that this process has created and not yet published or removed.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// Folders in which this process has looked for left-over temporary files.
+/// Folders that this process has already searched for left-over temporary files.
 static SEARCHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes all temporary files of this process and prevents new ones: for a program that is about to exit on a signal.
+/// Removes all temporary files of this process and prevents new ones. Call it before exiting on a signal.
 pub fn remove_temporary_files() {
     let mut files = temporary_files();
     files.drain(..).for_each(|path| drop(fs::remove_file(path)));
@@ -74,17 +74,18 @@ pub fn write_seekable(
     pending.publish()
 }
 
-/// Converts an error of writing a file's content. An [`IoError`] inside the [`io::Error`], of another file that the
-/// content is made from, is returned unchanged.
+/// Converts an error of writing the content of `path`. An [`IoError`] inside `source`, which names an input file of the
+/// content, is returned unchanged.
 fn unwritten(path: &Path, action: &'static str, source: io::Error) -> IoError {
     let system = |source| IoError::System { path: path.to_path_buf(), action, source };
     source.downcast::<IoError>().unwrap_or_else(system)
 }
 
-/// A file that is being written under a temporary name and appears when it is published. Dropping it removes the file.
+/// A file that is written under a temporary name and renamed by [`Pending::publish`]. Dropping it earlier removes the
+/// temporary file.
 #[derive(Debug)]
 pub struct Pending {
-    /// Sink of the content.
+    /// Buffered writer for the content.
     pub sink: BufWriter<File>,
     temporary: NamedTempFile,
     _registered: Registered,
@@ -122,7 +123,7 @@ impl Pending {
         self.temporary.path()
     }
 
-    /// Makes the complete file appear.
+    /// Completes the file: syncs the content and renames the temporary file to the target path.
     ///
     /// # Errors
     /// [`IoError::Exists`] if the file appeared meanwhile and may not be overwritten; [`IoError::System`] if the
@@ -144,8 +145,8 @@ impl Pending {
     }
 }
 
-/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program. After a
-/// kill, the next process that creates a temporary file in that folder removes it.
+/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program. If the
+/// process was killed, the next process that creates a temporary file in the folder removes it.
 #[derive(Debug)]
 pub struct Temporary {
     file: NamedTempFile,
@@ -210,8 +211,8 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     let mut files = temporary_files();
     loop {
         let file = temporary_in(folder)?;
-        // Without working locks nothing is removed, because removal needs a lock. With locks, another process may have
-        // locked the new file a moment before, taking it for a left-over one.
+        // Another process may just have locked the new file in order to remove it as a left-over one. Then another file
+        // is created. Where locks don't work, no process removes files, because removal needs a lock.
         let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
         if !taken && file.path().exists() {
             files.push(file.path().to_path_buf());
@@ -221,8 +222,8 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     }
 }
 
-/// Removes left-over temporary files when this process first writes to a folder. Listing the folder for every file
-/// would take time that grows with the square of the number of files.
+/// Removes left-over temporary files of a folder, once per folder and process. Listing the folder for every written
+/// file would take time that grows with the square of the number of files.
 fn remove_left_over_once(folder: &Path) {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
     if SEARCHED.lock().unwrap_or_else(PoisonError::into_inner).insert(absolute) {
@@ -230,9 +231,9 @@ fn remove_left_over_once(folder: &Path) {
     }
 }
 
-/// Removes temporary files in `folder` that killed writers left. The name must state a process of this host that has
-/// ended, or the file must be unchanged for [`names::OLD`]. A held lock protects the file. A free lock isn't
-/// sufficient: on some shared file systems locks are local to a host.
+/// Removes temporary files in `folder` whose writers were killed. The file's name must state a process of this host
+/// that has ended, or the file must be unchanged for [`names::OLD`]. A file that is locked is never removed. A free
+/// lock alone isn't sufficient: on some shared file systems locks are local to a host.
 fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let Some(name) = entry.file_name().to_str().and_then(Name::parse) else { continue };
@@ -254,8 +255,8 @@ fn publish(temporary: NamedTempFile, target: &Path, overwrite: bool) -> io::Resu
     if overwrite {
         temporary.persist(target)?;
     } else if let Err(failed) = temporary.persist_noclobber(target) {
-        // One of two writers succeeds, because publishing fails if the target exists. Some file systems don't support
-        // this.
+        // If another writer has created the target meanwhile, `persist_noclobber` fails, so that one of the two writers
+        // succeeds. File systems without support for this need the replacing rename below.
         if failed.error.kind() == io::ErrorKind::AlreadyExists {
             return Err(failed.error);
         }

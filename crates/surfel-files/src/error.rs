@@ -1,4 +1,4 @@
-//! Errors of reading and writing files, in terms of the file.
+//! Errors of reading and writing files. They name the file, and the position in it where possible.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -63,11 +63,11 @@ impl IoError {
     }
 }
 
-/// Action of [`IoError::System`] when reading.
+/// Value of `action` in [`IoError::System`] for a file that can't be read.
 pub const READ: &str = "read it";
-/// Action of [`IoError::System`] when writing.
+/// Value of `action` in [`IoError::System`] for a file that can't be written.
 pub const WRITE: &str = "write it";
-/// Action of [`IoError::System`] when writing a temporary file to a folder.
+/// Value of `action` in [`IoError::System`] for a folder in which no temporary file can be written.
 pub const WRITE_THERE: &str = "write a temporary file there";
 
 /// Display of paths in messages.
@@ -96,7 +96,7 @@ impl fmt::Display for ShownPath<'_> {
     }
 }
 
-/// True for characters that a terminal obeys instead of displaying.
+/// True for characters that a terminal obeys instead of displaying: control characters, and those that reverse text.
 pub fn is_obeyed(c: char) -> bool {
     let reverses = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     c.is_control() || reverses
@@ -127,7 +127,7 @@ impl fmt::Display for Location {
 /// Description of what is wrong with a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// Description of the fault.
+    /// Description of the fault, which follows the file's name in a message: "is no PLY file".
     pub what: String,
     /// The position in the file.
     pub location: Option<Location>,
@@ -184,7 +184,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// Error of a reader before the file's name is known: a problem of the content, or a violated rule of the model.
+/// Error of a reader, without the file's name: a problem of the content, or a violated rule of the model.
 #[derive(Debug)]
 pub enum Fault {
     /// Problem of the content.
@@ -199,7 +199,7 @@ impl From<Problem> for Fault {
     }
 }
 
-/// Returns the problem of a temporary file that can't be written. (Writing to memory never fails.)
+/// Returns the problem of unpacked data that can't be written to a temporary file.
 pub fn unwritable(error: std::io::Error) -> Problem {
     Problem::new(format!("can't be unpacked to a temporary file: {error}"))
 }
@@ -221,7 +221,7 @@ impl Fault {
         Self::Problem(problem)
     }
 
-    /// Adds the file's name.
+    /// Converts the fault to an error that names the file.
     pub fn of(self, path: &Path) -> IoError {
         let path = path.to_path_buf();
         match self {

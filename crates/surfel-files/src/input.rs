@@ -1,4 +1,4 @@
-//! Reading of whole files without trusting their size, and of the files that a file refers to.
+//! Reading of whole files within size limits, and of other files that a file refers to.
 
 use crate::error::{Fault, IoError, Problem, READ, unwritable};
 use std::cell::RefCell;
@@ -12,12 +12,12 @@ use std::rc::Rc;
 pub const MAX_BYTES: u64 = 64 << 30;
 /// Maximum number of bytes that are read from a source without a size, such as a pipe.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
-/// Limit of unpacked data: a number of bytes for any compressed file, plus a multiple of its size.
+/// Limit of unpacked data: `UNPACKED_BYTES` plus `UNPACKED_TIMES` times the size of the compressed file.
 const UNPACKED_BYTES: u64 = 64 << 20;
 const UNPACKED_TIMES: u64 = 64;
 
-/// Returns the maximum number of bytes that a compressed file of `bytes` bytes may unpack to. Real files stay far below
-/// it.
+/// Returns the maximum number of bytes that a compressed file of `bytes` bytes may unpack to. Ordinary files stay far
+/// below it.
 pub fn most_unpacked(bytes: usize) -> u64 {
     UNPACKED_BYTES + UNPACKED_TIMES * bytes as u64
 }
@@ -73,21 +73,21 @@ pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
 /// Access to the files that a file refers to: materials, textures, buffers.
 #[derive(Clone, Debug)]
 pub enum Siblings {
-    /// No access: the bytes have no path.
+    /// No access, for bytes in memory without a path.
     None,
     /// Access to a folder.
     Folder {
         /// The folder.
         path: PathBuf,
-        /// Canonical paths of the folder and of the folder that the named file, if it is a link, leads to. `None` if
-        /// files outside of them may be read, too.
+        /// Canonical paths of the two folders that may be read: the folder of the file's path and, if the path is a
+        /// link, the folder of the link's target. `None` allows files anywhere.
         inside: Option<[PathBuf; 2]>,
-        /// Files that were requested, whether they exist or not; shared by everything that is read with this access.
+        /// Files that were requested so far, whether they exist or not. Clones of this access share the set.
         asked: Rc<RefCell<BTreeSet<PathBuf>>>,
     },
 }
 
-/// Reason why a reference isn't followed.
+/// Reason why a reference to a file outside of the folder isn't followed.
 const OUTSIDE: &str = "it is outside of the file's folder, where only `allow_outside` reads";
 
 /// True if a relative path leads out of the folder that it starts in.
@@ -115,7 +115,7 @@ impl Siblings {
         Self::Folder { path: folder, inside, asked: Rc::default() }
     }
 
-    /// Returns the access for a file in a subfolder.
+    /// Returns the access for a file in the subfolder `folder`.
     pub fn below(&self, folder: &str) -> Self {
         let mut siblings = self.clone();
         if let Self::Folder { path, .. } = &mut siblings {

@@ -7,8 +7,9 @@
 //!    it ([`Location`]), what is wrong and what was expected ([`Problem`]);
 //! 2. [`atomic`]: [`atomic::write`] writes a temporary file that replaces the target once it is complete;
 //! 3. [`input`]: reads whole files up to a limit, and the files that a file refers to ([`input::Siblings`]);
-//! 4. [`RegularFile`]: a file that is read with seeking, of the system or of a host without one ([`HostFile`]);
-//! 5. [`lines`]: lines of a stream, up to a length;
+//! 4. [`RegularFile`]: a file that is read with seeking, from the file system or from a host such as a browser
+//!    ([`HostFile`]);
+//! 5. [`lines`]: lines of a stream, up to a maximum length;
 //! 6. [`programs`]: other programs, which never outlive this one;
 //! 7. [`ShowPath`]: paths in messages, with control characters escaped.
 //!

@@ -13,7 +13,8 @@ pub enum Line {
     TooLong,
 }
 
-/// Replaces `line` by the stream's next line, of which at most `longest` bytes and one are stored.
+/// Reads the stream's next line into `line`, replacing its contents. A line of more than `longest` bytes is too long:
+/// its first `longest` + 1 bytes are stored and the rest is skipped.
 ///
 /// # Errors
 /// Errors of the stream.

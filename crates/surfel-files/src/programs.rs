@@ -8,7 +8,7 @@ use std::time::Duration;
 /// Programs of this process that are running.
 static RUNNING: Mutex<Vec<Arc<Mutex<Child>>>> = Mutex::new(Vec::new());
 
-/// Interval at which the end of a program is looked for.
+/// Interval at which [`Program::wait`] checks if a program has ended.
 const TICK: Duration = Duration::from_millis(2);
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -22,8 +22,8 @@ fn kill(child: &Mutex<Child>) {
     let _ = child.wait();
 }
 
-/// Kills all running programs of this process and prevents new ones: for a program that is about to exit on a signal.
-/// Call it before [`remove_temporary_files`](crate::atomic::remove_temporary_files), since programs may create files.
+/// Kills all running programs of this process and prevents new ones. Call it before exiting on a signal, and before
+/// [`remove_temporary_files`](crate::atomic::remove_temporary_files), since programs may create files.
 pub fn kill_all() {
     let mut running = lock(&RUNNING);
     running.drain(..).for_each(|child| kill(&child));
@@ -47,12 +47,14 @@ impl Program {
         Ok(Self(child))
     }
 
-    /// Returns the pipe to the program's input, once, if it was requested.
+    /// Returns the pipe to the program's standard input. Returns `None` at the second call, or if the command requested
+    /// no pipe.
     pub fn stdin(&self) -> Option<ChildStdin> {
         lock(&self.0).stdin.take()
     }
 
-    /// Returns the pipe from the program's messages, once, if it was requested.
+    /// Returns the pipe from the program's standard error. Returns `None` at the second call, or if the command
+    /// requested no pipe.
     pub fn stderr(&self) -> Option<ChildStderr> {
         lock(&self.0).stderr.take()
     }

@@ -1,4 +1,4 @@
-//! Regular files that are read with seeking, of the system or of a host.
+//! Regular files that are read with seeking, from the file system or from a host program.
 //!
 //! WebAssembly in a browser has no file system. There the page registers a [`HostFile`], such as a file that a server
 //! offers by HTTP ranges, under a name. [`RegularFile::open`] then finds it like any other.
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::SystemTime;
 
-/// A file that a host reads in parts.
+/// A file that a host program, such as a web page, reads by ranges of bytes.
 pub trait HostFile: std::fmt::Debug + Send + Sync {
     /// Returns the length in bytes.
     fn file_bytes(&self) -> u64;
@@ -21,10 +21,11 @@ pub trait HostFile: std::fmt::Debug + Send + Sync {
     fn read_at(&self, at: u64, out: &mut [u8]) -> io::Result<()>;
 }
 
-/// The host's file and its name.
+/// The registered host file and its path.
 static HOST_FILE: RwLock<Option<(PathBuf, Arc<dyn HostFile>)>> = RwLock::new(None);
 
-/// Registers the host's only file, which replaces an earlier one. It hides a file of the system with the same path.
+/// Registers the host's only file under a path, in place of an earlier one; `None` removes it. The host file hides a
+/// file of the system with the same path.
 pub fn set_host_file(file: Option<(PathBuf, Arc<dyn HostFile>)>) {
     *HOST_FILE.write().unwrap_or_else(PoisonError::into_inner) = file;
 }
@@ -63,7 +64,7 @@ impl RegularFile {
         }
     }
 
-    /// Returns the time of the last change, where the system knows it.
+    /// Returns the time of the last change; `None` if the system doesn't report it.
     pub fn modified(&self) -> Option<SystemTime> {
         match &self.0 {
             Opened::System { modified, .. } => *modified,

@@ -1,31 +1,31 @@
-//! Detection of equal things side by side, so that estimates for a shape can be made from one of them.
+//! Detection of equal objects or parts next to each other. Estimates for all of them are then made from one.
 
 use crate::patches::Patches;
 use glam::DVec3;
 use surfel_model::Object;
 
-/// Largest number of objects, or parts of an object, that are compared.
+/// Largest number of objects, or of parts of an object, that are compared.
 const MOST: usize = 33;
-/// Largest nesting of parts within parts: rows of rows of rows.
+/// Largest nesting of equal parts: rows of rows of rows.
 const DEPTH: usize = 3;
-/// Least width of a gap between two parts, as a fraction of half the diagonal of the whole.
+/// Minimum width of a gap between two parts, as a fraction of half of the diagonal of the whole.
 const GAP: f64 = 0.01;
-/// Least fraction of the area that a part has.
+/// Minimum area of a part, as a fraction of the whole area.
 const PART: f64 = 0.02;
-/// Largest fraction of the area that smaller pieces, which aren't parts, may have.
+/// Largest total area of smaller pieces, which aren't parts, as a fraction of the whole area.
 const REST: f64 = 0.01;
-/// Largest difference in length between equal things, as a fraction of the larger scale.
+/// Largest difference in length between equal shapes, as a fraction of the larger scale.
 const LENGTHS: f64 = 0.04;
-/// Least fraction of one thing that must lie on the other's surface for them to be equal.
+/// Minimum fraction of each shape that must lie on the surface of the other for them to be equal.
 const SAME: f64 = 0.95;
-/// Largest number of cells per half diagonal when two things are compared.
+/// Largest number of grid cells per half diagonal for comparing two shapes.
 const CELLS: f64 = 16.0;
-/// Patches per cell that the grid aims at; small samples get fewer cells.
+/// Number of patches per cell for which the grid is designed. Small samples get fewer cells.
 const PATCHES_OF_CELLS: f64 = 6.0;
 
 impl Patches {
-    /// Returns the sample of the first object if all objects have equal shapes, or of one of several equal parts, else
-    /// `self`. A row of equal shapes then gets the same up axis and view as one of them.
+    /// Returns a sample of the first object if all objects have equal shapes, or of one of several equal parts.
+    /// Otherwise returns `self`. A row of equal shapes therefore gets the same up axis and view as a single one.
     pub fn one_of(self, objects: &[Object]) -> Self {
         if let [first, others @ ..] = objects
             && !others.is_empty()
@@ -41,7 +41,7 @@ impl Patches {
     }
 }
 
-/// Returns one of a shape's parts, if they are equal and separated by gaps along an axis; `None` otherwise.
+/// Returns one of a shape's parts if they are equal and separated by gaps along an axis, and `None` otherwise.
 pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
     let mut found: Option<Patches> = None;
     for _ in 0..DEPTH {
@@ -52,7 +52,7 @@ pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
     found
 }
 
-/// Returns one of a shape's equal parts, separated by gaps along axis `k`.
+/// Returns one of a shape's equal parts, if they are separated by gaps along axis `k`.
 fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     let reach = |number: usize| {
         let [s, t] = patches.all[number].axes;
@@ -82,16 +82,17 @@ fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     others.iter().all(|other| are_equal(first, other)).then(|| first.clone())
 }
 
-/// True if two samples have equal shapes, regardless of position.
+/// True if two samples have equal shapes, at any position.
 pub(crate) fn are_equal(a: &Patches, b: &Patches) -> bool {
     let lengths = [a, b].map(|patches| patches.extent() * patches.scale);
     let is_same_length = |k: usize| (lengths[0][k] - lengths[1][k]).abs() <= LENGTHS * a.scale.max(b.scale);
     (0..3).all(is_same_length) && share_on(a, b) >= SAME && share_on(b, a) >= SAME
 }
 
-/// Returns the fraction of a shape's area that lies on another's surface, within one cell, when their middles coincide.
+/// Returns the fraction of a shape's area that is on another shape's surface, to within one cell, when their centres
+/// coincide.
 fn share_on(of: &Patches, on: &Patches) -> f64 {
-    // Positions are at most 1 from the middle.
+    // Positions are at most 1 from the centre.
     const SIDE: usize = 2 * (CELLS as usize + 2) + 1;
     let fewer = of.all.len().min(on.all.len());
     let cells = (fewer as f64 / PATCHES_OF_CELLS).sqrt().min(CELLS);

@@ -1,4 +1,4 @@
-//! Camera framing: places a camera so that all of a scene fills the image.
+//! Camera framing: places a camera so that the scene fills the image.
 
 use crate::patches::Patches;
 use crate::strays::{Kind, Sphere, without_strays};
@@ -17,7 +17,7 @@ use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projecti
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
 
 impl ViewAxes {
-    /// Returns the axes of the view of `objects` that `choice` names.
+    /// Returns the axes of the view that `choice` selects. `objects` are needed for [`ViewChoice::Auto`].
     pub fn of_choice(choice: ViewChoice, objects: &[Object], up: Up) -> Self {
         match choice {
             ViewChoice::Auto => Self::turned(best_view(objects, up), up),
@@ -32,7 +32,7 @@ impl ViewAxes {
 pub enum FrameProjection {
     /// Perspective projection with this vertical field of view, in degrees between 0 and 180.
     Perspective(f64),
-    /// Parallel projection; framing chooses the view's height.
+    /// Orthographic projection. Framing chooses the height of the view.
     Orthographic,
 }
 
@@ -47,22 +47,22 @@ pub struct FrameOptions {
     pub size: [u32; 2],
     /// Fraction of the image's width or height that the scene fills, in (0, 1].
     pub fill: f64,
-    /// Axis through the scene's middle, a unit vector in world space. The scene also fits the image while it turns
-    /// about this axis. `None`: it doesn't turn.
+    /// Axis of a turntable through the scene's centre, a unit vector in world space. The scene then fits the image at
+    /// all angles. `None` if the scene doesn't turn.
     pub turning: Option<DVec3>,
 }
 
-/// Centring error at which iteration stops, as a fraction of half the image's height: one pixel of 1000.
+/// Centring error at which the iteration stops, as a fraction of half of the image's height: 1 pixel of 1000.
 const CENTRED: f64 = 0.002;
 /// Largest number of centring steps.
 const STEPS: usize = 4;
-/// Number of angles at which a turning scene must fit.
+/// Number of angles at which a turning scene must fit the image.
 const TURNS: u32 = 24;
 
-/// Minima over the scene of several linear functions of position.
+/// Minima of several linear functions of position over all splats of a scene.
 #[derive(Clone)]
 struct Support {
-    /// Gradients and their lengths.
+    /// Gradients of the functions, with their lengths.
     directions: Vec<(DVec3, f64)>,
     least: Vec<f64>,
 }
@@ -73,7 +73,8 @@ impl Support {
         Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
     }
 
-    /// Returns the minima over the splats whose centres `at` maps to a position; `None` skips a splat.
+    /// Returns the minima over a scene's splats. `at` maps a splat's centre to a position, or to `None` to skip the
+    /// splat.
     fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
         let add = |support: &mut Self, p: DVec3, splat: &Extent| {
             if at(p).is_none_or(|p| support.may_grow(p, splat)) {
@@ -87,17 +88,17 @@ impl Support {
         gathered(scene, &Self::new(directions), add, join)
     }
 
-    /// True if a splat at `p` may lower a minimum.
+    /// True if a splat with centre `p` may lower a minimum.
     fn may_grow(&self, p: DVec3, splat: &Extent) -> bool {
         let mut all = self.directions.iter().zip(&self.least);
         all.any(|((g, length), least)| g.dot(p) - length * splat.reach < *least)
     }
 
-    /// Lowers the minima by a splat at `p`.
+    /// Lowers the minima to include a splat with centre `p`.
     fn add(&mut self, p: DVec3, splat: &Extent) {
         for ((g, length), least) in self.directions.iter().zip(&mut self.least) {
             let middle = g.dot(p);
-            // Skips splats too far inside to matter, which most are.
+            // Most splats are too far inside to lower a minimum, and are skipped here.
             if middle - length * splat.reach < *least {
                 // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
                 let (s, t) = (splat.axes)();
@@ -109,22 +110,22 @@ impl Support {
 
 /// Extent of a splat about its centre, in world space.
 struct Extent<'a> {
-    /// Radius of a sphere about the centre that contains the splat.
+    /// Radius of a sphere around the centre that contains the splat.
     reach: f64,
     /// Half-axes of the splat; zero for a point.
     axes: &'a dyn Fn() -> (DVec3, DVec3),
-    /// Points on the outline of a clipped splat, used instead of the ellipse. Computing them is slow, so they are
-    /// evaluated only if the splat may matter.
+    /// Points on the outline of a clipped splat, which replace its ellipse. They are slow to compute, and are evaluated
+    /// only if the splat may matter.
     outline: Option<&'a Outline<'a>>,
 }
 
-/// Passes each point of an outline to a function.
+/// Function that passes each point of an outline to its argument.
 type Outline<'a> = dyn Fn(&mut dyn FnMut(DVec3)) + 'a;
 
 const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO), outline: None };
 
 impl Extent<'_> {
-    /// Calls `f` with the splat at `p` itself, or with each point of its outline if it is clipped.
+    /// Calls `f` with the splat with centre `p`, or with each point of its outline if it is clipped.
     fn parts(&self, p: DVec3, f: &mut dyn FnMut(DVec3, &Extent)) {
         match self.outline {
             Some(outline) => outline(&mut |q| f(q, &POINT)),
@@ -133,12 +134,12 @@ impl Extent<'_> {
     }
 }
 
-/// Calls `f` with the centre and extent of each splat of an object, in world space. Mesh vertices have zero extent.
-/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0. Gaussians are
-/// at most `longest` long.
+/// Calls `f` with the centre and the extent of each splat of an object, in world space. Mesh vertices have no extent.
+/// `range` is a range of splats or vertices. For an octree, the range that begins at 0 stands for all splats. The reach
+/// of Gaussians is limited to `longest`.
 fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
-    // Upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
+    // This is an upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
     let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
     let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
     let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
@@ -170,7 +171,7 @@ fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn F
         Geometry::Gaussians(gaussians) => {
             let opacities = &gaussians.data().opacities;
             let is_shown = |opacity: &f32| *opacity >= GaussianCloud::FAINT;
-            // If all Gaussians are faint, all of them count.
+            // If all Gaussians are faint, all of them are included.
             let are_faint = !opacities.iter().any(is_shown);
             for i in range.filter(|i| are_faint || is_shown(&opacities[*i])) {
                 let (s, t) = gaussians.ellipse(i);
@@ -193,19 +194,19 @@ fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn F
     }
 }
 
-/// Divisor of the number of Gaussians that gives the number of needles.
+/// Divisor of the number of Gaussians that gives the number of needles, which are extremely long Gaussians.
 const ONE_NEEDLE_IN: usize = 50;
 /// Largest number of Gaussians whose length is measured.
 const MEASURED: usize = 20_000;
 
-/// Returns the radius of a sphere about a Gaussian's centre that contains its ellipse.
+/// Returns the radius of a sphere around a Gaussian's centre that contains its ellipse.
 fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
     let (s, t) = gaussians.ellipse(i);
     (s.length_squared() + t.length_squared()).sqrt()
 }
 
-/// Returns the length of the Gaussians that are no needles. Needles are the longest 1 in 50. They would make the rest
-/// of a scene small, although they are seen only faintly far from their centres. Infinite for other geometry.
+/// Returns the largest reach of an object's Gaussians apart from needles, the longest 1 in 50; infinite for other
+/// geometry. Framing needles would make the scene small, although they are hardly visible far from their centres.
 fn longest(object: &Object) -> f64 {
     let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
     let step = gaussians.len().div_ceil(MEASURED).max(1);
@@ -214,8 +215,8 @@ fn longest(object: &Object) -> f64 {
     *all.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
-/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk starts with `none`, and `join` combines
-/// the chunk results in order.
+/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk begins with `none`. `join` combines the
+/// results of the chunks in order.
 fn gathered<T: Clone + Send + Sync>(
     scene: &Scene,
     none: &T,
@@ -236,12 +237,12 @@ fn gathered<T: Clone + Send + Sync>(
     scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
 
-/// Largest distance of an outline's points from the centre, relative to the ellipse (see [`outline`]).
+/// Largest distance of an outline's points from the centre, relative to the ellipse ([`outline`]).
 const OUTSIDE: f64 = 1.02;
 
-/// Returns points (u, v) just outside the kept part of a clip. On each of a set of rays from the centre, a point one
-/// step beyond the farthest kept position is moved outward by what neighbouring rays may miss. Empty if the clip keeps
-/// nothing.
+/// Returns points (u, v) slightly outside of the visible part of a clipped splat, one on each of several rays from the
+/// centre. A point is one step beyond the farthest visible position on its ray. It is moved outwards by the distance
+/// that neighbouring rays may miss. Returns no points if the clip removes the whole splat.
 fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
     const RAYS: u32 = 16;
     const STEPS: u32 = 16;
@@ -276,8 +277,7 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
-/// Returns the sphere around the scene without its stray points ([`without_strays`]); `None` if there are no stray
-/// points.
+/// Returns a sphere around a scene without its stray points ([`without_strays`]), or `None` if there are none.
 pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
     let mut sample = Vec::new();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
@@ -286,7 +286,7 @@ pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
     for object in &scene.objects {
         let len = object.geometry.len();
         if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
-            // All splats count, so the ones between samples needn't be visited.
+            // Each splat counts, so that the splats between samples needn't be visited.
             let first = index.next_multiple_of(step) - index;
             (first..len)
                 .step_by(step)
@@ -312,16 +312,16 @@ pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
     without_strays((&sample, total), Kind::of(&scene.objects), far)
 }
 
-/// Stray points that [`frame_camera`] leaves out of the frame.
+/// Statistics of the stray points that [`frame_camera`] excludes from the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOut {
-    /// Number of splats.
+    /// Number of stray splats.
     pub count: usize,
-    /// Distance of the farthest from the middle, relative to the radius of the framed sphere.
+    /// Distance of the farthest stray from the centre of the framed sphere, relative to the sphere's radius.
     pub times: f64,
 }
 
-/// Counts the stray points outside the framed sphere `kept`. Returns `None` if there are none.
+/// Counts the stray points outside of the framed sphere `kept`. Returns `None` if there are none.
 pub fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
     let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
         let times = p.distance(kept.middle) / kept.radius;
@@ -348,19 +348,23 @@ impl Len for Geometry {
     }
 }
 
-/// Places a camera that shows all of the scene, centred and as large as `options.fill` allows. It fits the ellipses
-/// themselves, not their bounding box. Returns `None` if the scene is empty.
+/// Places a camera so that the scene is centred and as large as `options.fill` allows. The ellipses themselves fit the
+/// image, not only their bounding box. Returns `None` if the scene is empty.
 ///
-/// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, and the farthest is at
-/// least 1.5 times as far out as the rest. Of Gaussians, at most 1 in 50 is a stray, and each is 1.5 times as far out
-/// as the rest. In other geometry, at most 1 point in 200 is a stray, and each is four times as far out as the rest.
+/// Stray points are ignored ([`crate::strays::without_strays`]):
+///
+/// - In clouds of splats, strays are isolated points, at most 1 in 25. The farthest is at least 1.5 times as far out as
+///   the rest.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each is 1.5 times as far out as the rest.
+/// - In other geometry, at most 1 point in 200 is a stray. Each is four times as far out as the rest.
+///
 /// The longest 1 in 50 Gaussians count as no longer than the next longest.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }
 
-/// Places a camera like [`frame_camera`], for the part of the scene inside the sphere `kept`. `None` frames the whole
-/// scene.
+/// Places a camera like [`frame_camera`], for the part of the scene inside of the sphere `kept`. `None` frames the
+/// whole scene.
 pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions) -> Option<Camera> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     let (lo, hi) = bounds(scene, keep)?;
@@ -369,7 +373,7 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     let [w, h] = options.size.map(f64::from);
     let fill = options.fill.clamp(0.01, 1.0);
 
-    // Tangents of the half-angles that the scene may fill; 0 reduces the four functions below to plain bounds.
+    // Tangents of the half-angles that the scene may fill. With 0, the first four functions below yield plain bounds.
     let slope = match options.projection {
         FrameProjection::Perspective(fov_y_deg) => (0.5 * fov_y_deg.to_radians()).tan() * fill,
         FrameProjection::Orthographic => 0.0,
@@ -391,7 +395,7 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     }
     let [a, b, c, d, z_first, z_last] = least;
     let (z_first, z_last) = (z_first, -z_last);
-    // Flat or tiny scenes still need a distance.
+    // Flat and tiny scenes need a positive distance, too.
     let size = (hi - lo).length().max(f64::MIN_POSITIVE.sqrt());
     let (x, y) = (0.5 * (b - a), 0.5 * (d - c));
     let (z, projection) = match options.projection {
@@ -424,21 +428,23 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
 }
 
-/// Largest extent of a scene toward one side of the image: its tangent, and the depth at which it occurs.
+/// Largest extent of a scene toward one side of the image, as a tangent, and the depth at which it occurs.
 #[derive(Clone, Copy)]
 struct Reach {
     tangent: f64,
     depth: f64,
 }
 
-/// Moves `eye` sideways so that the scene has nearly equal margins left and right, and above and below. The step
-/// assumes that the same splats stay outermost. Also returns the centring error before the step, as a tangent.
+/// Moves `eye` sideways so that the left and right margins become nearly equal, and the upper and lower ones, too. The
+/// step assumes that the outermost splats remain outermost. Also returns the centring error before the step, as a
+/// tangent.
 ///
-/// The step is needed because planes that meet at the eye fix only the two sides that limit its distance.
+/// The step is needed because only two sides of the image limit the distance of the eye. The margins at the other two
+/// sides may be unequal.
 fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) -> bool + Sync)) -> (DVec3, f64) {
     let ViewAxes { right, up, forward } = *axes;
     let across = [-right, right, -up, up];
-    // Upper bound, since most splats are too far inside to matter.
+    // This upper bound rejects most splats, which are too far inside to matter.
     let most = |direction: DVec3, q: DVec3, splat: &Extent| {
         let tangent = q.dot(direction) / q.dot(forward);
         tangent + splat.reach * (1.0 + tangent.abs()) / q.dot(forward)
@@ -453,8 +459,8 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
             if most(direction, q, part) <= farthest.tangent {
                 continue;
             }
-            // Tangent of the plane through eye and centre, and the distance that an ellipse p + u·s + v·t extends
-            // beyond it.
+            // This is the tangent of the plane through eye and centre, and the distance by which an ellipse p + u·s +
+            // v·t extends beyond the plane.
             let tangent = q.dot(direction) / depth;
             let (beyond, (s, t)) = (direction - forward * tangent, (part.axes)());
             let tangent = tangent + beyond.dot(s).hypot(beyond.dot(t)) / depth;
@@ -476,27 +482,27 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
     let join = |a: [Reach; 4], b: [Reach; 4]| std::array::from_fn(|k| farther(a[k], b[k]));
     let none = [Reach { tangent: f64::NEG_INFINITY, depth: 1.0 }; 4];
     let [left, on_right, below, above] = gathered(scene, &none, add, join);
-    // A sideways step moves everything the other way, nearer points by more.
+    // A sideways step moves all points in the opposite direction, and nearer points by more.
     let step = |a: Reach, b: Reach| (b.tangent - a.tangent) / (1.0 / a.depth + 1.0 / b.depth);
     let moved = eye + right * step(left, on_right) + up * step(below, above);
     let off = (on_right.tangent - left.tangent).abs().max((above.tangent - below.tangent).abs());
     if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
 }
 
-/// Returns the middle of the bounds of a scene's part inside a sphere, as [`frame_within`] centres it. Without a sphere
-/// it is the middle of all of the scene. `None` without objects.
+/// Returns the centre of the bounds of the part of a scene inside of a sphere, at which [`frame_within`] centres the
+/// image. `None` for the sphere selects the whole scene. Returns `None` if there is no geometry.
 pub fn center_within(scene: &Scene, kept: Option<Sphere>) -> Option<DVec3> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
-/// Returns the least and largest coordinates of the scene's splats; `None` without objects.
+/// Returns the minimum and maximum coordinates of the scene's splats, or `None` if there is no geometry.
 pub fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     bounds(scene, |_| true)
 }
 
 /// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.
-/// `None` without objects.
+/// Returns `None` if there is no geometry.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
     let (first, last) = (support.least[0], -support.least[1]);
@@ -505,33 +511,38 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
 
 /// Estimates the up axis of objects whose files don't state it, from their shape.
 ///
-/// The evidence, in this order:
-/// - map coordinates: two of 1e5 to 3e7 m and a third of at most 1e4 m, which is up;
+/// The evidence:
+///
+/// - map coordinates: two coordinates of 1e5 to 3e7 m, and a third of at most 1e4 m, which is up. They decide alone;
 /// - a base on which the objects rest stably, but not upside down;
 /// - terrain, a thin height field;
-/// - a mirror plane, in which the up axis lies.
+/// - a floor, according to stored normals of points;
+/// - orientations in which the objects would topple;
+/// - a mirror plane, which contains the up axis;
+/// - the capture of a depth camera.
 ///
-/// Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x only with
-/// strong evidence. At most 20,000 splats or triangles are sampled, always the same ones.
+/// Without evidence, the convention decides. Only coordinate axes are considered; x and negative axes need strong
+/// evidence. At most 20,000 splats or triangles are sampled, always the same ones.
 ///
-/// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with our own evidence beside
-/// it.
+/// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with additional evidence.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
     up_axis::upright(Patches::of(objects), |all| all.one_of(objects), convention)
 }
 
-/// Returns the view that shows most of the objects: the one with the highest viewpoint entropy and visible curvature of
-/// twelve candidates.
+/// Returns the best view of the objects: the one with the highest viewpoint entropy and visible curvature among twelve
+/// candidates.
 ///
-/// The candidates are 30° apart around the objects and 20° above the horizon; the best one is also tried from 40°
-/// above. Objects lower than 0.4 of their smaller width are viewed from 40° above, and lower than 0.22 of it, from 50°
-/// above.
+/// The candidates are 30° apart around the objects and 20° above the horizon. The best one is also compared with a view
+/// from 40° above. Objects lower than 0.4 of their smaller width are viewed from 40° above, and those lower than 0.22
+/// of it from 50° above.
 ///
-/// Three-quarter views win over slightly better straight ones, and front views over back views. The front is that of
-/// [`crate::NamedView::Front`], unless the objects are a mirror-symmetric body on feet. Such a body's front is at its
-/// taller end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the
-/// opening. Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are
-/// sampled, always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
+/// Three-quarter views are preferred to slightly better straight ones, and front views to back views. The front is that
+/// of [`crate::NamedView::Front`], unless the shape has a semantic front. A semantic front is at the head of an animal,
+/// opposite to a tail or a backrest, or at the toes of a figure. A room that is open on one side is viewed through the
+/// opening. Equal objects next to each other are viewed like one of them.
+///
+/// At most 20,000 splats or triangles are sampled, always the same ones. Objects with fewer than 24 get
+/// [`ViewAngles::ISO`].
 ///
 /// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
 /// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.
@@ -539,7 +550,7 @@ pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
     choose_view(objects, up).angles
 }
 
-/// Returns the view of [`best_view`] and the evidence that decided it.
+/// Returns the view of [`best_view`], and the reason for which it was chosen.
 pub fn choose_view(objects: &[Object], up: Up) -> ChosenView {
     viewpoint::choose_view(Patches::of(objects), |all| all.one_of(objects), up)
 }

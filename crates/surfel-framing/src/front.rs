@@ -1,6 +1,6 @@
 //! Detection of the semantic front of animals, seats and figures on two feet.
 //!
-//! Each entry of [`EVIDENCE`] votes for a direction with a weight. The direction with the largest total weight wins.
+//! Each entry of [`EVIDENCE`] votes for a direction, with a weight. The direction with the largest total weight wins.
 
 use crate::patches::{Patch, Patches};
 use crate::up_axis::{axis_of, leads, mirror, others, standing};
@@ -8,64 +8,64 @@ use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 use surfel_model::Up;
 
-/// Least fraction of the surface that an animal's or seat's mirror plane maps onto surface.
+/// Minimum fraction of the surface that the mirror plane of an animal or a seat maps onto the surface.
 const MIRRORED: f64 = 0.9;
-/// Least ratio of length to width of an animal.
+/// Minimum ratio of length to width of an animal.
 const LONGER: f64 = 1.25;
-/// Distance from the middle at which an end of a body begins, as a fraction of the half length.
+/// Distance from the centre at which an end of a body begins, as a fraction of the half length.
 const END: f64 = 0.4;
-/// Distance from the middle at which the tip of an end begins, as a fraction of the half length.
+/// Distance from the centre at which the tip of an end begins, as a fraction of the half length.
 const TIP: f64 = 0.8;
-/// Least lead in height of the head's end over the other, as a fraction of the body's height.
+/// Minimum difference in height between the end with the head and the other end, as a fraction of the body's height.
 const HIGHER: f64 = 0.15;
-/// Least height of the head's tip above the ground, as a fraction of the body's height.
+/// Minimum height of the tip of the head's end above the ground, as a fraction of the body's height.
 const CHIN: f64 = 0.35;
-/// Least ratio of length to width of a body with a tail.
+/// Minimum ratio of length to width of a body with a tail.
 const SLENDER: f64 = 2.0;
-/// Distance from the middle at which the tail begins, as a fraction of the half length.
+/// Distance from the centre at which the tail begins, as a fraction of the half length.
 const TAIL: f64 = 0.6;
 /// Largest height and width of a tail, as a fraction of the body's.
 const THIN_TAIL: f64 = 0.3;
-/// Height above which a seat has only its backrest, as a fraction of its height.
+/// Height above which a seat consists only of its backrest, as a fraction of the seat's height.
 const BACKREST: f64 = 0.65;
-/// Distance from the middle at which the backrest begins, as a fraction of the half length.
+/// Distance from the centre at which the backrest begins, as a fraction of the half length.
 const BEHIND: f64 = 0.3;
-/// Least ratio of height to length of a seat.
+/// Minimum ratio of height to length of a seat.
 const SEAT: f64 = 0.75;
 
 /// Stance of a standing figure.
 const STANDING: Stance = Stance { soles: 0.05, shins: (0.08, 0.16), off: 0.0 };
 /// Stance of a figure in mid-step.
 const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
-/// Largest gap between patches of one foot, as a fraction of the figure's height.
+/// Largest gap between patches of the same foot, as a fraction of the figure's height.
 const TOGETHER: f64 = 0.02;
 /// Largest length of a foot, as a fraction of the figure's height.
 const LONGEST_FOOT: f64 = 0.22;
-/// Least distance that toes extend forward, as a fraction of the figure's height.
+/// Minimum distance by which toes extend forward, as a fraction of the figure's height.
 const TOES: f64 = 0.015;
-/// Least fraction of the ground contact that both feet together make up, and each foot alone.
+/// Minimum fractions of the ground contact: of both feet together, and of each foot.
 const FEET: (f64, f64) = (0.9, 0.1);
-/// Fewest patches of ground contact.
+/// Minimum number of patches that touch the ground.
 const FEWEST: usize = 20;
 
-/// A weighted criterion for the direction that a shape faces.
+/// A weighted criterion for the direction in which a shape faces.
 struct Piece {
     weight: f64,
     direction: fn(&Patches, Up) -> Option<DVec3>,
 }
 
-/// All evidence. A backrest outweighs a head, which outweighs a tail. Toes have the least weight, so they decide only
-/// if nothing else does.
+/// All criteria. A backrest outweighs a head, and a head outweighs a tail. Toes have the smallest weight, so that they
+/// decide only if no other criterion does.
 const EVIDENCE: [Piece; 4] = [
     Piece { weight: 1.0, direction: away_from_backrest },
     Piece { weight: 0.6, direction: toward_head },
     Piece { weight: 0.3, direction: away_from_tail },
     Piece { weight: 0.2, direction: toes },
 ];
-/// Cosine from which two directions count as the same.
+/// Cosine above which two directions count as the same.
 const ALIKE: f64 = 0.7;
 
-/// Returns the horizontal unit vector toward which a shape faces; `None` if the shape gives no evidence.
+/// Returns the horizontal unit vector in which a shape faces, or `None` if there is no evidence.
 pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
     let found: Vec<(f64, DVec3)> =
         EVIDENCE.iter().filter_map(|piece| Some((piece.weight, (piece.direction)(patches, up)?))).collect();
@@ -92,7 +92,7 @@ fn away_from_tail(patches: &Patches, up: Up) -> Option<DVec3> {
     body.tail(forward, length, across)
 }
 
-/// A body that may have a front: its surface, up direction and height.
+/// Body that may have a front: its surface, up direction and height.
 struct Body<'a> {
     patches: &'a Patches,
     up: DVec3,
@@ -100,8 +100,8 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// Returns an animal or a seat: a shape on feet that is mirror-symmetric from left to right. Also returns the
-    /// direction of its length, that length, and the direction across.
+    /// Returns an animal or a seat: a shape on feet that is symmetric from left to right. Also returns the direction of
+    /// its length, the length, and the direction across.
     fn on_feet(patches: &'a Patches, up: Up) -> Option<(Self, DVec3, f64, DVec3)> {
         if !standing(patches, up).is_on_feet() {
             return None;
@@ -114,19 +114,20 @@ impl<'a> Body<'a> {
         Some((body, DVec3::AXES[along], extent[along], DVec3::AXES[across]))
     }
 
-    /// Returns the height above the ground, as a fraction of the whole height.
+    /// Returns the height of a patch above the ground, as a fraction of the body's height.
     fn height(&self, patch: &Patch) -> f64 {
         patch.position.dot(self.up) / self.height + 0.5
     }
 
-    /// Returns the heights above the ground of the patches at one end of a body, beyond the fraction `from` of the half
-    /// length.
+    /// Returns the heights above the ground of the patches at one end of a body. The end begins at the fraction `from`
+    /// of the half length.
     fn heights(&self, end: DVec3, length: f64, from: f64) -> impl Iterator<Item = f64> {
         let there = self.patches.all.iter().filter(move |p| p.position.dot(end) > from * 0.5 * length);
         there.map(|p| self.height(p))
     }
 
-    /// Returns the direction away from the backrest of a seat: its high parts are all at one end.
+    /// Returns the direction away from the backrest of a seat. A shape is a seat if all of its high parts are at one
+    /// end.
     fn backrest(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let high = || self.patches.all.iter().filter(|p| self.height(p) > BACKREST);
         let is_behind = |end: &DVec3| high().all(|p| p.position.dot(*end) > BEHIND * 0.5 * length);
@@ -139,12 +140,12 @@ impl<'a> Body<'a> {
         let top = |end: DVec3| self.heights(end, length, END).fold(f64::NEG_INFINITY, f64::max);
         let lead = top(forward) - top(-forward);
         let end = forward * lead.signum();
-        // A head is held up; the tall end of a car extends down to the ground.
+        // A head is above the ground, whereas the tall end of a car extends down to the ground.
         let chin = self.heights(end, length, TIP).fold(f64::INFINITY, f64::min);
         (lead.abs() > HIGHER && chin > CHIN).then_some(end)
     }
 
-    /// Returns the direction away from the end that is thin, if the other end isn't.
+    /// Returns the direction away from the thin end, if only one end is thin.
     fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
         let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
             let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);
@@ -164,7 +165,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// A cluster of patches in the ground plane: its bounds and number of patches.
+/// Cluster of patches projected onto the ground plane: its bounds and its number of patches.
 #[derive(Clone, Copy)]
 struct Spot {
     low: DVec2,
@@ -192,7 +193,7 @@ impl Spot {
     }
 }
 
-/// Dimensions of a figure on its feet, as fractions of its height.
+/// Dimensions of a figure on two feet, as fractions of its height.
 struct Stance {
     /// Height of the soles.
     soles: f64,
@@ -203,7 +204,7 @@ struct Stance {
 }
 
 impl Stance {
-    /// Returns the clusters that touch the ground with a sufficient fraction of all ground contact, and the number of
+    /// Returns the clusters of patches that form a large enough part of the ground contact, and the number of all
     /// patches in contact.
     fn feet(&self, figure: &Figure) -> (Vec<Spot>, usize) {
         let soles = figure.between(0.0, self.soles);
@@ -212,10 +213,10 @@ impl Stance {
     }
 }
 
-/// A shape that may be a figure on two feet; lengths are in units of its height.
+/// Shape that may be a figure on two feet. Lengths are in units of its height.
 struct Figure<'a> {
     body: Body<'a>,
-    /// The two horizontal axes.
+    /// Indices of the two horizontal axes.
     axes: [usize; 2],
 }
 
@@ -231,12 +232,12 @@ impl Figure<'_> {
     }
 }
 
-/// Returns the direction in which the toes of a figure on two feet point. Toes extend farther forward of the shins than
-/// heels extend backward.
+/// Returns the direction in which the toes of a figure on two feet point. Toes extend farther in front of the shins
+/// than heels extend behind them.
 fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
     let figure = Figure { body, axes: others(axis_of(up)) };
-    // In mid-step only one foot is on the ground.
+    // In mid-step, only one foot is on the ground.
     let stance = if STANDING.feet(&figure).0.len() == 1 { STEPPING } else { STANDING };
     let (feet, total) = stance.feet(&figure);
     let [left, right] = feet.try_into().ok()?;
@@ -257,7 +258,7 @@ fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     (forward.length() > TOES).then(|| toward.normalize())
 }
 
-/// Clusters points: points in the same or adjacent grid cells belong together.
+/// Groups points into clusters. Points in the same grid cell or in adjacent cells are in one cluster.
 fn spots(points: &[DVec2]) -> Vec<Spot> {
     let mut cells = BTreeMap::new();
     for &p in points {

@@ -2,11 +2,11 @@
 //!
 //! Main functions and types, in reading order:
 //!
-//! 1. [`patches::Patches`]: samples of the surfaces of all objects, on which every estimate is based;
-//! 2. [`strays`]: the sphere without stray points;
-//! 3. [`upright()`]: the up axis, with its [`UpReason`];
-//! 4. [`ViewChoice`] and [`ViewAxes`]: the side from which a scene is viewed, stated or chosen ([`ViewReason`]);
-//! 5. [`frame_camera`]: the camera ([`FrameOptions`]) that fills an image with the scene.
+//! 1. [`patches::Patches`]: sample of the surfaces of all objects, on which all estimates are based;
+//! 2. [`strays`]: detects stray points, and returns the sphere around the other ones;
+//! 3. [`upright()`]: estimates the up axis, and gives a reason ([`UpReason`]);
+//! 4. [`ViewChoice`] and [`ViewAxes`]: direction from which a scene is viewed, stated or chosen ([`ViewReason`]);
+//! 5. [`frame_camera`]: places a camera so that the scene fills the image ([`FrameOptions`]).
 //!
 //! ```
 //! use surfel_framing::{FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
@@ -22,8 +22,8 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies between `surfel-model`, whose objects it looks at, and `surfel-load`, which needs the up axis to
-//! colour by height. It opens no file and draws no image.
+//! The crate is between `surfel-model`, which defines the objects, and `surfel-load`, which needs the up axis for
+//! colours by height. It opens no file and draws no image.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -1,4 +1,4 @@
-//! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
+//! Sample of a scene's surface with a limited size, from which up axis and view are estimated in limited time.
 
 use crate::strays::{Kind, without_strays_of};
 use glam::DVec3;
@@ -7,38 +7,39 @@ use surfel_model::{GaussianCloud, Geometry, Object};
 
 /// Largest number of patches in a sample.
 pub const MOST: usize = 20_000;
-/// Fewest patches from which a shape can be estimated.
+/// Minimum number of patches from which a shape can be estimated.
 const FEWEST: usize = 24;
-/// A piece of surface. Lengths are in units of the sample's `scale`.
+/// Sampled piece of surface, an ellipse. Lengths are in units of the sample's `scale`.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
-    /// Centre relative to the sample's middle; its length is at most 1.
+    /// Centre, relative to the sample's `middle`. Its length is at most 1.
     pub position: DVec3,
     /// Unit outward normal.
     pub normal: DVec3,
-    /// Half-axes, enlarged so that the sampled patches still cover the surface.
+    /// Half-axes of the ellipse, enlarged so that the sampled patches still cover the surface.
     pub axes: [DVec3; 2],
-    /// Area of the ellipse with these half-axes, over π.
+    /// Area of the ellipse before it was enlarged, divided by π.
     pub area: f64,
-    /// Linear RGB.
+    /// Colour in linear RGB.
     pub color: [f32; 3],
-    /// True if the normal distinguishes outside from inside; a Gaussian's normal has an arbitrary sign.
+    /// True if the normal distinguishes outside from inside. False for a Gaussian, whose normal has an arbitrary sign.
     pub has_sides: bool,
-    /// True if the normal is stored in the file, not estimated from neighbouring points, and fits the points' layout.
+    /// True if the normal is stored in the file and fits the positions of the points; false if it is estimated from
+    /// neighbours.
     pub is_given: bool,
 }
 
-/// Least cosine between a disk's normal and its shading normal for the latter to fit the layout (20°).
+/// Smallest cosine between a disk's normal and its shading normal for which the stored normal fits the positions (20°).
 const FITS: f64 = 0.94;
 
 /// A sample of a scene's surface, without stray points.
 #[derive(Clone, Debug)]
 pub struct Patches {
-    /// The samples.
+    /// Patches of the sample.
     pub all: Vec<Patch>,
-    /// World position that the patches' positions are relative to: the middle of their bounds.
+    /// World-space origin of the patches' positions: the centre of the bounds of the patches.
     pub middle: DVec3,
-    /// World units per unit of the patches' lengths: half the diagonal of the bounds of their centres.
+    /// World units per unit of the patches' lengths: half of the diagonal of the bounds of their centres.
     pub scale: f64,
     /// Sum of the patches' areas.
     pub area: f64,
@@ -46,7 +47,7 @@ pub struct Patches {
     pub centroid: DVec3,
 }
 
-/// Hashes sample numbers, so that the sampling step never aligns with an order of the data.
+/// Returns a hash of a sample's number, so that sampling never aligns with an order of the data.
 fn scattered(i: u64) -> u64 {
     // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
     let z = (i ^ (i >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -54,7 +55,7 @@ fn scattered(i: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Counts the splats or triangles of a geometry.
+/// Returns the number of splats or triangles of a geometry.
 fn count(geometry: &Geometry) -> usize {
     match geometry {
         Geometry::Splats(cloud) => cloud.len(),
@@ -64,7 +65,8 @@ fn count(geometry: &Geometry) -> usize {
     }
 }
 
-/// Factor by which the axes of a sample's patches are grown.
+/// Returns the factor by which the half-axes of sampled patches are enlarged. `total` is the number of splats and
+/// triangles.
 fn growth(total: usize) -> f64 {
     (total as f64 / total.clamp(1, MOST) as f64).sqrt()
 }
@@ -76,7 +78,8 @@ impl Patches {
         growth(count(&object.geometry))
     }
 
-    /// Samples these objects; `None` if there are too few splats to estimate a shape, or their extent isn't finite.
+    /// Samples objects. Returns `None` if there are too few splats to estimate a shape, or if their extent isn't
+    /// finite.
     pub fn of(objects: &[Object]) -> Option<Self> {
         let total: usize = objects.iter().map(|o| count(&o.geometry)).sum();
         let wanted = total.min(MOST);
@@ -98,7 +101,7 @@ impl Patches {
         Self::normalised(all, Kind::of(objects))
     }
 
-    /// Returns a sample of some of the patches, by their indices.
+    /// Returns a sample of the patches with the given indices.
     pub fn some(&self, numbers: &[usize]) -> Option<Self> {
         let in_world = |number: &usize| {
             let p = self.all[*number];
@@ -137,7 +140,7 @@ impl Patches {
         Some(Self { centroid: patches.mean(|p| p.position), ..patches })
     }
 
-    /// Returns the area-weighted mean of a vector over the surface.
+    /// Returns the mean of a vector over the surface, weighted by area.
     pub fn mean(&self, of: impl Fn(&Patch) -> DVec3) -> DVec3 {
         self.all.iter().map(|p| of(p) * p.area).sum::<DVec3>() / self.area
     }
@@ -149,7 +152,7 @@ impl Patches {
     }
 }
 
-/// Adds the numbered splats or triangles of an object, in world space.
+/// Adds splats or triangles of an object, by their numbers, as patches in world space.
 fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all: &mut Vec<Patch>) {
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -196,14 +199,14 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
             for i in numbers {
                 let [a, b, c] = mesh.triangles[i].map(|v| mesh.positions.get(v as usize));
                 let color = mesh.colors.as_ref().map_or([1.0; 3], |c| c[mesh.triangles[i][0] as usize]);
-                // The ellipse of half the triangle's height about its centroid.
+                // The ellipse has its centre at the triangle's centroid, and a third of two edges as half-axes.
                 add((mesh.origin + (a + b + c) / 3.0, (b - a) / 3.0, (c - a) / 3.0), color, false);
             }
         }
     }
 }
 
-/// Returns a Gaussian's linear colour averaged over directions: its constant harmonic.
+/// Returns a Gaussian's linear colour, averaged over all directions, from its constant harmonic.
 fn color_of(gaussians: &GaussianCloud, i: usize) -> [f32; 3] {
     let constant = gaussians.coefficients(i).get(..1).unwrap_or_default();
     let color = gaussian::color(constant, [0.0; 3]);

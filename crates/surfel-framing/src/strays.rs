@@ -1,22 +1,22 @@
-//! Detection of stray points, which would make the rest of a scene small in its image.
+//! Detection of stray points. If they were framed, the rest of a scene would be small in its image.
 
 use glam::DVec3;
 use surfel_model::{Column3, Geometry, Object, PointCloud};
 use surfel_sample::{NoProgress, outliers};
 
-/// Kind of a scene's geometry, which decides what counts as a stray.
+/// Kind of a scene's geometry, which determines the criteria for stray points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// Clouds of splats, whose strays are isolated points.
+    /// Clouds of splats. Their stray points are isolated.
     Splats,
-    /// Trained Gaussians, which surround their scene with clumps and with haze that thins out.
+    /// Trained Gaussians. Their scene is surrounded by clumps, and by haze that becomes thinner outwards.
     Gaussians,
-    /// Anything else.
+    /// Other geometry, and scenes with several kinds.
     Other,
 }
 
 impl Kind {
-    /// Returns the kind of some objects.
+    /// Returns the kind of geometry of objects.
     pub fn of(objects: &[Object]) -> Self {
         let are_all = |is: fn(&Geometry) -> bool| objects.iter().all(|object| is(&object.geometry));
         if are_all(|geometry| matches!(geometry, Geometry::Splats(_))) {
@@ -28,7 +28,7 @@ impl Kind {
         }
     }
 
-    /// Returns the divisor of the number of points that gives the largest number of strays.
+    /// Returns N, where at most one point in N may be a stray.
     const fn one_in(self) -> usize {
         match self {
             Self::Splats => 25,
@@ -37,8 +37,9 @@ impl Kind {
         }
     }
 
-    /// Returns the ratio of the farthest stray's distance to the rest's, above which strays matter. In perspective,
-    /// points at 1.5 times the distance toward the eye make the rest less than half as high as the image.
+    /// Returns the ratio of distances above which strays matter: that of the farthest stray to that of the other
+    /// points. In perspective, points at 1.5 times the distance toward the eye make the rest less than half as high as
+    /// the image.
     const fn farther(self) -> f64 {
         match self {
             Self::Splats | Self::Gaussians => 1.5,
@@ -47,12 +48,12 @@ impl Kind {
     }
 }
 
-/// Factor on the radius of the sphere around the sampled points that aren't strays, so that the sphere also contains
-/// points that weren't sampled.
+/// Factor on the radius of the sphere around sampled points that aren't strays. The larger sphere also contains points
+/// that weren't sampled.
 const SLACK: f64 = 1.1;
-/// Number of points below which none is a stray.
+/// Minimum number of points for which stray points are detected.
 const FEWEST: usize = 200;
-/// Largest number of far points that are judged.
+/// Largest number of far points that are tested for isolation.
 const JUDGED: usize = 1000;
 
 /// Sphere in world space.
@@ -71,15 +72,16 @@ impl Sphere {
     }
 }
 
-/// Returns a sphere around a scene without its strays; `None` if there are no strays.
-/// `sample` is a selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that
-/// are farther than `distance` from `middle`.
+/// Returns a sphere around a scene without its stray points, or `None` if there are none. `sample` is a selection of
+/// the scene's `total` points. `far(middle, distance)` returns all points of the scene that are farther than `distance`
+/// from `middle`.
 ///
-/// - The strays of clouds of splats are at most 1 point in 25. Each is isolated by the criteria of
-///   [`outliers`], and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled
-///   points that aren't isolated, so no part of the surface is lost.
-/// - The strays of Gaussians are at most 1 in 50. Each is more than 1.5 times as far out as the others.
-/// - The strays of other geometry are at most 1 point in 200. Each is more than four times as far out as the others.
+/// - In clouds of splats, at most 1 point in 25 is a stray. All strays are isolated by the criteria of [`outliers`],
+///   and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled points that aren't
+///   isolated, so that no part of the surface is lost.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each is more than 1.5 times as far from the centre as the others.
+/// - In other geometry, at most 1 point in 200 is a stray. Each is more than four times as far from the centre as the
+///   others.
 pub fn without_strays(
     (sample, total): (&[DVec3], usize),
     kind: Kind,
@@ -106,7 +108,7 @@ pub fn without_strays(
     if far.len() * kind.one_in() > total {
         return None;
     }
-    // Far points may be sampled more densely than the others. Parts of the surface are then denser, too.
+    // Far points may be sampled more densely than the others. This only makes parts of the surface denser, too.
     let near = sample.iter().filter(|p| p.distance(middle) <= limit);
     let judged = near.chain(far.iter().step_by(far.len().div_ceil(JUDGED)));
     let relative: Vec<DVec3> = judged.map(|p| *p - middle).collect();
@@ -117,7 +119,7 @@ pub fn without_strays(
     (farthest > kind.farther() * radius).then_some(Sphere { middle, radius })
 }
 
-/// Returns the result of [`without_strays`] for a scene whose points are `all`.
+/// Returns the sphere around points without strays ([`without_strays`]). `all` has all points of the scene.
 pub fn without_strays_of(all: &[DVec3], kind: Kind) -> Option<Sphere> {
     let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
     without_strays((all, all.len()), kind, far)

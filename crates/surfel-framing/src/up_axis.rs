@@ -1,13 +1,13 @@
-//! Up-axis estimation from the shape of a scene.
+//! Estimation of the up axis from the shape of a scene.
 //!
-//! Each entry of [`EVIDENCE`] is a function that scores one axis, with a weight; negative weights count against the
-//! axis. An axis's total is the weighted sum minus the cost that the format's convention puts on that axis. The axis
+//! Each entry of [`EVIDENCE`] is a weighted function that scores an axis; negative weights count against it. An axis's
+//! total is the weighted sum of its scores, minus a cost that depends on the convention of the file format. The axis
 //! with the highest total wins. The entry that contributes most becomes the reported reason.
 //!
-//! The evidence follows Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3), who
-//! rate the planes that a shape can rest on by static stability, symmetry and support. Here the candidates are the six
-//! planes perpendicular to a coordinate axis. Other tilts aren't considered: files with a wrong up axis have y and z
-//! exchanged.
+//! The evidence follows Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3).
+//! They rate the planes on which a shape can rest by static stability, symmetry and support. Here, the candidates are
+//! the six planes perpendicular to a coordinate axis. Other tilts aren't considered, since files with a wrong up axis
+//! have y and z exchanged.
 
 use crate::patches::{Patch, Patches};
 use glam::{DVec2, DVec3};
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use surfel_model::Up;
 
-/// Evidence by which the up axis was determined, for a scene whose options don't state it.
+/// Reason why an axis is the up axis of a scene, if the options don't state the axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UpReason {
@@ -23,7 +23,7 @@ pub enum UpReason {
     Stated,
     /// The file format defines the up axis.
     Format,
-    /// Two coordinates are in the range of map coordinates; the third is height.
+    /// Two coordinates are in the range of map coordinates, so that the third is the height.
     Georeferenced,
     /// The shape rests stably on a base in this orientation and less stably upside down.
     Base,
@@ -31,13 +31,13 @@ pub enum UpReason {
     Ground,
     /// The points' own normals show a floor that faces this direction.
     Floor,
-    /// The shape would topple in other orientations: it is long and tapers at both ends, or is a plate.
+    /// The shape would topple in other orientations: it is long and tapers at both ends, or it is a plate.
     Lying,
     /// The shape is mirror-symmetric from left to right, and the up axis lies in its mirror plane.
     Mirrored,
-    /// The points are those that a depth camera sees, in its own coordinates.
+    /// The points are those that a depth camera captures, in the coordinates of the camera.
     Camera,
-    /// No evidence favours an axis, so the most common one is used: +y for meshes and splats, +z for points.
+    /// There is no evidence for an axis, so that the most common one is used: +y for meshes and splats, +z for points.
     Convention,
 }
 
@@ -58,16 +58,16 @@ impl fmt::Display for UpReason {
     }
 }
 
-/// An up axis and the reason it was chosen.
+/// Up axis, with the reason for which it was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Upright {
     /// The axis.
     pub up: Up,
-    /// The evidence that decided.
+    /// Evidence that contributed most.
     pub reason: UpReason,
 }
 
-/// Up axes that are common among files of a kind; sets what evidence an uncommon axis needs.
+/// Up axes that are common among files of a kind. An uncommon axis needs stronger evidence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UpConvention {
@@ -75,13 +75,13 @@ pub enum UpConvention {
     Meshes,
     /// Points: mostly +z, less often +y.
     Points,
-    /// STL: +z, as 3D printers use it; +y if the shape would otherwise clearly lie on its side.
+    /// STL: +z, as 3D printers use it; or +y if the shape would clearly lie on its side with +z up.
     Stl,
 }
 
 impl UpConvention {
-    /// Returns the convention for a file that held points (`points`) or not, in a format whose default up axis is
-    /// `default`.
+    /// Returns the convention for a file. `points` is true if it contains points, and `default` is the default up axis
+    /// of its format.
     pub fn of(points: bool, default: Up) -> Self {
         match (points, default) {
             (true, _) => Self::Points,
@@ -91,7 +91,8 @@ impl UpConvention {
         }
     }
 
-    /// Returns the score that an axis loses relative to the conventional one, in the order of [`Up::ALL`].
+    /// Returns the cost of each axis in the order of [`Up::ALL`], which is subtracted from the axis's score. It is 0
+    /// for the conventional axis.
     const fn costs(self) -> [f64; 6] {
         match self {
             Self::Meshes => [0.6, 0.9, 0.0, 0.7, 0.2, 0.7],
@@ -115,94 +116,95 @@ impl UpConvention {
     }
 }
 
-/// Magnitude of map coordinates in metres: UTM, Gauss–Krüger, national grids and Web Mercator away from its origin.
+/// Range of magnitudes of map coordinates in metres: UTM, Gauss–Krüger, national grids, and Web Mercator away from its
+/// origin.
 const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
 /// Largest magnitude of a height above sea level, in metres.
 const MOST_HEIGHT: f64 = 1e4;
-/// Thickness of the layer of points that touch the ground: a fraction of the height, and a minimum in half diagonals of
-/// the bounds.
+/// Thickness of the lowest layer, whose points count as touching the ground: fraction of the height, and minimum in
+/// half diagonals of the bounds.
 const CONTACT: (f64, f64) = (0.02, 0.004);
-/// Least cosine between the up axis and the normal of a facet that counts as a level base.
+/// Smallest cosine between the up axis and the normal of a patch that counts as part of a level base.
 const LEVEL: f64 = 0.95;
-/// Number of grid cells along each side of the footprint, for measuring how much of it is base.
+/// Number of grid cells along each side of the footprint, for measuring the area of the base.
 const FOOTPRINT: usize = 24;
-/// Largest number of voxels per half diagonal when mirror images are compared.
+/// Largest number of voxels per half diagonal for comparing a shape with its mirror image.
 const VOXELS: f64 = 20.0;
-/// Patches per voxel that the grid aims at; small samples get fewer voxels.
+/// Number of patches per voxel for which the grid is designed. Small samples get fewer voxels.
 const PATCHES_OF_VOXELS: f64 = 6.0;
-/// Limits of stability: the distance of the centroid from the hull's rim, over the centroid's height. From the first
-/// value on a shape counts as partly stable, from the second as fully stable.
+/// Range over which stability increases from 0 to 1. The measure is the distance of the centroid from the support
+/// hull's rim, divided by the centroid's height.
 const STEADY: (f64, f64) = (0.04, 0.14);
 /// Largest score that feet at the corners of the footprint add to a base.
 const FEET_WEIGHT: f64 = 0.7;
-/// Fraction of the footprint's hull that the hull of the feet covers: at the first value feet start to score, at the
-/// second they score fully.
+/// Range over which feet score increasingly, from nothing to [`FEET_WEIGHT`]: area of the feet's hull as a fraction of
+/// the footprint's hull.
 const CORNERS: (f64, f64) = (0.5, 0.8);
-/// Fraction of the footprint above which the top is a tabletop.
+/// Fraction of the footprint that the top must fill to count as a tabletop.
 const TABLE: f64 = 0.85;
-/// Terrain: least cosine between its normals and the up axis (60°), and largest thickness as a fraction of its smaller
-/// width. A surface of which at least half is exactly level isn't terrain but a drawing.
+/// Criteria for terrain: smallest cosine between its normals and the up axis (60°), and largest thickness as a fraction
+/// of its smaller width. A surface of which at least half is exactly level is a drawing, not terrain.
 const GROUND: (f64, f64) = (0.5, 0.35);
 /// Cosine of the largest tilt of terrain from the axis (30°).
 const LEANING: f64 = 0.866;
-/// Weight of terrain; a base scores at most 1.5 (hull plus half of the footprint's fill).
+/// Weight of terrain as evidence. For comparison, a base scores at most 1.5 (hull plus half of the footprint's fill).
 const GROUND_WEIGHT: f64 = 0.8;
-/// Weight of a floor.
+/// Weight of a floor as evidence.
 const FLOOR_WEIGHT: f64 = 1.2;
-/// Fraction of the surface that faces up near the bottom: at the first value it starts to count as a floor, at the
-/// second it fully does.
+/// Range over which a floor counts increasingly, from not at all to fully: fraction of the surface that faces up near
+/// the bottom.
 const FLOOR: (f64, f64) = (0.08, 0.16);
-/// Least cosine between a floor's normals and the up axis.
+/// Smallest cosine between a floor's normals and the up axis.
 const FLOOR_COS: f64 = 0.9;
-/// Fraction of the surface whose stored normals must fit the points' layout before they are used to detect floors.
+/// Fraction of the surface whose stored normals must match the estimated ones. Otherwise, floors aren't detected.
 const FITTING: f64 = 0.8;
-/// Height below which a floor lies, as a fraction of the whole height.
+/// Largest height of a floor above the lowest point, as a fraction of the whole height.
 const LOW: f64 = 0.25;
-/// Fraction of a thin surface that faces up: at the first value it starts to count as terrain, at the second it fully
-/// does.
+/// Range over which a thin surface counts increasingly as terrain, from not at all to fully: fraction of the surface
+/// that faces up.
 const ABOVE: (f64, f64) = (0.5, 0.7);
 /// Largest fraction of a thin surface that may face down.
 const BELOW: f64 = 0.05;
-/// Lead of the best mirror plane's score over the next one: at the first value it starts to count, at the second it
-/// counts fully.
+/// Range over which a mirror plane counts increasingly, from not at all to fully: lead of its score over the next
+/// plane's.
 const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
-/// Least extent across a mirror plane, in half diagonals. Thinner shapes mirror onto the same voxels in any case.
+/// Smallest extent across a mirror plane, in half diagonals. A thinner shape always maps onto the same voxels.
 const THIN: f64 = 0.33;
-/// Fraction of the surface that a mirror plane must map onto surface: at the first value it starts to count, at the
-/// second it counts fully. Among scans some plane is always the best.
+/// Range over which a mirror plane counts increasingly, from not at all to fully: fraction of the surface that it maps
+/// onto the surface. The limits exclude scans, for which some plane is always slightly better than the others.
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
-/// Ratio of length to the larger width from which a shape that tapers at both ends counts as lying.
+/// Ratio of the length to the larger width above which a shape that tapers at both ends counts as lying.
 const LONG: f64 = 1.75;
-/// Tenths of the length that make up the middle of a shape.
+/// Middle part of a shape, in tenths of its length.
 const MIDDLE: std::ops::Range<usize> = 2..8;
-/// Largest cross-section of a tapered end, as a fraction of the middle's. The ends of a post are as thick as its
-/// middle, apart from an arm or a lamp.
+/// Largest cross-section of a tapered end, as a fraction of the middle's. It excludes posts, which may be thicker in
+/// the middle because of an arm or a lamp.
 const TAPERED: f64 = 0.5;
-/// Weight of what a depth camera sees. It exceeds that of a floor, which a depth camera may see as well.
+/// Weight of a depth camera as evidence. It exceeds that of a floor, which a depth camera may also capture.
 const CAMERA_WEIGHT: f64 = 1.6;
-/// Largest tangents of the angles between a depth camera's axis and its points, to the sides and up or down: those of
-/// 75°×65°, the widest usual one, and a margin.
+/// Largest tangents of the angles between a depth camera's axis and its points: horizontally and vertically. The widest
+/// usual field of view, 75°×65°, plus a margin.
 const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
-/// Least extent of the points of a depth camera, as a tangent: further away, any shape is within the field of view.
+/// Smallest extent of a depth camera's points, as a tangent. Farther away, any shape is within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
-/// Least fraction of the patches that lie within the field of view of a depth camera; others are strays.
+/// Smallest fraction of the patches that must be within a depth camera's field of view; the others are strays.
 const WITHIN_VIEW: f64 = 0.995;
-/// Length of the mean of stored normals, along the axis that a camera looks along: at the first value they start to
-/// count as facing the camera, at the second they fully do.
+/// Range over which stored normals count increasingly as facing the camera, from not at all to fully: length of their
+/// mean along the camera's axis.
 const FACING_CAMERA: (f64, f64) = (0.5, 0.7);
-/// Fewest patches from which a depth camera can be detected. The directions of fewer are so far apart that a closed
-/// shape seems to have one surface in each.
+/// Minimum number of patches for detecting a depth camera. Fewer patches are so far apart in direction that a
+/// watertight shape seems to have only one surface per direction.
 const LEAST_SEEN: usize = 500;
-/// Patches per cell that the grid of directions aims at.
+/// Number of patches per cell for which the grid of directions is designed.
 const PATCHES_OF_DIRECTIONS: f64 = 8.0;
-/// Distance between two surfaces in one direction, in widths of its cell of the grid.
+/// Smallest distance between two surfaces in one direction, in widths of the direction's grid cell.
 const LAYERS_APART: f64 = 5.0;
-/// Fraction of directions in which the eye sees two surfaces: up to the first value a depth camera fully counts, from
-/// the second on not at all. Each outline of a depth image has a few such directions.
+/// Range over which a depth camera counts decreasingly, from fully to not at all: fraction of directions with two
+/// surfaces. A few directions at each outline of a depth image have two.
 const LAYERED: (f64, f64) = (0.25, 0.45);
 /// Largest [`Standing::rest`] of a shape that topples.
 const FALLS: f64 = 0.15;
-/// Least [`Standing::rest`] on both faces of a plate that lies flat.
+/// Smallest [`Standing::rest`], on both faces, of a plate that lies flat.
 const LIES: f64 = 1.0;
 
 /// A weighted criterion for or against an axis.
@@ -210,11 +212,12 @@ struct Piece {
     reason: UpReason,
     weight: f64,
     measure: fn(&Shape, Up) -> f64,
-    /// Score beyond which this evidence is reported as the reason; negative for evidence against the other axes.
+    /// Score beyond which this criterion is reported as the reason. Negative for criteria that count against other
+    /// axes.
     decides: f64,
 }
 
-/// All evidence, strongest kind first. An axis scores the sum of the measurements times their weights.
+/// All criteria, strongest kind first. The score of an axis is the sum of the measurements times their weights.
 const EVIDENCE: [Piece; 6] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
@@ -230,8 +233,9 @@ impl Piece {
     }
 }
 
-/// Estimates the up axis of a scene whose files don't state it: from map coordinates of the whole scene, else from the
-/// shape of the part that `one_of` selects. Deterministic, and its time doesn't grow with the data.
+/// Estimates the up axis of a scene whose files don't state it. Map coordinates of the whole scene decide first, and
+/// then the shape of the part that `one_of` selects. The result is deterministic, and the time doesn't grow with the
+/// data.
 pub(crate) fn upright(
     all: Option<Patches>,
     one_of: impl FnOnce(Patches) -> Patches,
@@ -254,7 +258,7 @@ pub(crate) fn upright(
     Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
-/// Returns the height axis if the two other coordinates are in the range of map coordinates.
+/// Returns the height axis, if the other two coordinates are in the range of map coordinates.
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
@@ -269,24 +273,24 @@ pub(crate) fn others(k: usize) -> [usize; 2] {
     [(k + 1) % 3, (k + 2) % 3]
 }
 
-/// Returns the axis of an up direction, 0 to 2.
+/// Returns the index of an up direction's coordinate axis, 0 to 2.
 pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
 }
 
-/// Support of a shape on its lowest points, for one up axis.
+/// Support of a shape by its lowest points, for one up axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Standing {
-    /// Area of the hull of the points that touch the ground, as a fraction of the footprint's hull.
+    /// Area of the convex hull of the points that touch the ground, as a fraction of the footprint's hull.
     hull: f64,
-    /// Fraction of the footprint that is a level base.
+    /// Area of the level base, as a fraction of the footprint's hull.
     fill: f64,
-    /// Stability: 0 if the shape would topple, 1 if it is stable.
+    /// Stability, from 0 (the shape would topple) to 1 (it is stable).
     steady: f64,
 }
 
 impl Standing {
-    /// Scores how well the shape rests, 0 to 1.5.
+    /// Scores how well the shape rests on its lowest points, from 0 to 1.5.
     fn rest(self) -> f64 {
         self.steady * (self.hull + 0.5 * self.fill)
     }
@@ -302,28 +306,30 @@ impl Standing {
     }
 }
 
-/// Measurements of a shape that the evidence is computed from.
+/// Measurements of a shape from which the evidence is computed.
 #[derive(Debug)]
 struct Shape {
-    /// Support with each of [`Up::ALL`] up.
+    /// Support of the shape for each up axis of [`Up::ALL`].
     standing: [Standing; 6],
-    /// Fraction of the surface that maps onto surface when mirrored at the centroid, per axis.
+    /// Fractions of the surface, one per axis, that are mapped onto the surface when the shape is mirrored at its
+    /// centroid.
     mirror: [f64; 3],
     /// Lengths along the axes, in half diagonals.
     extent: [f64; 3],
-    /// The same without the few parts that stand out far, such as the wires over a street.
+    /// Lengths like `extent`, without the influence of a few far parts, such as wires over a street.
     breadth: [f64; 3],
-    /// True if the shape is thinner at both ends than in its middle, per axis.
+    /// Flags, one per axis, true if the shape is thinner at both ends than in its middle.
     tapers: [bool; 3],
-    /// True if the shape looks like terrain over this axis.
+    /// Flags, one per axis, true if the shape looks like terrain above the plane perpendicular to the axis.
     ground: [bool; 3],
-    /// Evidence of a floor with each of [`Up::ALL`] up, 0 to 1; zero unless points have stored normals.
+    /// Evidence of a floor for each up axis of [`Up::ALL`], 0 to 1. Zero unless points have stored normals.
     floors: [f64; 6],
-    /// Evidence of a depth camera whose up axis is −y and +y, 0 to 1; zero for other files than points.
+    /// Evidence, 0 to 1, of a depth camera whose up axis is −y, and of one whose up axis is +y. Zero unless the file
+    /// has points.
     camera: [f64; 2],
-    /// Mean normal; a component is negative if the surface mostly faces down that axis.
+    /// Mean normal. A component is negative if the surface mostly faces down the axis.
     facing: DVec3,
-    /// True if a shape with two large faces counts as lying, as 3D printers and mills make it. In other formats a plate
+    /// True if plates count as lying, which holds for files of 3D printers and mills (STL). In other formats, a plate
     /// may hang on a wall.
     plates_lie: bool,
 }
@@ -351,30 +357,30 @@ impl Shape {
         }
     }
 
-    /// Scores how much better the shape rests on this side than on the opposite one, 0 to 2.2.
+    /// Scores how much better the shape rests with `up` than upside down, from 0 to 2.2.
     fn base(&self, up: Up) -> f64 {
         let sides = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
-        // Walls above a floor look like bases.
+        // Walls above a floor resemble bases, so that a floor reduces the score.
         base(sides, is_negative(up)) * (1.0 - self.floors.into_iter().fold(0.0, f64::max))
     }
 
-    /// Returns 1 if the shape spreads out as terrain does, else 0.
+    /// Returns 1 if the shape is extended horizontally, like terrain, and 0 otherwise.
     fn ground(&self, up: Up) -> f64 {
         let k = axis_of(up);
         if self.ground[k] && !is_negative(up) && self.facing[k] >= 0.0 { 1.0 } else { 0.0 }
     }
 
-    /// Returns the weighted excess of terrain evidence over floor evidence for this direction.
+    /// Returns the evidence of terrain, reduced by the weighted evidence of a floor.
     fn ground_beyond_floor(&self, up: Up) -> f64 {
         (self.ground(up) - FLOOR_WEIGHT / GROUND_WEIGHT * self.floor(up)).max(0.0)
     }
 
-    /// Returns the evidence of a floor that faces this direction, 0 to 1.
+    /// Returns the evidence of a floor that faces in the direction `up`, 0 to 1.
     fn floor(&self, up: Up) -> f64 {
         self.floors[up as usize]
     }
 
-    /// Returns the evidence of a depth camera that has this direction up, 0 to 1.
+    /// Returns the evidence of a depth camera whose up direction is `up`, 0 to 1.
     fn camera_up(&self, up: Up) -> f64 {
         match up {
             Up::MinusY => self.camera[0],
@@ -383,12 +389,12 @@ impl Shape {
         }
     }
 
-    /// Returns 1 if this axis is perpendicular to the best mirror plane, so that it isn't up.
+    /// Scores the evidence, 0 to 1, that this axis is perpendicular to the best mirror plane, and therefore isn't up.
     fn is_mirror_axis(&self, up: Up) -> f64 {
         self.leads(axis_of(up))
     }
 
-    /// Returns 1 if the shape would topple in this orientation, else 0.
+    /// Returns 1 if the shape would topple in this orientation, and 0 otherwise.
     fn topples(&self, up: Up) -> f64 {
         let k = axis_of(up);
         let [u, v] = others(k);
@@ -408,7 +414,8 @@ impl Shape {
         leads(self.mirror, self.breadth, k)
     }
 
-    /// Returns the strongest evidence for an axis, or else the first criterion that rules out other axes.
+    /// Returns the reason of the strongest evidence for an axis. Without any, returns that of the first criterion that
+    /// rules out other axes.
     fn reason(&self, up: Up) -> Option<UpReason> {
         let strongest = EVIDENCE
             .iter()
@@ -425,7 +432,7 @@ fn is_negative(up: Up) -> bool {
     up.vector()[axis_of(up)] < 0.0
 }
 
-/// Scores how clearly the mirror plane across axis `k` is better than the two others, 0 to 1.
+/// Scores how clearly the mirror plane across axis `k` is better than the other two planes, from 0 to 1.
 pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     let [u, v] = others(k);
     let lead = mirror[k] - mirror[u].max(mirror[v]);
@@ -433,26 +440,26 @@ pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     if extent[k] > THIN { share * smoothstep(MIRROR_LEAD.0, MIRROR_LEAD.1, lead) } else { 0.0 }
 }
 
-/// Scores the base on one side against the opposite side, 0 to 2.2; `negative` if the axis points in a negative
-/// direction.
+/// Scores the base on one side compared with the opposite side, from 0 to 2.2. `negative` is true if the up axis points
+/// in a negative direction.
 fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
     let [positive, other] = if negative { [opposite, here] } else { [here, opposite] };
-    // A table rests well on its top, and a bowl on its rim. Files store both upright.
+    // A table also rests stably on its top, and a bowl on its rim. Files store both upright.
     let table = positive.is_on_feet() && other.fill > TABLE;
     let vessel = positive.is_on_base() && other.is_on_feet();
-    // Feet at the corners are made for standing on. A chair rests on its back as well.
+    // Feet at the corners indicate the side to stand on. A chair also rests stably on its back.
     let chair = !negative && !vessel && here.is_on_feet() && !opposite.is_on_feet();
     let feet = if chair { FEET_WEIGHT * smoothstep(CORNERS.0, CORNERS.1, here.hull) } else { 0.0 };
     match (table || vessel, negative) {
         (true, true) => 0.0,
         (true, false) => here.rest() + feet,
-        // A shape that rests upside down as well, such as a box, gives no evidence.
+        // A shape that rests equally well upside down, such as a box, gives no evidence.
         (false, _) => (here.rest() - opposite.rest()).max(0.0) + feet,
     }
 }
 
-/// Measures the support of a shape with this axis up: the points that touch the ground, the level part of them, and the
-/// stability of the centroid above them.
+/// Measures the support of a shape with the up axis `up`. The measurements are the hull of the points that touch the
+/// ground, the level part of these points, and the stability of the centroid.
 pub(crate) fn standing(patches: &Patches, up: Up) -> Standing {
     let axis = up.vector();
     let [u, v] = others(axis_of(up));
@@ -491,12 +498,12 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Scores the evidence, 0 to 1, for a floor that faces each of [`Up::ALL`].
+/// Scores the evidence, from 0 to 1, of a floor for each up axis of [`Up::ALL`].
 ///
-/// A floor is a sufficient fraction of the surface that faces up and lies low. A thin surface also counts if most of it
-/// faces roughly up and hardly any faces down. Only +y, −y and +z are considered, the up axes found in files of points,
-/// since walls look like floors. Competing axes reduce each other's score. All scores are 0 if the file's normals are
-/// missing or mostly don't fit the layout of the points.
+/// A floor is a large enough part of the surface that faces up and is near the bottom. A thin surface also counts if
+/// most of it faces roughly up and hardly any of it faces down. Only +y, −y and +z are considered, the up axes that
+/// occur in point files, because walls resemble floors. Competing axes reduce each other's score. All scores are 0 if
+/// the file has no normals, or if most of them don't fit the positions of the points.
 fn floors(patches: &Patches) -> [f64; 6] {
     let share =
         |is: &dyn Fn(&Patch) -> bool| patches.all.iter().filter(|p| is(p)).map(|p| p.area).sum::<f64>() / patches.area;
@@ -520,9 +527,9 @@ fn floors(patches: &Patches) -> [f64; 6] {
     found.map(|one| (2.0 * one - sum).max(0.0))
 }
 
-/// Scores the evidence, 0 to 1, that the points are those of a depth camera at the origin that looks along the z axis,
-/// in the direction of the sign `ahead`. All of them then lie within its field of view, and nearly each direction shows
-/// one surface. With z ahead y points down; with −z ahead, as in OpenGL, y points up.
+/// Scores the evidence, from 0 to 1, of a depth camera at the origin that looks along the z axis. The sign `ahead`
+/// gives its direction. All points are then within its field of view, and nearly each direction has one surface. If the
+/// camera looks along +z, y points down; along −z, as in OpenGL, y points up.
 pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     let at = |p: &Patch| p.position * patches.scale + patches.middle;
     if patches.all.len() < LEAST_SEEN {
@@ -552,8 +559,8 @@ pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     1.0 - smoothstep(LAYERED.0, LAYERED.1, layered as f64 / directions.len() as f64)
 }
 
-/// Scores the evidence, 0 to 1, that stored normals face −z as a whole. A depth camera that looks along +z sees them
-/// so, with y down, wherever the origin is. A surface that faces +z may as well be ground.
+/// Scores the evidence, from 0 to 1, that stored normals face −z as a whole. This holds for a depth camera that looks
+/// along +z with y down, whatever the origin. Normals that face +z are no evidence, since the surface may be ground.
 fn faces_camera(patches: &Patches) -> f64 {
     let given = patches.all.iter().filter(|p| p.is_given).map(|p| p.area).sum::<f64>();
     if given < FITTING * patches.area {
@@ -562,24 +569,24 @@ fn faces_camera(patches: &Patches) -> f64 {
     smoothstep(FACING_CAMERA.0, FACING_CAMERA.1, -patches.mean(|p| p.normal).z)
 }
 
-/// Returns the length of a box with the same spread as the surface, per axis in half diagonals, but the extent where
-/// this length is more than half of it: the legs of an animal are no strays.
+/// Returns, for each axis, the length of a box whose positions vary as much as the surface's, in half diagonals. If
+/// this length is more than half of the extent, returns the extent: the legs of an animal aren't strays.
 fn breadth(patches: &Patches) -> [f64; 3] {
     let extent = patches.extent();
     let spread = patches.mean(|p| (p.position - patches.centroid).powf(2.0)).map(|variance| (12.0 * variance).sqrt());
     DVec3::select(spread.cmplt(0.5 * extent), spread, extent).to_array()
 }
 
-/// True if the surface is a thin height field over this axis, or over an axis tilted from it as on a hillside, and
-/// isn't a flat drawing.
+/// True if the surface is a thin height field over this axis and isn't a flat drawing. The axis may be tilted, as on a
+/// hillside.
 fn is_ground(patches: &Patches, k: usize) -> bool {
     let axis = DVec3::AXES[k];
-    // Normals of either sign count, and upright surfaces contribute nothing.
+    // Normals of either sign contribute. Vertical surfaces don't contribute.
     let leaning = patches.mean(|p| p.normal * p.normal[k]).normalize_or(axis);
     spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
 }
 
-/// True if the surface is a thin height field along this direction and isn't a flat drawing.
+/// True if the surface is a thin height field along `direction` and isn't a flat drawing.
 fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     let (u, v) = direction.any_orthonormal_pair();
     let extent = |d: DVec3| {
@@ -595,7 +602,7 @@ fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     is_thin && share(GROUND.0) > 0.85 && share(0.999) < 0.5
 }
 
-/// True if the shape is thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.
+/// True if the shape is thinner at both ends than in the middle along axis `k`. This holds for fish, but not for posts.
 fn tapers(patches: &Patches, k: usize) -> bool {
     let [u, v] = others(k);
     let lowest = patches.all.iter().map(|p| p.position[k]).fold(f64::INFINITY, f64::min);
@@ -618,10 +625,10 @@ fn tapers(patches: &Patches, k: usize) -> bool {
     sections[0].max(sections[9]) < TAPERED * middle
 }
 
-/// Computes, per axis, the fraction of the surface that maps onto surface, within one voxel, when mirrored at the
-/// centroid.
+/// Mirrors the shape at its centroid across each axis. Returns, for each axis, the fraction of the surface that is
+/// mapped onto the surface, to within one voxel.
 pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
-    // Positions are at most 1 from the middle, so at most 2 from the centroid.
+    // Positions are at most 1 from the centre of the bounds, and so at most 2 from the centroid.
     const SIDE: usize = 2 * (2 * VOXELS as usize + 2) + 1;
     let voxels = (patches.all.len() as f64 / PATCHES_OF_VOXELS).sqrt().min(VOXELS);
     let cell = |p: DVec3| (p * voxels).round().to_array().map(|c| (c + 2.0 * VOXELS + 2.0) as usize);
@@ -643,7 +650,7 @@ pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
     })
 }
 
-/// Computes the convex hull, counter-clockwise (Andrew 1979, monotone chain).
+/// Computes the convex hull in counter-clockwise order (Andrew 1979, monotone chain).
 fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
@@ -676,7 +683,8 @@ fn polygon_area(polygon: &[DVec2]) -> f64 {
     0.5 * edges(polygon).map(|[a, b]| a.perp_dot(b)).sum::<f64>()
 }
 
-/// Returns the distance from a point to the nearest edge of a convex polygon around it; negative outside.
+/// Returns the distance from a point inside a convex polygon to the nearest edge. The result is negative for points
+/// outside.
 fn distance_inside(polygon: &[DVec2], p: DVec2) -> f64 {
     let distances = edges(polygon).map(|[a, b]| (b - a).normalize_or_zero().perp_dot(p - a));
     distances.fold(f64::INFINITY, f64::min)

@@ -1,23 +1,23 @@
-//! Views of a scene, relative to its up axis: names, angles and camera axes.
+//! Views of a scene relative to its up axis, as names, angles and camera axes.
 
 use glam::DVec3;
 use std::fmt;
 use surfel_math::basis::unit;
 use surfel_model::{Camera, Up};
 
-/// Named views, relative to the scene's up axis. `Front` looks along −z if y is up and along +y if z is up.
+/// Named view, relative to the scene's up axis. `Front` looks along −z if y is up, and along +y if z is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamedView {
-    /// View from 30° to the right of the front and 20° above it.
+    /// View from 30° to the right of the front and 20° above the horizon.
     #[default]
     Iso,
     /// Front view.
     Front,
     /// Back view.
     Back,
-    /// View from the left-hand side of the front view.
+    /// View from the left-hand side, as it appears in the front view.
     Left,
-    /// View from the right-hand side of the front view.
+    /// View from the right-hand side, as it appears in the front view.
     Right,
     /// View from above.
     Top,
@@ -25,13 +25,13 @@ pub enum NamedView {
     Bottom,
 }
 
-/// Direction from which a scene is viewed, as two angles; both are 0 for [`NamedView::Front`].
+/// Direction from which a scene is viewed, as two angles. Both are 0 for [`NamedView::Front`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewAngles {
-    /// Azimuth about the up axis toward the right of the front view, in degrees from −360 to 360: 90 is
+    /// Azimuth about the up axis in degrees from −360 to 360, toward the right of the front view. 90 is
     /// [`NamedView::Right`].
     pub azimuth_deg: f64,
-    /// Elevation above the horizon, in degrees from −90 to 90: 90 is [`NamedView::Top`].
+    /// Elevation above the horizon in degrees from −90 to 90. 90 is [`NamedView::Top`].
     pub elevation_deg: f64,
 }
 
@@ -46,19 +46,19 @@ impl fmt::Display for ViewAngles {
     }
 }
 
-/// Evidence that decided the automatic view.
+/// Reason for the automatic choice of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ViewReason {
     /// The view shows the most detail: positions, directions, colours and curvature.
     Details,
-    /// The scene's semantic front faces the view.
+    /// The scene's semantic front faces the viewer.
     Front,
-    /// The scene is open toward the view, which shows its inside.
+    /// The scene is open on the side of the viewer, so that its inside is visible.
     Opening,
-    /// Nearly all surfaces face the view, as in a depth camera's capture or a relief.
+    /// Nearly all surfaces face the viewer, as in the capture of a depth camera or in a relief.
     Camera,
-    /// The scene has too few splats to judge, so the default view is used.
+    /// The scene has too few splats for a choice, so that the default view is used.
     Convention,
 }
 
@@ -74,20 +74,20 @@ impl fmt::Display for ViewReason {
     }
 }
 
-/// A view and the evidence that decided it.
+/// View, with the reason for which it was chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChosenView {
     /// Direction from which the scene is viewed.
     pub angles: ViewAngles,
-    /// The evidence that decided.
+    /// Evidence that contributed most.
     pub reason: ViewReason,
 }
 
-/// Selection of the side from which a scene is viewed.
+/// Choice of the direction from which a scene is viewed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum ViewChoice {
-    /// The view that shows most among a ring of candidates: [`crate::best_view`].
+    /// The best view among a ring of candidates ([`crate::best_view`]).
     #[default]
     Auto,
     /// A named view.
@@ -120,8 +120,8 @@ impl ViewAxes {
         Self { right, up: right.cross(forward), forward: unit(forward) }
     }
 
-    /// Returns the axes of a view from these angles. In a view straight from above the front is at the lower edge of
-    /// the image, as in [`NamedView::Top`]; straight from below, at the upper edge.
+    /// Returns the axes of a view given by angles. In a view straight from above, the front is at the lower edge of the
+    /// image, as in [`NamedView::Top`]. In a view straight from below, it is at the upper edge.
     pub fn turned(angles: ViewAngles, up: Up) -> Self {
         let u = up.vector();
         let front = front(up);
@@ -155,8 +155,8 @@ impl ViewAxes {
     }
 }
 
-/// Returns the viewing direction of a front view, for each up axis. A y-up model faces +z and a z-up model −y. Gaussian
-/// splats face −z, since their cameras look along +z with y down.
+/// Returns the viewing direction of the front view for an up axis. A y-up model faces +z, and a z-up model faces −y.
+/// Gaussian splats (−y up) face −z, since their cameras look along +z with y down.
 fn front(up: Up) -> DVec3 {
     match up {
         Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,

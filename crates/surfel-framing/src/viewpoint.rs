@@ -1,17 +1,17 @@
-//! Selection of the side from which a scene shows most.
+//! Choice of the direction from which a scene's image shows the most detail.
 //!
-//! Views on a ring are compared by the functions in `EVIDENCE`, each with a weight:
+//! Views on a ring are compared by the weighted criteria in `EVIDENCE`:
 //! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
-//!   measured over cells of equal size, direction and colour. A mesh's faces aren't used, so that tessellation has no
-//!   influence.
+//!   measured over cells of equal size, direction and colour. The faces of a mesh aren't used, so that tessellation has
+//!   no influence.
 //! - Visible curvature follows Lee, Varshney, Jacobs 2005, "Mesh Saliency".
 //! - Views from slightly above are preferred.
 //!
-//! All three are terms of the goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
+//! These criteria are terms of the measure that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
 //! Viewpoint Preference" (ACM TOG 30:5), fit to people's choices.
 //!
-//! A front is preferred over a back that shows little more, since file contents face the front by convention. A scene
-//! that is open to one side is viewed through the opening.
+//! A front view is preferred to a back view that shows slightly more, since shapes in files face the front by
+//! convention. A scene that is open on one side is viewed through the opening.
 
 use crate::front::front;
 use crate::patches::{Patch, Patches};
@@ -20,48 +20,50 @@ use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
-/// Side of a thumbnail in pixels.
+/// Side of a test image in pixels.
 const SIDE: usize = 64;
-/// Largest number of patches drawn in a thumbnail.
+/// Largest number of patches that are drawn in a test image.
 const DRAWN: usize = 8000;
-/// Cells per half diagonal for entropy.
+/// Number of entropy cells per half diagonal.
 const ENTROPY_CELLS: f64 = 3.0;
-/// Cells per half diagonal for curvature.
+/// Number of curvature cells per half diagonal.
 const CURVATURE_CELLS: f64 = 18.0;
-/// Azimuths of the ring in degrees, preferred ones first: three-quarter views, as [`ViewAngles::ISO`] is.
+/// Azimuths of the ring in degrees, in order of preference. Three-quarter views, such as [`ViewAngles::ISO`], come
+/// first.
 const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.0, 120.0, 240.0, 180.0];
-/// Elevation of the ring.
+/// Elevation of the ring in degrees.
 const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
-/// Elevation of the additional view that is tried above the ring's best.
+/// Elevation of an additional candidate above the best view of the ring, in degrees.
 const HIGH_DEG: f64 = 40.0;
-/// Elevation of the ring around flat shapes.
+/// Elevation of the ring around flat shapes, in degrees.
 const FLAT_DEG: f64 = 50.0;
-/// Height over smaller width below which a shape is flat.
+/// Ratio of the height to the smaller width below which a shape is flat.
 const FLAT: f64 = 0.22;
-/// Elevation of the ring around low shapes.
+/// Elevation of the ring around low shapes, in degrees.
 const LOW_DEG: f64 = HIGH_DEG;
-/// Height over smaller width below which a shape is low.
+/// Ratio of the height to the smaller width below which a shape is low.
 const LOW: f64 = 0.4;
-/// Elevation of the ring around a room that is open to one side: from higher up the roof hides more.
+/// Elevation of the ring around a room that is open on one side, in degrees. From higher up, the roof would hide more.
 const ROOM_DEG: f64 = 10.0;
-/// Cosine up to which views count equally as front views.
+/// Cosine of the angle to the front above which all views count equally as front views.
 const FRONT_COS: f64 = 0.8;
-/// Score difference below which views are equally good and the preferred one is chosen.
+/// Difference of scores below which views count as equally good. The preferred one is then chosen.
 const TIE: f64 = 0.03;
-/// Fraction of visible surface facing away, over the whole ring, from which the facing direction is meaningless. An
-/// exception is a room: some side where at most [`OPENING`] faces away.
+/// Fraction of the visible surface that faces away, over the whole ring, above which facing directions are meaningless.
+/// The exception is a room: from some side, at most [`OPENING`] faces away.
 const MEANINGLESS: f64 = 0.6;
-/// Largest fraction facing away at the opening of a room.
+/// Largest fraction of the visible surface that faces away when a room is viewed through its opening.
 const OPENING: f64 = 0.5;
-/// Fraction of visible surface facing away, over the whole ring, up to which it is merely the rims of a watertight
-/// surface.
+/// Fraction of the visible surface that faces away, over the whole ring, up to which only silhouettes of a watertight
+/// surface do.
 const RIMS: f64 = 0.3;
-/// Least reduction of the fraction facing away, relative to all views, for which an opening is reported as the reason.
+/// Smallest reduction of the fraction that faces away, relative to all views, for which an opening is reported as the
+/// reason.
 const OPENS: f64 = 0.2;
 
-/// Slope of a depth camera's steepest ray to its axis.
+/// Largest slope of a depth camera's rays relative to its axis.
 const WIDEST: f64 = 1.5;
-/// Least fraction of a captured surface that faces the camera; rims face anywhere.
+/// Smallest fraction of a captured surface that faces the camera. Silhouettes may face anywhere.
 const SEEN: f64 = 0.95;
 
 /// A weighted criterion for or against a view.
@@ -71,8 +73,8 @@ struct Piece {
     measure: fn(&Compared, &Candidate) -> f64,
 }
 
-/// All evidence. A view scores the sum of the measurements times their weights. Entropy and curvature are 1 for the
-/// best views of the ring.
+/// All criteria. The score of a view is the sum of the measurements times their weights. Entropy and curvature are 1
+/// for the best views of the ring.
 const EVIDENCE: [Piece; 6] = {
     const fn piece(reason: ViewReason, weight: f64, measure: fn(&Compared, &Candidate) -> f64) -> Piece {
         Piece { reason, weight, measure }
@@ -87,12 +89,12 @@ const EVIDENCE: [Piece; 6] = {
     ]
 };
 
-/// Returns the viewpoint entropy relative to the ring's best view.
+/// Returns the viewpoint entropy, relative to the highest on the ring.
 fn entropy(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).entropy / compared.best.entropy
 }
 
-/// Returns the visible curvature relative to the ring's best view.
+/// Returns the visible curvature, relative to the highest on the ring.
 fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).curvature / compared.best.curvature
 }
@@ -103,41 +105,42 @@ fn frontal(compared: &Compared, view: &Candidate) -> f64 {
     (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
 }
 
-/// Returns the reduction of the fraction facing away, relative to all views; 0 if the facing direction is meaningless.
+/// Returns the reduction of the fraction that faces away, relative to all views; 0 if facing directions are
+/// meaningless.
 fn open(compared: &Compared, view: &Candidate) -> f64 {
     if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
 }
 
-/// Returns 1 if the view is straight from the front, the back or a side.
+/// Returns 1 if the view is straight from the front, the back or a side, and 0 otherwise.
 fn straight(_: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.azimuth_deg % 90.0 == 0.0))
 }
 
-/// Returns 1 for a view from above the ring, which must show clearly more to win.
+/// Returns 1 if the view is above the ring, and 0 otherwise. A high view must show clearly more to win.
 fn from_high(compared: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.elevation_deg > compared.elevation_deg))
 }
 
-/// A candidate view.
+/// Candidate view, with its measurements.
 struct Candidate {
     angles: ViewAngles,
     seen: Seen,
 }
 
-/// Scene properties that views are compared by.
+/// Properties of a scene that are needed for comparing its views.
 struct Compared {
     up: Up,
-    /// Unit vector toward which the scene's front faces.
+    /// Unit vector in which the scene's front faces.
     front: DVec3,
-    /// True if the front was detected from the shape.
+    /// True if the front was detected from the shape, false if it is the default.
     has_front: bool,
     /// Elevation of the ring, in degrees.
     elevation_deg: f64,
-    /// True if the facing direction is meaningless.
+    /// True if facing directions are meaningless, so that both sides of a surface count.
     two_sided: bool,
-    /// Fraction of visible surface that faces away, over the ring.
+    /// Fraction of the visible surface that faces away, over all views of the ring.
     away: f64,
-    /// Largest values over the views of the ring, each by itself.
+    /// Largest entropy and largest curvature over the views of the ring.
     best: Shown,
 }
 
@@ -150,8 +153,8 @@ impl Compared {
         EVIDENCE.iter().map(|piece| piece.weight * (piece.measure)(self, view)).sum()
     }
 
-    /// Returns the evidence by which a view leads most over the mean of the ring. An opening takes precedence, since
-    /// entropy also measures what only the opening shows.
+    /// Returns the reason whose criteria put a view ahead of the ring's mean by most. An opening takes precedence,
+    /// since entropy also counts surfaces that are visible only through the opening.
     fn reason(&self, view: &Candidate, ring: &[Candidate]) -> ViewReason {
         if open(self, view) >= OPENS {
             return ViewReason::Opening;
@@ -168,8 +171,8 @@ impl Compared {
     }
 }
 
-/// Chooses the view with the highest score for the part of a scene that `one_of` selects. The elevation of the ring
-/// depends on the whole scene. Deterministic, and its time doesn't grow with the data.
+/// Chooses the view with the highest score, for the part of a scene that `one_of` selects. The elevation of the ring
+/// depends on the whole scene. The result is deterministic, and the time doesn't grow with the data.
 pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
     let Some(all) = all else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
@@ -224,7 +227,8 @@ pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> 
     ChosenView { angles: view.angles, reason: compared.reason(view, &ring) }
 }
 
-/// Returns the elevation of the ring in degrees. Low shapes would appear as a line, or be hidden by their own rim.
+/// Returns the elevation of the ring in degrees. From the usual one, low shapes would appear as a line, or be hidden by
+/// their rim.
 fn elevation(patches: &Patches, up: Up) -> f64 {
     let extent = patches.extent();
     let [u, v] = others(axis_of(up));
@@ -236,8 +240,8 @@ fn elevation(patches: &Patches, up: Up) -> f64 {
     }
 }
 
-/// True if the surface was captured by a depth camera that looks along `ahead` from the origin or from far away; from
-/// elsewhere such a surface looks torn. Reliefs and drawings also match. A zero vector never matches.
+/// True if the surface was captured by a depth camera that looks along `ahead`, from the origin or from far away. From
+/// other directions, such a surface has gaps. Reliefs and drawings also match; a zero vector never matches.
 fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;
@@ -248,38 +252,38 @@ fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
 }
 
 impl Seen {
-    /// Returns the fraction of visible surface that faces away.
+    /// Returns the fraction of the visible surface that faces away.
     fn share_away(&self) -> f64 {
         self.away / (self.away + self.toward).max(1.0)
     }
 }
 
-/// Measurements of one view.
+/// Detail that is visible in one view.
 #[derive(Clone, Copy, Debug, Default)]
 struct Shown {
-    /// Viewpoint entropy in bits; the background is one of the cells.
+    /// Viewpoint entropy in bits. The background counts as one cell.
     entropy: f64,
-    /// Curvature, summed over pixels.
+    /// Curvature, summed over the pixels.
     curvature: f64,
 }
 
-/// Measurements of a thumbnail.
+/// Measurements of a view's test image.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Measurements of all surface.
+    /// Detail of the whole visible surface.
     all: Shown,
-    /// Measurements of surface that faces the eye; the rest counts as background.
+    /// Detail of the surface that faces the viewer. Other pixels count as background.
     facing: Shown,
-    /// Number of pixels whose surface faces the eye.
+    /// Number of pixels whose surface faces the viewer.
     toward: f64,
-    /// Number of pixels whose surface faces away.
+    /// Number of pixels whose surface faces away from the viewer.
     away: f64,
 }
 
-/// A scene whose views are compared.
+/// Scene whose views are compared, with data that all views share.
 struct Judge<'a> {
     patches: &'a Patches,
-    /// Cell of each patch, by position, direction and colour.
+    /// Entropy cell of each patch, by position, direction and colour.
     cells: Vec<u32>,
     /// Curvature around each patch, from 0 (flat) to 1.
     curvature: Vec<f64>,
@@ -328,8 +332,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Returns the cell of a patch: its position in the scene, one of 54 directions, and its approximate sRGB colour in
-/// quarters.
+/// Returns the entropy cell of a patch. The number encodes the patch's position in the scene, one of 54 directions, and
+/// its approximate sRGB colour, quantised to four levels per channel.
 fn cell(patch: &Patch) -> u64 {
     let index = |digits: [u64; 3], base: u64| (digits[0] * base + digits[1]) * base + digits[2];
     let place = ((patch.position + 1.0) * ENTROPY_CELLS).to_array().map(|c| c as u64);
@@ -342,8 +346,8 @@ fn cell(patch: &Patch) -> u64 {
     (index(place, 8) * 54 + direction) * 64 + index(color, 4)
 }
 
-/// Measures how much the normals around each patch differ: 1 − the length of their mean. Normals of arbitrary sign give
-/// no such measure, so their patches all count 1.
+/// Returns, for each patch, how much the normals around it differ: 1 − the length of their mean. Patches whose normals
+/// have an arbitrary sign get 1.
 fn curvature(patches: &Patches) -> Vec<f64> {
     const SIDE: usize = 2 * CURVATURE_CELLS as usize + 3;
     let index = |p: DVec3| {
@@ -375,9 +379,9 @@ fn curvature(patches: &Patches) -> Vec<f64> {
     patches.all.iter().map(around).collect()
 }
 
-/// Draws numbered patches as ellipses by parallel projection, the nearest in front, with radii scaled by `growth`. A
-/// length of 1 is half the image, which has `side` × `side` pixels. Returns depth and patch number per pixel, row by
-/// row; background pixels have +∞ and the largest number.
+/// Draws numbered patches as ellipses by orthographic projection, with a depth test. Radii are scaled by `growth`. A
+/// length of 1 is half of the image, which has `side` × `side` pixels. Returns depth and patch number of each pixel,
+/// row by row. Background pixels have the depth +∞ and the number `usize::MAX`.
 pub fn draw<'a>(
     patches: impl Iterator<Item = (usize, &'a Patch)>,
     growth: f64,
@@ -391,7 +395,7 @@ pub fn draw<'a>(
         let center = to_image(patch.position) + DVec2::splat(scale);
         let [s, t] = patch.axes.map(|axis| to_image(axis * growth));
         let inverse = 1.0 / s.perp_dot(t);
-        // Half a pixel more, so that edge-on patches are visible too.
+        // Half a pixel is added, so that patches seen edge-on are visible, too.
         let reach = (s * s + t * t).map(f64::sqrt).max(DVec2::splat(0.5));
         let depth = patch.position.dot(axes.forward);
         let pixel = |v: f64| (v.max(0.0) as usize).min(side);

@@ -2,7 +2,7 @@
 
 use surfel_shaders::{BindingKind, ENTRIES, Stage, layout};
 
-/// Binding of a group.
+/// Entry of a bind group layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BindingSlot {
     /// Binding number.
@@ -34,7 +34,7 @@ pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot
     binding_slots
 }
 
-/// Returns the number of workgroups of a compute entry point that cover `length` invocations along an axis.
+/// Returns the number of workgroups needed to cover `length` invocations along an axis of a compute entry point.
 pub fn workgroups(length: u32, entry: &str, axis: usize) -> u32 {
     let entry = ENTRIES.iter().find(|e| e.name == entry);
     let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);

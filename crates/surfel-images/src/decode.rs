@@ -1,25 +1,25 @@
 //! Decoding of PNG, JPEG and WebP to RGBA texels by the crate `image`, within a memory limit.
 //!
-//! Palettes, greys and samples of fewer than eight bits are expanded; 16-bit samples stay. No colour profile is
-//! applied: samples are interpreted as sRGB-encoded, and alpha as straight. Of an animated WebP, only the first frame
-//! is decoded.
+//! Palettes, grey levels and samples of fewer than eight bits are expanded; 16-bit samples are preserved. Colour
+//! profiles are ignored: samples are interpreted as sRGB-encoded with straight alpha. Only the first frame of an
+//! animated WebP is decoded.
 
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 use std::error::Error as _;
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Maximum memory for the chunks before a PNG's pixels, in bytes.
+/// Maximum memory in bytes for the chunks before the pixels of a PNG.
 const MAX_HEADER_BYTES: usize = 64 << 20;
 
-/// A decoded image, row by row from the top.
+/// Decoded image, in rows from the top.
 pub(super) struct Decoded {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) samples: Samples,
 }
 
-/// RGBA of each texel, with the file's number of bits.
+/// RGBA samples of each texel, with 8 or 16 bits.
 pub(super) enum Samples {
     Eight(Vec<[u8; 4]>),
     Sixteen(Vec<[u16; 4]>),
@@ -37,26 +37,26 @@ fn is_webp(bytes: &[u8]) -> bool {
     bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
 }
 
-/// True if the bytes are an image of a format that this module decodes, in some builds at least.
+/// True if the bytes are an image in a format that this module decodes in some builds.
 pub(super) fn is_image(bytes: &[u8]) -> bool {
     is_png(bytes) || is_jpeg(bytes) || is_webp(bytes)
 }
 
-/// True if a JPEG ends within its pixels, before the end-of-image marker.
+/// True if a JPEG is truncated: the file ends before the end-of-image marker.
 pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     if !is_jpeg(bytes) {
         return false;
     }
     let mut at = 2;
     loop {
-        // Segments begin with one or more 0xff bytes; other bytes are pixels or garbage.
+        // Segments begin with one or more 0xff bytes. Other bytes here are pixels or garbage.
         let Some(marker) = bytes.get(at..).and_then(|rest| rest.iter().position(|b| *b == 0xff)) else { return true };
         at += marker;
         let Some(code) = bytes[at..].iter().position(|b| *b != 0xff) else { return true };
         at += code;
         match bytes[at] {
             0xd9 => return false,
-            // A stuffed byte of pixels, and markers without a segment.
+            // These are a stuffed byte within pixels, and markers without a segment.
             0x00 | 0x01 | 0xd0..=0xd8 => at += 1,
             _ => {
                 let Some(length) = bytes.get(at + 1..at + 3) else { return true };
@@ -66,16 +66,17 @@ pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     }
 }
 
-/// True if an image file of this length can contain that many pixels: decoders allocate by the header's size.
+/// True if an image file of this length can contain as many pixels as its header states. Decoders allocate memory by
+/// the header.
 ///
-/// Deflate packs at most 1032 bytes into one, which is 8256 pixels of one bit; JPEG packs less. WebP has a form without
-/// any bits per pixel, so that up to 4096² pixels of one colour are accepted.
+/// Deflate compresses at most 1032 bytes into one, which are 8256 pixels of one bit; JPEG compresses less. A WebP may
+/// have no bits per pixel, so that up to 4096² pixels are accepted in any case.
 pub(super) fn can_hold(bytes: &[u8], width: u32, height: u32) -> bool {
     let free = if is_webp(bytes) { 1 << 24 } else { 1 << 16 };
     u64::from(width) * u64::from(height) <= bytes.len() as u64 * 8256 + free
 }
 
-/// Opens the decoder of an image and reads the header, or returns the reason why there is none.
+/// Creates the decoder for an image and reads the header. Returns the reason if this fails.
 fn open<'a>(bytes: &'a [u8], max_bytes: usize) -> Result<Box<dyn ImageDecoder + 'a>, String> {
     let input = Cursor::new(bytes);
     if is_png(bytes) {
@@ -104,7 +105,7 @@ fn reason(error: ImageError) -> String {
     error.source().map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// Returns the width and height from the file's header, or the reason why there is none.
+/// Returns width and height from the header of an image, or the reason why they can't be read.
 pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     open(bytes, MAX_HEADER_BYTES).map(|decoder| decoder.dimensions())
 }
@@ -116,7 +117,7 @@ pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> 
     let color = decoder.color_type();
     let size = usize::try_from(decoder.total_bytes()).ok().filter(|&size| size <= max_bytes);
     let mut data = vec![0; size.ok_or("its samples take more memory than they may")?];
-    // The codecs are written for hostile input. If one panics nevertheless, the image is refused.
+    // Codecs are written for hostile input. If one panics nevertheless, the image is refused.
     let read = || decoder.read_image_boxed(&mut data).map_err(reason);
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err("it is damaged".into()))?;
     let channels = usize::from(color.channel_count());

@@ -1,5 +1,5 @@
-//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z, weight and a frame's other channels, with lossless ZIP
-//! compression.
+//! Reading and writing of OpenEXR images. Files have one part with the channels R, G, B, A, Z, normal.X/Y/Z, weight and
+//! further planes of a frame, with lossless ZIP compression.
 
 use crate::planes::{Planes, PlanesView};
 use crate::stitch::{ImageHeader, Samples, check_side, damaged};
@@ -21,19 +21,20 @@ use surfel_files::atomic;
 use surfel_files::error::{IoError, Problem};
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
-/// Channel names of world positions.
+/// Channel names of world-space positions.
 const POSITION: [&str; 3] = ["position.X", "position.Y", "position.Z"];
 
 /// Options for writing an EXR file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ExrOptions {
-    /// True if colours are written as 32-bit floats; geometry always is.
+    /// True if colours are written as 32-bit floats, false for 16-bit floats. Other planes are always 32-bit.
     pub f32_color: bool,
-    /// String attributes, by name; characters beyond Latin-1 become `?`.
+    /// Text attributes, as names and values. Characters beyond Latin-1 become `?`.
     pub metadata: Vec<(String, String)>,
 }
 
-/// Rounds a colour channel to a half float. Infinity becomes the largest finite value: images contain no infinities.
+/// Rounds a colour channel to a half float. Infinity becomes the largest finite value, so that images contain no
+/// infinities.
 fn half_of(channel: f32) -> f16 {
     f16::from_f32(channel.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
@@ -95,7 +96,7 @@ pub fn write_exr(out: &mut dyn Write, planes: &PlanesView<'_>, options: &ExrOpti
     out.write_all(&bytes)
 }
 
-/// Writes an EXR like [`write_exr`], to a file, atomically.
+/// Writes an EXR like [`write_exr`], to a file and atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -109,14 +110,14 @@ fn latin(text: &str) -> Text {
     Text::new_or_none(text).unwrap_or_else(|| Text::from(""))
 }
 
-/// Converts a name to an attribute name: 1 to 31 characters, the limit of older readers.
+/// Converts a text to an attribute name of 1 to 31 characters, the limit of older readers.
 fn attribute_name(name: &str) -> Text {
     let name: String = name.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).take(31).collect();
     Text::from(if name.is_empty() { "_" } else { name.as_str() })
 }
 
-/// Sorts a header's attributes by name: the writer stores them in a hash map, whose order differs from run to run. A
-/// header that can't be parsed is unchanged.
+/// Sorts the attributes in an EXR header by name. The crate's writer stores them in a hash map, whose order differs
+/// from run to run. A header that can't be parsed is unchanged.
 fn sort_attributes(bytes: &mut [u8]) {
     const START: usize = 8; // magic number and version
     let string = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)? + 1);
@@ -154,7 +155,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         let what = format!("is an image of {width}x{height} pixels");
         return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
     }
-    // No compression of the format exceeds deflate's ratio of 1032, so the file can't contain more pixels.
+    // No compression in the format exceeds deflate's ratio of 1032, so that the file can't contain more pixels.
     let decoded = pixels.saturating_mul(header.channels.bytes_per_pixel);
     if decoded > bytes.len().saturating_mul(1100).saturating_add(1 << 20) {
         let what = format!("says that it has {width}x{height} pixels, but is {} bytes long", bytes.len());
@@ -163,7 +164,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     if header.channels.list.iter().any(|c| c.sampling.area() != 1) {
         return Err(Problem::new("has subsampled channels").expected("a value for every pixel in each channel"));
     }
-    // The crate's B44 decompression panics on some damaged blocks; such a file is refused, too.
+    // The B44 decompression of the crate `exr` panics on some damaged blocks. These files are refused, too.
     let decode = || {
         read_exr()
             .no_deep_data()
@@ -217,7 +218,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     Ok(Planes { width, height, color, depth, normal, weight, other, whole, metadata })
 }
 
-/// Returns names and values of text attributes, sorted by name.
+/// Returns names and values of the text attributes, sorted by name.
 fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -> Vec<(String, String)> {
     let text = |(name, value): (&Text, &AttributeValue)| match value {
         AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
@@ -228,17 +229,18 @@ fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -
     texts
 }
 
-/// Number of lines in a block that [`write_exr`] compresses together.
+/// Number of lines that [`write_exr`] compresses together as one block.
 const BLOCK_LINES: usize = 16;
 /// Maximum number of channels of a tile.
 const MAX_CHANNELS: usize = 64;
 
-/// Reader of a file's lines, with one block in memory. A line has the samples of each channel in order, native endian.
+/// Reader of the lines of an EXR file, with one block in memory. A line has the samples of one channel after another,
+/// in native byte order.
 pub(super) struct ExrRows {
     chunks: AllChunksReader<BufReader<File>>,
     block: Vec<u8>,
     line_bytes: usize,
-    /// The next line, and its byte offset in the block.
+    /// Number of the next line. The field `at` is its byte offset in the block.
     y: usize,
     at: usize,
 }
@@ -283,7 +285,7 @@ impl ExrRows {
     }
 }
 
-/// Returns the header of a tile that is stored as [`write_exr`] does; an error for other files.
+/// Returns the header of an EXR file with the layout of [`write_exr`], or an error for other files.
 fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     let ours = |header: &&Header| {
         !header.deep
@@ -303,8 +305,8 @@ fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     })
 }
 
-/// Writes an EXR of `size` whose lines `next` provides. The header is that of `like`, except for its size and texts.
-/// The bytes are those that [`write_exr`] writes for the same pixels.
+/// Writes an EXR image of `size` pixels whose lines `next` provides. The header is that of the file `like`, except for
+/// size and texts. The bytes are equal to those that [`write_exr`] writes for the same pixels.
 pub(super) fn write_rows(
     sink: &mut BufWriter<File>,
     [width, height]: [u32; 2],
@@ -333,7 +335,7 @@ pub(super) fn write_rows(
         Ok(())
     });
     written.map_err(io::Error::other)?;
-    // The header precedes the pixels and has few bytes other than its texts.
+    // The header precedes the pixels, and is small except for its texts.
     sink.flush()?;
     let texts: usize = metadata.iter().map(|(name, value)| name.len() + value.len() + 64).sum();
     let mut start = Vec::new();

@@ -1,4 +1,4 @@
-//! Writing JPEG: baseline, sRGB-encoded, without chroma subsampling, blended onto a background.
+//! Writing of JPEG images: baseline, sRGB-encoded, without chroma subsampling, blended onto a background.
 
 use crate::planes::PlanesView;
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor, rgb_to_ycbcr};
@@ -8,15 +8,15 @@ use surfel_files::atomic;
 use surfel_files::error::IoError;
 use surfel_math::srgb::nearest_8_bit;
 
-/// Largest width or height of a JPEG, in pixels.
+/// Maximum width or height of a JPEG, in pixels.
 const MAX_SIDE: u32 = 65_535;
 
 /// Options for writing a JPEG.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JpegOptions {
-    /// Quality on the scale of the Independent JPEG Group's library, from 1 (worst) to 100; 92 by default.
+    /// Quality from 1 (worst) to 100, on the scale of the Independent JPEG Group's library. The default is 92.
     pub quality: u8,
-    /// Background colour in linear RGB. A JPEG has no alpha, so `color + (1 - alpha) * background` is written.
+    /// Background colour in linear RGB. A JPEG has no alpha, so that `color + (1 - alpha) * background` is written.
     pub background: [f32; 3],
 }
 
@@ -29,8 +29,8 @@ impl Default for JpegOptions {
 /// Writes the colour plane as JPEG: 8 bits, sRGB-encoded, 4:4:4, blended onto the background. NaN becomes 0.
 ///
 /// # Errors
-/// [`io::Error`] if there is no colour plane, its size is wrong or more than 65,535 pixels a side, the quality is out
-/// of its range, or `out` fails.
+/// [`io::Error`] if there is no colour plane, its size is wrong, or a side has more than 65,535 pixels. Also
+/// [`io::Error`] if the quality is out of its range, or `out` fails.
 pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOptions) -> io::Result<()> {
     let invalid = |message: String| io::Error::new(io::ErrorKind::InvalidInput, message);
     let pixels = planes.pixels()?;
@@ -52,7 +52,7 @@ pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOp
     written.map_err(io::Error::other)
 }
 
-/// Image source for the encoder. The generic [`Encoder::encode`] would be compiled for eight more kinds of images.
+/// Image source for the encoder. With the generic [`Encoder::encode`], eight more kinds of images would be compiled.
 struct Blended<'a> {
     color: &'a [[f32; 4]],
     background: [f32; 3],
@@ -83,7 +83,7 @@ impl ImageBuffer for Blended<'_> {
     }
 }
 
-/// Writes a JPEG like [`write_jpeg`], to a file, atomically.
+/// Writes a JPEG like [`write_jpeg`], to a file and atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -92,7 +92,7 @@ pub fn save_jpeg(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options:
 }
 
 fn to_rgb([r, g, b, a]: [f32; 4], background: [f32; 3]) -> [u8; 3] {
-    // A NaN fails the comparison: a pixel without valid alpha shows only the background.
+    // The comparison is false for NaN, so that a pixel without valid alpha shows only the background.
     let (color, behind) = if a > 0.0 { ([r, g, b], 1.0 - a.min(1.0)) } else { ([0.0; 3], 1.0) };
     std::array::from_fn(|c| nearest_8_bit(color[c] + behind * background[c]))
 }

@@ -1,12 +1,12 @@
-//! Readers and writers of images: frames as PNG, JPEG, EXR, NPZ or TIFF, films of frames, and textures.
+//! Readers and writers of images: frames as PNG, JPEG, EXR, NPZ or TIFF, films made of frames, and textures.
 //!
 //! Main types and functions, in reading order:
 //!
-//! 1. [`Planes`] owns the planes of an image (colours, depths, normals, …), [`PlanesView`] borrows them from a frame;
-//! 2. [`read_image`] reads an image's planes, [`read_image_bytes`] from memory;
+//! 1. [`Planes`] owns the planes of an image (colours, depths, normals, …); [`PlanesView`] borrows them from a frame;
+//! 2. [`read_image`] reads an image file's planes, [`read_image_bytes`] an image in memory;
 //! 3. [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npz`) write
-//!    planes to a file, completely or not at all. Each has a twin `write_…` for sinks;
-//! 4. [`stitch()`](stitch::stitch) combines tiles to one image, of which only a few rows are in memory;
+//!    planes to a file, completely or not at all. Each has a counterpart `write_…` that writes to a stream;
+//! 4. [`stitch()`](stitch::stitch) combines tiles into one image, with only a few rows in memory;
 //! 5. [`TextureDecoder`](texture::TextureDecoder) and [`load_matcap`](texture::load_matcap) read textures of meshes,
 //!    and matcaps;
 //! 6. [`film::FilmWriter`] encodes frames as animated PNG, GIF or MP4;
@@ -30,16 +30,16 @@
 //! ```
 //!
 //! # Hostile input
-//! Decoders accept hostile input: no panic, and no more memory than a fixed limit. An image of a format that isn't
-//! built in is refused with the name of its feature.
+//! Decoders accept hostile input: they never panic, and use no more memory than a fixed limit. An image in a format
+//! whose feature is disabled is refused with the name of the feature.
 //!
 //! # Layer
-//! The crate lies between `surfel-files`, whose errors it returns, and `surfel-io`, which re-exports it. The frames of
-//! `surfel-render` are written by it, too.
+//! The crate is between `surfel-files`, whose errors it returns, and `surfel-io`, which re-exports it. It also writes
+//! the frames of `surfel-render`.
 //!
 //! # Features
-//! All features are on by default: `jpeg` and `exr` (images, read and written), `webp` (images, read), `npz` (NumPy
-//! archives of planes, written), `tiff` (stitched images, written) and `gif` (films, written). PNG and MP4 need none.
+//! All features are on by default. `jpeg` and `exr` read and write images, and `webp` reads images. `npz` writes planes
+//! as NumPy archives, `tiff` writes stitched images, and `gif` writes films. PNG and MP4 are always available.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

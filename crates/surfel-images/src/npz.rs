@@ -1,4 +1,4 @@
-//! Writing of NumPy archives: one array of height × width per plane, named as the EXR channels.
+//! Writing of NumPy archives, with one array of height × width per plane. Arrays have the names of EXR channels.
 
 use crate::planes::PlanesView;
 use flate2::Crc;
@@ -7,8 +7,8 @@ use std::path::Path;
 use surfel_files::atomic;
 use surfel_files::error::IoError;
 
-/// Writes all planes, uncompressed: colour, depth, normals and weights as `<f4`, positions as `<f8`, whole numbers as
-/// `<u4`. `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.
+/// Writes all planes uncompressed: colours, depth, normals and weights as `<f4`, positions as `<f8`, integers as `<u4`.
+/// `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.
 ///
 /// # Errors
 /// [`io::Error`] if there is no plane, a plane has the wrong size, the file would have 4 GiB or more, or `out` fails.
@@ -48,7 +48,7 @@ pub fn write_npz(out: &mut dyn Write, planes: &PlanesView<'_>) -> io::Result<()>
     archive.finish()
 }
 
-/// Writes an archive like [`write_npz`], to a file, atomically.
+/// Writes an archive like [`write_npz`], to a file and atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -73,7 +73,7 @@ impl Archive<'_> {
     fn array(&mut self, name: &str, kind: &str, [height, width]: [u32; 2], values: &[u8]) -> io::Result<()> {
         let mut header =
             format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}").into_bytes();
-        // Magic, version, length and header together are a multiple of 64 bytes; the header ends with a line end.
+        // Magic, version, length and header together are a multiple of 64 bytes. The header ends with a newline.
         let padded = (header.len() + 11).next_multiple_of(64) - 10;
         header.resize(padded - 1, b' ');
         header.push(b'\n');
@@ -90,7 +90,7 @@ impl Archive<'_> {
         else {
             return Err(invalid("planes of 4 GiB and more don't fit into an NPZ: write an EXR, or draw parts".into()));
         };
-        // Fields common to both headers, from the version on: version 2.0, no flags, stored, 1980-01-01.
+        // These fields are common to both headers, from the version on: version 2.0, no flags, stored, 1980-01-01.
         let mut common = Vec::new();
         [20u16, 0, 0, 0, 0x21].iter().for_each(|v| common.extend(v.to_le_bytes()));
         [crc.sum(), size, size].iter().for_each(|v| common.extend(v.to_le_bytes()));

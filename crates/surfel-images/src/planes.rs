@@ -1,9 +1,9 @@
-//! The planes of an image, for reading and writing files.
+//! Planes of an image in memory, for reading and writing files.
 
 use std::io;
 use surfel_model::MAX_IMAGE_PIXELS;
 
-/// Planes of an image, row by row from the top, with one value per pixel. Missing planes take no memory.
+/// Planes of an image, with one value per pixel in rows from the top. Planes that are missing take no memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Planes {
     /// Width in pixels.
@@ -12,9 +12,9 @@ pub struct Planes {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<Vec<[f32; 4]>>,
-    /// View-space planar depth in world units; +∞ for background.
+    /// View-space planar depth in world units; +∞ at background pixels.
     pub depth: Option<Vec<f32>>,
-    /// World normal; unit length or zero.
+    /// World-space normal, of unit length or zero.
     pub normal: Option<Vec<[f32; 3]>>,
     /// Sum of splat weights, Σw.
     pub weight: Option<Vec<f32>>,
@@ -22,12 +22,12 @@ pub struct Planes {
     pub other: Vec<(String, Vec<f32>)>,
     /// Integer planes by channel name, such as `index`.
     pub whole: Vec<(String, Vec<u32>)>,
-    /// Text attributes, sorted by name.
+    /// Text attributes of the file, sorted by name.
     pub metadata: Vec<(String, String)>,
 }
 
 impl Planes {
-    /// Borrows all planes for writing.
+    /// Returns a view of all planes, for writing.
     pub fn view(&self) -> PlanesView<'_> {
         PlanesView {
             width: self.width,
@@ -44,7 +44,7 @@ impl Planes {
     }
 }
 
-/// Borrowed planes of an image, for writing; see [`Planes`].
+/// Borrowed planes of an image, for writing. See [`Planes`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanesView<'a> {
     /// Width in pixels.
@@ -53,26 +53,26 @@ pub struct PlanesView<'a> {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<&'a [[f32; 4]]>,
-    /// The colour plane in 8 bits, sRGB-encoded with straight alpha. An 8-bit PNG is written from this plane if it
-    /// exists.
+    /// Colour plane in 8 bits, sRGB-encoded with straight alpha. An 8-bit PNG is written from this plane if there is
+    /// one.
     pub rgba8: Option<&'a [[u8; 4]]>,
-    /// View-space planar depth in world units; +∞ for background.
+    /// View-space planar depth in world units; +∞ at background pixels.
     pub depth: Option<&'a [f32]>,
-    /// World normal.
+    /// World-space normal, of unit length or zero.
     pub normal: Option<&'a [[f32; 3]]>,
     /// Sum of splat weights, Σw.
     pub weight: Option<&'a [f32]>,
-    /// World positions; +∞ for background. Formats with f32 numbers round positions, and reading returns them among the
-    /// other planes.
+    /// World-space positions; +∞ at background pixels. Formats with f32 numbers round positions. When such a file is
+    /// read, positions are among the other planes.
     pub position: Option<&'a [[f64; 3]]>,
-    /// Other planes by channel name.
+    /// Other planes by channel name, such as `mask`.
     pub other: Vec<(&'a str, &'a [f32])>,
-    /// Integer planes by channel name.
+    /// Integer planes by channel name, such as `index`.
     pub whole: Vec<(&'a str, &'a [u32])>,
 }
 
 impl PlanesView<'_> {
-    /// Returns the number of pixels; an error if a plane has another size.
+    /// Returns the number of pixels, or an error if a plane has another number.
     pub(super) fn pixels(&self) -> io::Result<usize> {
         let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         let pixels = u64::from(self.width) * u64::from(self.height);

@@ -1,4 +1,4 @@
-//! Writing of PNG, sRGB-encoded with straight alpha, 8 or 16 bits; and reading of its texts.
+//! Writing of PNG images, sRGB-encoded with straight alpha in 8 or 16 bits, and reading of their text chunks.
 
 use crate::color::nearest_16_bit;
 use crate::decode::is_png;
@@ -23,14 +23,14 @@ pub enum BitDepth {
 /// Options for writing a PNG.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PngOptions {
-    /// Bits per sample.
+    /// Number of bits per sample.
     pub depth: BitDepth,
-    /// Text chunks: keyword (1 to 79 ASCII characters) and text. Chunks are `tEXt` for ASCII, else `iTXt`.
+    /// Text chunks, as keywords (1 to 79 ASCII characters) and texts. ASCII texts become `tEXt` chunks, others `iTXt`.
     pub metadata: Vec<(String, String)>,
 }
 
-/// Writes the colour plane as PNG: sRGB-encoded, straight alpha, with an sRGB chunk. NaN becomes 0. An 8-bit PNG is
-/// written from the encoded plane (`rgba8`) if it exists.
+/// Writes the colour plane as PNG: sRGB-encoded with straight alpha, and an sRGB chunk. NaN becomes 0. An 8-bit PNG is
+/// written from the encoded plane (`rgba8`) if there is one.
 ///
 /// # Errors
 /// [`io::Error`] if there is no colour plane, its size is wrong, or `out` fails.
@@ -49,7 +49,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     writer.finish().map_err(io::Error::other)
 }
 
-/// Writes everything before the pixels of an RGBA PNG.
+/// Writes the part of an RGBA PNG before its pixels.
 pub(super) fn start_png<W: Write>(
     out: W,
     [width, height]: [u32; 2],
@@ -67,7 +67,7 @@ pub(super) fn start_png<W: Write>(
     for (key, text) in &options.metadata {
         let key: String = key.chars().filter(|c| matches!(c, ' '..='~')).take(79).collect();
         let text = text.replace('\0', " ");
-        // Every reader supports tEXt, whose characters are Latin-1.
+        // All readers support tEXt, whose characters are Latin-1.
         let ascii = text.is_ascii();
         let added = if ascii { encoder.add_text_chunk(key, text) } else { encoder.add_itxt_chunk(key, text) };
         added.map_err(io::Error::other)?;
@@ -75,7 +75,7 @@ pub(super) fn start_png<W: Write>(
     encoder.write_header().map_err(io::Error::other)
 }
 
-/// Writes a PNG like [`write_png`], to a file, atomically.
+/// Writes a PNG like [`write_png`], to a file and atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -95,8 +95,8 @@ fn to_16_bit(color: [f32; 4]) -> [u8; 8] {
     [r[0], r[1], g[0], g[1], b[0], b[1], a[0], a[1]]
 }
 
-/// Returns keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, in order of keyword; nothing for
-/// other formats.
+/// Returns keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, sorted by keyword. Returns nothing
+/// for other formats.
 pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
     if !is_png(bytes) {
         return Vec::new();
@@ -105,7 +105,7 @@ pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
     texts_of(reader.info())
 }
 
-/// Returns the texts of a PNG that has been read up to its pixels.
+/// Returns the texts of a PNG whose chunks before the pixels have been read.
 pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
     let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
     let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));

@@ -1,4 +1,4 @@
-//! Reading of images.
+//! Reading of image files.
 
 use crate::color::{linear_8_bit, linear_16_bit};
 use crate::decode::{Samples, can_hold, decode, is_image, size_of};
@@ -13,8 +13,8 @@ const MAX_FILE_BYTES: u64 = 4 << 30;
 /// Maximum memory for decoding an image, in bytes.
 const MAX_DECODED_BYTES: usize = 8 << 30;
 
-/// Reads an image: EXR with all its planes, or PNG, JPEG or WebP as linear premultiplied colour. Metadata are the texts
-/// of EXR attributes, or of PNG chunks before the pixels.
+/// Reads an image: an EXR with all of its planes, or a PNG, JPEG or WebP as linear premultiplied colours. The metadata
+/// are the texts of EXR attributes, or of PNG chunks before the pixels.
 ///
 /// # Errors
 /// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it is damaged, too large, or of another
@@ -23,7 +23,7 @@ pub fn read_image(path: &Path) -> Result<Planes, IoError> {
     read_image_bytes(&input::read(path, MAX_FILE_BYTES)?, path)
 }
 
-/// Reads an image from memory, like [`read_image`]; `name` is for messages.
+/// Reads an image from memory, like [`read_image`]. Messages use `name`.
 ///
 /// # Errors
 /// Errors of [`read_image`].
@@ -45,7 +45,7 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
     read().map_err(|problem| Fault::from(problem).of(name))
 }
 
-/// Decodes a PNG, JPEG or WebP to the colour plane.
+/// Decodes a PNG, JPEG or WebP image into a colour plane.
 fn read_color(bytes: &[u8]) -> Result<Planes, Problem> {
     let problem = |why: String| {
         let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();

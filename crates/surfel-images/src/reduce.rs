@@ -1,4 +1,4 @@
-//! Reduction of large images to textures, row by row where the file allows it.
+//! Reduction of large images to the size limit of textures. PNG images are reduced row by row.
 
 use crate::color::linear_of_8_bit;
 use crate::decode::{Samples, decode, is_png, size_of, texels};
@@ -7,8 +7,8 @@ use surfel_math::srgb::nearest_8_bit;
 use surfel_model::Texture;
 
 /// Decodes an image whose size has been checked, and reduces it to `width` × `height` texels, at most its own size.
-/// Each texel is the mean light, not the mean level, of the pixels that it covers. A PNG that isn't interlaced is never
-/// in memory as a whole.
+/// Each texel is the mean of the covered pixels in linear light. A PNG that isn't interlaced is never in memory as a
+/// whole.
 pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u32; 2]) -> Result<Texture, String> {
     if (width, height) == size_of(bytes)? {
         let image = decode(bytes, max_bytes)?;
@@ -49,21 +49,21 @@ pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u
     Ok(reducer.finish())
 }
 
-/// Rounds a 16-bit level to 8 bits.
+/// Converts a 16-bit level to the nearest 8-bit level.
 fn nearest_8_of_16_bit(level: u16) -> u8 {
     ((u32::from(level) + 128) / 257) as u8
 }
 
-/// Reduces an image, row by row.
+/// Reducer of an image that is passed row by row.
 struct Reducer {
-    /// Number of rows of the original image.
+    /// Number of rows of the source image.
     height: u32,
     size: [u32; 2],
-    /// First source column of each texel, followed by the end of the last texel's columns.
+    /// First source column of each texel. A last entry is the end of the last texel's columns.
     starts: Vec<usize>,
-    /// Number of rows read.
+    /// Number of source rows that were passed.
     read: u32,
-    /// Sums of linear premultiplied colours, with their weights, for the current row.
+    /// Sum of linear premultiplied colours and number of pixels, for each texel of the current row.
     sums: Vec<([f32; 4], f32)>,
     done: Vec<[u8; 4]>,
 }
@@ -101,7 +101,7 @@ impl Reducer {
         }
     }
 
-    /// Returns the image; missing rows are transparent.
+    /// Returns the reduced image. Rows that are missing are transparent.
     fn finish(mut self) -> Texture {
         let [width, height] = self.size;
         self.done.resize(width as usize * height as usize, [0; 4]);

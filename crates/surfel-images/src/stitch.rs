@@ -1,4 +1,4 @@
-//! Stitching of image tiles to a whole image, with a band of rows in memory at a time.
+//! Stitching of image tiles to a whole image, with only a few rows in memory at a time.
 
 use crate::png::{BitDepth, PngOptions, start_png};
 use std::fs::File;
@@ -9,25 +9,26 @@ use surfel_files::error::ShowPath as _;
 use surfel_files::error::{Fault, IoError, Problem, READ};
 use surfel_model::MAX_IMAGE_SIDE;
 
-/// Properties of a PNG or EXR that are read without its pixels.
+/// Header of a PNG or EXR file, which is read without the pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageHeader {
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Pixel format.
+    /// Format of the pixels.
     pub samples: Samples,
     /// Text attributes, sorted by name.
     pub metadata: Vec<(String, String)>,
 }
 
-/// Pixel format of an image.
+/// Format of an image's pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Samples {
     /// RGBA PNG.
     Png(BitDepth),
-    /// EXR channels in order: name, bytes per sample, and the type's letter (`h`, `f`, `u`).
+    /// EXR channels in their order: name, number of bytes per sample, and letter of the type (`h` half, `f` float, `u`
+    /// integer).
     Exr(Vec<(String, usize, char)>),
 }
 
@@ -45,7 +46,7 @@ impl std::fmt::Display for Samples {
 }
 
 impl Samples {
-    /// Returns the bytes per pixel of each section of a row; sections are stored one after another.
+    /// Returns the number of bytes per pixel of each section of a row. In an EXR, each channel is a section of its own.
     fn parts(&self) -> Vec<usize> {
         match self {
             Self::Png(BitDepth::Eight) => vec![4],
@@ -55,7 +56,7 @@ impl Samples {
     }
 }
 
-/// A tile: an image file, and the position of its upper left pixel in the whole image.
+/// Tile of an image: an image file, and the position of its upper left pixel in the whole image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tile {
     /// Path of the image file.
@@ -64,7 +65,7 @@ pub struct Tile {
     pub x: u32,
     /// Row of the upper left pixel.
     pub y: u32,
-    /// Header of the file ([`read_image_header`]).
+    /// Header of the file, from [`read_image_header`].
     pub header: ImageHeader,
 }
 
@@ -78,22 +79,22 @@ impl Tile {
     }
 }
 
-/// Reads the header of a PNG or EXR that Surfel wrote.
+/// Reads the header of a PNG or EXR file that Surfel wrote.
 ///
 /// # Errors
-/// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it isn't a PNG or EXR, or is stored in a way
-/// that Surfel doesn't write.
+/// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it isn't a PNG or EXR, or has a layout that
+/// Surfel doesn't write.
 pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
     Rows::open(path).map(|(header, _)| header)
 }
 
-/// Writes an image of `size` pixels from its tiles, with unchanged samples. The output has the tiles' format; PNG tiles
-/// become a TIFF, without `metadata`, if `out` ends in .tif or .tiff. Only the tiles of the current row are open, each
-/// with one row of a PNG or 16 rows of an EXR in memory.
+/// Writes an image of `size` pixels from its tiles, whose samples are unchanged. The output has the format of the
+/// tiles. If `out` ends in .tif or .tiff, PNG tiles become a TIFF without `metadata`. Only tiles in the current row are
+/// open. Each has one row of a PNG or 16 rows of an EXR in memory.
 ///
 /// # Errors
-/// [`IoError`] if a pixel is in no tile or in two, or if tiles differ in pixel format or can't be read. Also if `out`
-/// can't be written, or exists and `overwrite` is false.
+/// [`IoError`] if a pixel is in no tile or in two, or if tiles differ in pixel format or can't be read. Also
+/// [`IoError`] if `out` can't be written, or if it exists and `overwrite` is false.
 pub fn stitch(
     out: &Path,
     overwrite: bool,
@@ -164,13 +165,14 @@ pub fn stitch(
     }
 }
 
-/// Stores a tile's error, which the writer of the whole image can't return, and returns a placeholder.
+/// Stores a tile's error, which the writer of the whole image can't return, and returns a placeholder for it.
 fn keep(failed: &mut Option<IoError>, error: IoError) -> io::Error {
     *failed = Some(error);
     io::Error::other("a tile can't be read")
 }
 
-/// Checks that every pixel is in exactly one tile; `tiles` are sorted by their upper left pixels.
+/// Checks that each pixel is in exactly one tile. `tiles` are sorted by the rows, then by the columns of their upper
+/// left pixels.
 fn check_cover([width, height]: [u32; 2], tiles: &[&Tile], out: &Path) -> Result<(), IoError> {
     let outside = |tile: &&&Tile| tile.right() > u64::from(width) || tile.bottom() > u64::from(height);
     if let Some(tile) = tiles.iter().find(outside) {
@@ -216,10 +218,10 @@ fn missing(out: &Path, columns: (u64, u64), rows: (u64, u64)) -> IoError {
     Fault::from(Problem::new(what).expected("every pixel in one tile").help("draw the missing tiles first")).of(out)
 }
 
-/// The whole image, assembled row by row.
+/// Whole image that is assembled row by row.
 struct Whole<'a> {
     size: [u32; 2],
-    /// Bytes per pixel of each section of a row.
+    /// Number of bytes per pixel of each section of a row.
     parts: Vec<usize>,
     /// Tiles that begin below the current row.
     waiting: &'a [&'a Tile],
@@ -232,7 +234,7 @@ impl Whole<'_> {
         self.parts.iter().sum::<usize>() * self.size[0] as usize
     }
 
-    /// Assembles the next row.
+    /// Assembles the next row from the open tiles.
     fn next_row(&mut self, row: &mut [u8]) -> Result<(), IoError> {
         let y = self.y;
         self.open.retain(|(tile, _)| tile.bottom() > y);
@@ -263,7 +265,7 @@ impl Whole<'_> {
     }
 }
 
-/// Reader of a file's rows.
+/// Reader of the rows of an image file.
 enum Rows {
     Png(Box<png::Reader<BufReader<File>>>),
     #[cfg(feature = "exr")]
@@ -308,7 +310,7 @@ impl Rows {
     }
 }
 
-/// Returns the problem of a tile that can't be decoded.
+/// Returns the problem for a tile that can't be decoded.
 pub(super) fn damaged(why: &str) -> Problem {
     let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
     Problem::new(format!("can't be read as an image: {why}")).help("draw the tile again: it is damaged")

@@ -1,4 +1,4 @@
-//! Base-colour textures and matcaps: PNG, JPEG or WebP decoded to 8-bit texels.
+//! Textures and matcaps: PNG, JPEG or WebP images, decoded to 8-bit texels.
 
 use crate::decode::{can_hold, is_cut_jpeg, size_of};
 use crate::reduce::decode_reduced;
@@ -7,34 +7,34 @@ use surfel_files::error::{Fault, IoError, Problem, quote};
 use surfel_files::input;
 use surfel_model::{Matcap, Texture};
 
-/// Maximum texture side, in texels.
+/// Maximum side of a texture's image, in texels.
 const MAX_SIDE: u32 = 32_768;
-/// Default limit of a texture's longer side, in texels; larger textures are reduced.
+/// Default maximum side of a texture, in texels. Larger images are reduced.
 const DEFAULT_MAX_SIDE: u32 = 8192;
-/// Maximum memory for decoding, in bytes.
+/// Maximum memory for decoding an image, in bytes.
 const MAX_BYTES: usize = 1 << 30;
 
-/// Decoder of the PNG, JPEG or WebP images of one file, with a limit for all of them together.
+/// Decoder for the PNG, JPEG and WebP images of one mesh file, with a common limit on their texels.
 #[derive(Debug)]
 pub struct TextureDecoder {
     texels_left: u64,
-    /// Maximum side of a texture that isn't reduced, in texels.
+    /// Maximum side of a texture in texels; larger images are reduced.
     max_side: u32,
-    /// Number of reduced textures, and the first one's size before and after.
+    /// Number of images that were reduced, and width and height of the first one before and after.
     reduced: Option<(usize, [u32; 4])>,
-    /// Number of truncated JPEG textures, which are drawn as far as they go, and the name of the first.
+    /// Number of truncated JPEG images, whose missing pixels are filled up, and the name of the first one.
     cut: Option<(usize, String)>,
 }
 
 impl TextureDecoder {
-    /// Creates a decoder for one file's textures. Textures whose longer side exceeds `max_side` texels (`None`: 8192)
-    /// are reduced.
+    /// Creates a decoder for the textures of one file. Images with a side of more than `max_side` texels are reduced;
+    /// `None` means 8192.
     pub fn new(max_side: Option<u32>) -> Self {
         let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
         Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
     }
 
-    /// Returns notes about the decoded images.
+    /// Returns notes about images that were reduced or truncated.
     pub fn told(&self) -> Vec<String> {
         let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
             let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
@@ -48,11 +48,11 @@ impl TextureDecoder {
         reduced.into_iter().chain(cut).collect()
     }
 
-    /// Decodes a PNG, JPEG or WebP image; `name` is for notes. A texture larger than the limit is reduced.
+    /// Decodes a PNG, JPEG or WebP image. An image larger than the limit is reduced. Notes use `name`.
     ///
     /// # Errors
-    /// A message with the reason, if the bytes are no such image, or the file's images exceed their common memory
-    /// limit.
+    /// A message with the reason, if the bytes aren't an image in these formats. Also a message if the images of the
+    /// file exceed their common limit.
     pub fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
@@ -77,7 +77,7 @@ impl TextureDecoder {
         Ok(texture)
     }
 
-    /// Counts the texels of a converted texture against the file's limit; returns false if they exceed it.
+    /// Subtracts the texels of a converted texture from the file's limit. Returns false if they exceed the limit.
     pub fn spend(&mut self, texels: u64) -> bool {
         let left = self.texels_left.checked_sub(texels);
         self.texels_left = left.unwrap_or(self.texels_left);
@@ -85,11 +85,11 @@ impl TextureDecoder {
     }
 }
 
-/// Reads a matcap: an image (PNG, JPEG or WebP) of a lit sphere.
+/// Reads a matcap: an image of a lit sphere, as PNG, JPEG or WebP.
 ///
 /// # Errors
-/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't such an image, [`IoError::Model`] if
-/// it has no texels or more than 2048 per side.
+/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't an image in these formats.
+/// [`IoError::Model`] if it has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = input::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {
@@ -103,7 +103,7 @@ pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     Matcap::new(&image).map_err(|source| IoError::Model { path: path.to_path_buf(), source })
 }
 
-/// Returns the note about a texture that isn't used.
+/// Returns a note that a texture is ignored, for the reason `why`.
 pub fn missing(name: &str, why: &str) -> String {
     let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
     format!("left out the texture {}: {why}", quote(name))

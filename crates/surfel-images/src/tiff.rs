@@ -1,4 +1,4 @@
-//! Writing of RGBA TIFF images row by row: in strips, with deflate, and as BigTIFF if the file may exceed 4 GiB.
+//! Writing of RGBA TIFF images row by row, in strips compressed by deflate. Files that may exceed 4 GiB are BigTIFF.
 
 use crate::png::BitDepth;
 use flate2::Compression;
@@ -9,14 +9,15 @@ use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
 use tiff::tags::Tag;
 use tiff::{TiffError, TiffResult};
 
-/// Bytes of a strip before compression; a strip has at least one row.
+/// Size of a strip in bytes before compression. A strip has at least one row.
 const STRIP_BYTES: usize = 1 << 20;
-/// Deflate level; higher ones take twice the time for a few per cent.
+/// Deflate level. Higher levels take twice the time and reduce the size by a few per cent.
 const LEVEL: u32 = 3;
-/// Raw bytes from which a file is a BigTIFF; deflate adds less than 0.1 %.
+/// Number of bytes before compression from which a file is BigTIFF. Deflate may add less than 0.1 %.
 const BIG_FROM: u64 = 4_200_000_000;
 
-/// Writes an image of sRGB-encoded RGB and straight alpha; `next` provides its rows from the top, in PNG's format.
+/// Writes an image with sRGB-encoded RGB and straight alpha. `next` provides its rows from the top, with 16-bit samples
+/// in big-endian order, as in a PNG.
 ///
 /// # Errors
 /// [`io::Error`] of `sink` or of `next`.
@@ -48,12 +49,12 @@ pub(super) fn write_rows(
     })
 }
 
-/// A directory encoder of the output file.
+/// Directory encoder for the output file.
 type Directory<'a, 'file, K> = tiff::encoder::DirectoryEncoder<'a, &'file mut BufWriter<File>, K>;
 
 struct Image<'a> {
     size: [u32; 2],
-    /// Bytes per sample.
+    /// Number of bytes per sample.
     sample: usize,
     software: &'a str,
 }
@@ -103,8 +104,8 @@ impl Image<'_> {
         directory.finish().map(drop)
     }
 
-    /// Applies the horizontal predictor: replaces samples by their differences from the pixel to the left. 16-bit
-    /// samples are big endian in the input, and become native endian, as in the file.
+    /// Applies the horizontal predictor of TIFF: replaces samples by their differences from the pixel to the left.
+    /// 16-bit samples are big-endian in the input, and native-endian in the output, as in the file.
     fn predict(&self, row: &mut [u8]) {
         if self.sample == 1 {
             for i in (4..row.len()).rev() {

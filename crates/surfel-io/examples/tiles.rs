@@ -27,13 +27,14 @@ fn hash(x: i64, y: i64, what: u64) -> f64 {
     (h >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Returns the height of hills, from 300 m down to 3 m across, in millimetres.
+/// Returns the height of the terrain in millimetres: hills from 300 m down to 3 m across. `x` and `y` are in
+/// millimetres.
 fn land(x: f64, y: f64) -> f64 {
     let wave = |length: f64, height: f64| height * (x / length).sin() * (y / (1.13 * length) + 1.0).cos();
     wave(50_000.0, 12_000.0) + wave(11_000.0, 1500.0) + wave(500.0, 60.0)
 }
 
-/// Returns height and colour at a position: terrain, and a house in every third square of 25 m.
+/// Returns height and colour at a position, in millimetres: terrain, and a house in about every third square of 25 m.
 fn surface(x: f64, y: f64) -> (f64, [u16; 3]) {
     let square = [x, y].map(|v| (v / 25_000.0).floor());
     let within = [x - square[0] * 25_000.0, y - square[1] * 25_000.0];

@@ -6,7 +6,7 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, Location, Problem};
 use std::io::{BufRead, Read};
 
-/// Iterator over lines, which end at LF, CRLF or lone CR, with their numbers from 1.
+/// Iterator over the lines of a text and their numbers, from 1. Lines end at LF, CRLF or a CR alone.
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
@@ -45,8 +45,8 @@ impl<'a> Iterator for Lines<'a> {
 /// Maximum length of a line in a file that is read line by line, in bytes.
 const MAX_LINE_BYTES: usize = 1 << 24;
 
-/// Passes each line of a text and its number, from 1, to `each`. Lines are those of [`Lines`]. Only part of a file is
-/// in memory at a time.
+/// Passes each line of a text and its number, from 1, to `each`. Lines end as in [`Lines`]. Only part of a file is in
+/// memory at a time.
 pub(crate) fn each_line(
     bytes: Bytes<'_>,
     mut each: impl FnMut(usize, &[u8]) -> Result<(), Fault>,

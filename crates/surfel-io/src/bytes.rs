@@ -41,7 +41,7 @@ impl OpenFile {
         Bytes::File { file: self, start: 0, length: self.length }
     }
 
-    /// Returns the error if reading a part failed; data read since then are invalid.
+    /// Returns the first error of reading a part of the file. Data that were read after it are invalid.
     pub(crate) fn failure(self) -> Option<io::Error> {
         self.failure.into_inner()
     }
@@ -99,7 +99,7 @@ impl<'a> Bytes<'a> {
         part.map_or(Cow::Borrowed(&[]), Self::read)
     }
 
-    /// Returns all bytes. If there isn't enough memory, returns none and records an error in the file.
+    /// Returns all bytes. If there isn't enough memory, returns an empty slice and records an error in the file.
     pub(crate) fn read(self) -> Cow<'a, [u8]> {
         let (file, length) = match self {
             Self::Memory(bytes) => return bytes.into(),
@@ -139,8 +139,8 @@ impl<'a> Bytes<'a> {
         Reader { bytes: self, position: 0 }
     }
 
-    /// Returns the shortest range of a file that contains all `parts`, and where each part begins in it. Returns `None`
-    /// if the range is longer than the parts together: these are then better read one by one.
+    /// Returns the shortest range of a file that contains all `parts`, and the offset of each part in the range.
+    /// Returns `None` if the range is longer than the parts together: reading them one by one is then faster.
     pub(crate) fn hull(parts: &[Self]) -> Option<(Self, Vec<usize>)> {
         let Self::File { file, start, .. } = *parts.first()? else { return None };
         let (mut first, mut end, mut total) = (start, start, 0_usize);

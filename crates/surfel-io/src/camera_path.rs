@@ -18,7 +18,8 @@ use surfel_model::{Camera, Projection};
 
 /// Largest number of keys.
 const MOST_KEYS: usize = 100_000;
-/// Depth of planes that a camera doesn't state: near relative to the target, far relative to the view.
+/// Factors for clip planes that a camera doesn't state. The near plane is `NEAR` times the distance of the target; the
+/// far plane of a parallel projection is `FAR` times that distance plus the view's height.
 const NEAR: f64 = 1e-3;
 const FAR: f64 = 1e3;
 
@@ -54,7 +55,7 @@ struct KeyFile {
     camera: CameraEntry,
     #[serde(default)]
     time: Option<f64>,
-    /// Name of a view that the viewer stores; it has no meaning here.
+    /// Name that the viewer stores with a camera; ignored here.
     #[serde(default, rename = "name")]
     _name: Option<String>,
 }
@@ -135,8 +136,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<CameraKeys, IoError> {
     Ok(CameraKeys { keys, closed: file.closed })
 }
 
-/// Chooses the planes that a camera doesn't state so that they clip nothing: the near plane if it is the default, and
-/// the far plane of a parallel projection.
+/// Sets the clip planes that a camera doesn't state so that they clip nothing: the near plane if it has the default
+/// value, and the far plane of a parallel projection.
 fn choose_depths(camera: &mut Camera) {
     let distance = (0..3).map(|k| (camera.target[k] - camera.eye[k]).powi(2)).sum::<f64>().sqrt();
     if camera.far.is_none() && camera.near == Camera::perspective([0.0; 3], [1.0; 3], 45.0, [1, 1]).near {

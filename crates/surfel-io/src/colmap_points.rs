@@ -20,11 +20,11 @@ const PER_ELEMENT: usize = 2;
 /// in it).
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 const ELEMENT_BYTES: u64 = 8;
-/// Maximum number of text lines that are examined.
+/// Maximum number of text lines that are examined to detect the format.
 const JUDGED_LINES: usize = 100;
 
-/// True if `head`, the start of a file, is that of `points3D.txt`. Either its first comments show it, or its lines are
-/// points and the name or differing track lengths show it.
+/// True if `head`, the start of a file, is that of `points3D.txt`. Either the first comments name its columns; or all
+/// lines are points, and the file's name or differing track lengths show the format.
 pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
     let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));

@@ -46,13 +46,13 @@ pub(crate) struct ColumnFile {
     /// Position of the scanner, if one scanner recorded all points.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
-    /// Meaning of float colours, for formats whose types define the range of colours.
+    /// Encoding of colours stored as floats, for formats whose number types define the range of colours.
     pub(crate) float_colors: FloatColors,
     /// Temporary file with the columns, if they aren't read from the file itself.
     unpacked: Option<Arc<OpenFile>>,
 }
 
-/// Format, estimated number of points and up axis, from the start of a file.
+/// Format, estimated number of points and up axis of a point file, read from its start.
 pub(crate) struct Survey {
     pub(crate) format: Format,
     pub(crate) count: PointCount,
@@ -60,7 +60,7 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// Detects the format from the file's first bytes. The name decides for text, and for files without a header, which
+/// Detects the format from the file's first bytes. Text formats are detected by the file's name. Files without a header
 /// need `columns`.
 fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
@@ -100,7 +100,8 @@ fn context(options: &LoadOptions) -> Context<'_> {
     Context::new(options, Siblings::None)
 }
 
-/// Surveys a point file from its start. Returns `None` for other files and for invalid headers.
+/// Estimates format, number of points and up axis of a point file from its start. Returns `None` for other files and
+/// for invalid headers.
 pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Survey> {
     let file = OpenFile::open_any(path)?;
     let bytes = file.bytes();
@@ -111,12 +112,12 @@ pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Surv
     survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())], columns)
 }
 
-/// Surveys a file from `bytes`, which may be the unpacked start of a compressed one. `all` is the estimated size of the
-/// unpacked file, and `most` the largest possible size.
+/// Implements [`survey`] for `bytes`, which may be the unpacked start of a compressed file. `all` is the estimated size
+/// of the unpacked file, and `most` the largest possible size.
 fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head, bytes, columns)?;
-    // Colours are assumed where the start of the file doesn't show whether there are any.
+    // Points are assumed to have colours if the start of the file doesn't show this.
     let (mut has_normals, mut has_colors) = (false, true);
     let (points, least_bytes, up) = match format {
         Format::Ply => {
@@ -281,8 +282,8 @@ impl ColumnFile {
         }))
     }
 
-    /// True if number types define the range of colours, and coordinates keep their digits, as in PLY and E57 files. In
-    /// other formats colours are sRGB-encoded and their range is estimated from their values.
+    /// True if the file's number types define the range of colours and the precision of coordinates, as in PLY and E57
+    /// files. In other formats colours are sRGB-encoded and their range is estimated from their values.
     pub(crate) fn is_typed(&self) -> bool {
         matches!(self.format, Format::Ply | Format::E57)
     }

@@ -128,7 +128,7 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
-/// Maximum rounding step, relative to the extent, of coordinates without a note.
+/// Maximum rounding step of coordinates that causes no note, as a fraction of their extent.
 const ROUNDED_SHARE: f64 = 1.0 / 50_000.0;
 
 /// Returns a note if 32-bit coordinates in these bounds are so far from the origin that they are rounded.
@@ -150,8 +150,8 @@ pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option
     })
 }
 
-/// True if f32 is precise enough for measured points in these bounds: at 32 times the extent it still resolves
-/// 1/500,000 of it.
+/// True if f32 is precise enough for measured points in these bounds. The largest coordinate must be at most 32 times
+/// the extent, where f32 resolves 1/500,000 of the extent.
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }

@@ -12,14 +12,15 @@ pub struct LoadOptions {
     pub repair: bool,
     /// Texture (PNG, JPEG or WebP) for a mesh that has texture coordinates but states no texture.
     pub texture: Option<PathBuf>,
-    /// True if Gaussians are returned as trained ([`Content::Gaussians`]) instead of as a surface.
+    /// True if Gaussians are returned as trained ([`Content::Gaussians`]) instead of as surface splats.
     pub gaussians: bool,
-    /// True if files that the file refers to (buffers, materials, textures) may be anywhere, not only in its folder and
-    /// below.
+    /// True if files that the file refers to (buffers, materials, textures) may be anywhere. Otherwise they must be in
+    /// the file's folder or below.
     pub allow_outside: bool,
     /// Maximum side of a texture in texels, 1 to 32,768; larger textures are reduced. `None` means 8192.
     pub max_texture: Option<u32>,
-    /// Column names of text files and NumPy arrays; with types, the columns of a binary file without a header.
+    /// Column names of text files and NumPy arrays. With types, they describe the columns of a binary file without a
+    /// header.
     pub columns: Option<TableColumns>,
     /// True if LAS points flagged as withheld are read, with a column `withheld`, instead of dropped.
     pub withheld: bool,

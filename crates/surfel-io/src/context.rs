@@ -19,19 +19,19 @@ pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are 
 /// Note about colours that are all black.
 const ALL_BLACK: &str = "took it as without colours: they are all black";
 
-/// Maximum number of notes per file: nobody reads more.
+/// Maximum number of notes per file.
 const MOST_NOTES: usize = 1000;
 
 /// State that readers share while a file is loaded.
 pub(crate) struct Context<'a> {
     pub(crate) options: &'a LoadOptions,
-    /// Access to files beside the one being loaded.
+    /// Access to other files that the loaded file refers to.
     pub(crate) siblings: Siblings,
-    /// Messages for the user so far, as sentences without a full stop.
+    /// Notes for the user so far, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
-    /// Set of the notes, for lookup.
+    /// The same notes as a set, to find duplicates.
     known_notes: HashSet<String>,
-    /// Number of notes beyond [`MOST_NOTES`].
+    /// Number of notes dropped because there were more than [`MOST_NOTES`].
     notes_left_out: usize,
     /// Texture decoder, with limits for the whole file.
     pub(crate) textures: TextureDecoder,
@@ -75,7 +75,8 @@ impl<'a> Context<'a> {
         notes
     }
 
-    /// Adds a note if these positions, 32-bit floats in the file, are rounded.
+    /// Adds a note if the positions, which are 32-bit floats in the file, are so far from the origin that they are
+    /// rounded.
     pub(crate) fn note_rounding(&mut self, positions: &[Vec3]) {
         let finite = positions.iter().filter(|p| p.is_finite());
         let ends = finite.fold(None, |ends: Option<(Vec3, Vec3)>, p| {

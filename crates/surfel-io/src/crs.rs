@@ -5,7 +5,7 @@
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 
-/// Comment of point clouds whose x and y are degrees. The names or the steps of the columns show it; the file states no
+/// Comment of point clouds whose x and y are degrees, judging from the columns' names or steps. The file states no
 /// coordinate reference system.
 pub const IN_DEGREES: &str = "coordinates longitude latitude";
 
@@ -23,7 +23,7 @@ pub struct Crs {
 /// GeoTIFF keys of a coordinate reference system.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct GeoKeys {
-    /// Key directory, with its header.
+    /// Key directory, including its header of four numbers.
     pub(crate) directory: Vec<u16>,
     /// Numbers that keys refer to.
     pub(crate) doubles: Vec<f64>,
@@ -81,7 +81,7 @@ impl Crs {
         text.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
     }
 
-    /// True if x and y are degrees. EPSG codes alone are recognised if they are in common use.
+    /// True if x and y are degrees. A system given only by its EPSG code is recognised if the code is in common use.
     pub fn is_geographic(&self) -> bool {
         let of_code = |code: u32| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code));
         match (&self.wkt, &self.geotiff) {
@@ -103,9 +103,9 @@ impl Crs {
         first + zone.min(60)
     }
 
-    /// Returns advice on points whose x and y are degrees, as the system states or, without one, as their numbers show.
-    /// `step` is the value that all coordinates are multiples of. Extents of 5° or more give no note: files of local
-    /// coordinates often claim to be in degrees.
+    /// Returns advice for points whose x and y are degrees. The system states this, or, if there is no system, the
+    /// numbers show it. `step` is the value that all coordinates are multiples of. Extents of 5° or more give no note:
+    /// files of local coordinates often claim to be in degrees.
     #[cfg_attr(not(feature = "las"), allow(dead_code))]
     pub(crate) fn degrees_note(&self, (lo, hi): (DVec3, DVec3), step: Option<DVec3>) -> Option<String> {
         let extent = hi - lo;
@@ -113,7 +113,8 @@ impl Crs {
         if !on_earth || extent.x.max(extent.y) >= 5.0 {
             return None;
         }
-        // Steps of lengths are similar on all axes; steps of degrees are about 10⁵ times smaller.
+        // Steps of lengths are similar on all axes; steps of x and y in degrees are about 10⁵ times smaller than that
+        // of z.
         let looks_so = |step: DVec3| step.x.max(step.y) <= 1e-6 && step.z >= 100.0 * step.x;
         let (found, from) = match (self.is_geographic(), *self == Self::default() && step.is_some_and(looks_so)) {
             (true, _) => ("x and y are degrees", ""),
@@ -129,8 +130,8 @@ impl Crs {
     }
 
     /// Returns the GeoTIFF 1.1 key directory of an image whose pixels are areas, with the doubles and text that it
-    /// refers to. A system that only WKT states is converted to its parameters, or else stored as text as Esri's
-    /// programs do.
+    /// refers to. A system without an EPSG code is converted from WKT to its parameters. If that fails, the WKT is
+    /// stored as text, as Esri's programs do.
     pub(crate) fn image_keys(&self) -> GeoKeys {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let stated = match (&self.wkt, &self.geotiff) {
@@ -203,7 +204,7 @@ const SYSTEMS: [&str; 8] =
 /// GeoTIFF keys of the model type (what x and y are) and of the raster type (what a pixel is).
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;
-/// Ranges of EPSG codes (EPSG 12) that contain only geographic systems, for those in common use.
+/// Ranges of EPSG codes (EPSG 12) that contain only geographic systems; systems in common use only.
 const GEOGRAPHIC: [[u32; 2]; 20] = [
     [4001, 4025],
     [4120, 4216],
@@ -228,7 +229,7 @@ const GEOGRAPHIC: [[u32; 2]; 20] = [
     [9705, 9707],
 ];
 
-/// True if WKT describes a geographic system, alone or with heights. Base systems of projected ones don't count.
+/// True if WKT describes a geographic system, alone or with heights. The base system of a projected one doesn't count.
 fn is_geographic_wkt(wkt: &str) -> bool {
     let mut quoted = false;
     let mut start = None;
@@ -254,7 +255,7 @@ fn is_geographic_wkt(wkt: &str) -> bool {
     false
 }
 
-/// Returns keys that store a projected system as text; `None` if GeoTIFF can't store the text as one value.
+/// Returns keys that store a projected system as text; `None` for other systems, or if the text contains a bar.
 fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
@@ -290,14 +291,14 @@ fn pixel_is_area(whole: &GeoKeys) -> GeoKeys {
     GeoKeys { directory: made, doubles: doubles.clone(), text }
 }
 
-/// Returns the EPSG code of WKT: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first part
-/// that is a horizontal system. Codes of datums, units and base systems don't count.
+/// Returns the EPSG code of WKT: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]`. The code of the whole system has
+/// priority over that of its first horizontal part. Codes of datums, units and base systems don't count.
 fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     let whole: Vec<&str> = SYSTEMS.into_iter().chain(COMPOUNDS).collect();
     code_of_wkt(wkt, &whole)
 }
 
-/// Returns the EPSG code of the outermost of the given parts of WKT.
+/// Returns the EPSG code of the outermost element of WKT whose keyword is in `parts`.
 fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
     let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
     let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));
@@ -319,7 +320,7 @@ fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
                         best = Some((stack.len(), code));
                     }
                 }
-                // Real texts are nested about ten deep.
+                // Ordinary texts are nested about ten deep.
                 if stack.len() > 64 {
                     return best.map(|(_, code)| code);
                 }

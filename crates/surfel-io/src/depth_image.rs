@@ -5,14 +5,15 @@ use crate::context::Context;
 use glam::{DVec2, DVec3};
 use surfel_model::{PointCloud, Up};
 
-/// Minimum number of rows, of columns, and of examined points with a depth.
+/// Minimum number of rows, of columns, and of sampled points that have a depth.
 const FEWEST: usize = 16;
-/// Maximum number of points that are examined.
+/// Maximum number of points that are sampled.
 const MOST: usize = 20_000;
-/// Minimum correlation of the slopes x/z and y/z with column and row: lenses and rounded depths bend them slightly.
+/// Minimum correlation of the slopes x/z and y/z with column and row. Lens distortion and rounded depths lower it
+/// slightly.
 const LINEAR: f64 = 0.99;
 
-/// Sets the up axis and the viewpoint of points that are a camera's depth image, row by row, with the camera at the
+/// Sets the up axis and the viewpoint if the points are a camera's depth image, row by row, with the camera at the
 /// origin. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and z backward.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
@@ -29,10 +30,10 @@ pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], cont
     }
 }
 
-/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin. The camera looks along z
-/// with y down if `ahead` is 1, or along −z with y up if `ahead` is −1.
+/// True if the slopes x/z and y/z of the points are proportional to column and row, as in a pinhole camera at the
+/// origin. The camera looks along z with y down if `ahead` is 1, or along −z with y up if `ahead` is −1.
 fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) -> bool {
-    // If points without a depth were dropped, the others state their rows.
+    // Points without a depth may have been dropped; the others' row numbers then give their pixels.
     let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);
     let count = points.len().checked_sub(1).map_or(0, |last| place(last) + 1);
     if columns < FEWEST || rows < FEWEST || columns.checked_mul(rows).is_none_or(|all| count > all) {

@@ -1,4 +1,4 @@
-//! Colours per face: vertices are split where the faces that share them have different colours.
+//! Colours per face. Vertices are duplicated if the faces that share them have different colours.
 
 use crate::context::Context;
 use std::collections::HashMap;
@@ -7,12 +7,12 @@ use surfel_model::Mesh;
 /// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
-/// Colours triangles by their faces, unless the mesh's vertices have colours of their own. A triangle without a face
+/// Colours triangles by their faces, unless the vertices have differing colours already. A triangle without a face
 /// colour keeps its vertex colours.
 ///
 /// `of_triangle` may be shorter than the mesh's triangles. A mesh with vertex indices out of range stays unchanged.
 pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: &mut Context<'_>) {
-    // Programs that colour faces write at most one colour for all vertices.
+    // Programs that write face colours write at most one colour for all vertices.
     if mesh.colors.as_ref().is_some_and(|all| all.windows(2).any(|pair| pair[0] != pair[1])) {
         context.note("ignored the colours of its faces: its vertices have colours of their own".into());
         return;

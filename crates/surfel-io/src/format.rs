@@ -184,8 +184,8 @@ impl Format {
         })
     }
 
-    /// Returns the up axis of files that don't state one. Gaussian splats in PLY come from cameras with +z forward and
-    /// y down.
+    /// Returns the up axis of files that don't state one. PLY files of Gaussian splats have the axes of cameras, with y
+    /// down.
     pub(crate) fn default_up(self, holds_gaussians: bool) -> Up {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
@@ -273,8 +273,8 @@ pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
     Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
 }
 
-/// Returns the format of a ZIP file by the names of its members. Names are uncompressed, before each member and in the
-/// directory at the end.
+/// Returns the format of a ZIP file by the names of its members. The names are searched in the first and last 64 KiB of
+/// the file, where they are stored uncompressed.
 fn zipped(bytes: &[u8]) -> Result<Format, Problem> {
     let ends = [&bytes[..bytes.len().min(1 << 16)], &bytes[bytes.len().saturating_sub(1 << 16)..]];
     let has = |name: &[u8]| ends.iter().any(|end| end.windows(name.len()).any(|w| w == name));

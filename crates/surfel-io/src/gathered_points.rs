@@ -1,5 +1,5 @@
-//! Points of several parts of a file, or of several files, merged into one cloud. A column that only some parts have is
-//! filled for the others.
+//! Points of several parts of a file, or of several files, merged into one cloud. If only some parts have a column, the
+//! points of other parts get a default value in it.
 
 use crate::columns::{measured_positions, rounding_note_of_step, to_f64};
 use crate::content::Content;
@@ -37,14 +37,14 @@ pub(crate) fn largest_scale(world: DAffine3) -> f64 {
     [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
 }
 
-/// Returns the inverse transpose up to scale, which is finite for any finite matrix.
+/// Returns the inverse transpose of the linear part, multiplied by a positive factor; finite for any finite matrix.
 pub(crate) fn inverse_transpose(world: DAffine3) -> DMat3 {
     let m = world.matrix3;
     let sign = 1.0_f64.copysign(m.determinant());
     DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
 }
 
-/// Transforms a normal by an inverse transpose, and normalises it unless the matrix is the identity.
+/// Transforms a normal by an inverse transpose, and normalises it. The identity returns the normal unchanged.
 pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     if matrix == DMat3::IDENTITY {
         return normal;
@@ -63,7 +63,7 @@ pub(crate) struct GatheredPoints {
     extras: Vec<ExtraColumn>,
     /// Largest rounding step of all parts.
     step: f64,
-    /// Indices of columns by name.
+    /// Index in `extras` of each column, by name.
     extra_of: HashMap<String, usize>,
 }
 
@@ -93,13 +93,13 @@ impl GatheredPoints {
         }
     }
 
-    /// Returns the columns, each with a value for every point.
+    /// Returns the columns, extended to a value for every point.
     fn filled(mut extras: Vec<ExtraColumn>, total: usize) -> Vec<ExtraColumn> {
         extras.iter_mut().for_each(|extra| extra.values.resize(total));
         extras
     }
 
-    /// Rotates all points about `center`, and translates `center` to the origin.
+    /// Rotates all points about `center` and moves `center` to the origin.
     pub(crate) fn turn(&mut self, center: DVec3, rotation: DMat3) {
         self.positions.iter_mut().for_each(|p| *p = rotation * (*p - center));
         self.normals.iter_mut().for_each(|n| *n = (rotation * DVec3::from(n.map(f64::from))).as_vec3().to_array());

@@ -10,7 +10,8 @@ use surfel_model::{CloudData, Column3, GaussianCloud, GaussianData, GaussianKind
 
 /// Value of the constant spherical harmonic, ½·√(1/π).
 pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
-/// Half-axis of a splat in standard deviations: √(2c), which makes the kernels equal at the default cutoff c = 2.
+/// Half-axis of a surface splat in standard deviations: √(2c), so that its kernel at the default cutoff c = 2 equals
+/// the Gaussian.
 const HALF_AXIS_SIGMAS: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,18 +22,19 @@ pub(crate) enum Kind {
     Solid,
 }
 
-/// Gaussians after their activation functions, in columns of equal length.
+/// Gaussians with activation functions applied, in columns of equal length.
 pub(crate) struct Gaussians {
     pub(crate) origin: DVec3,
     pub(crate) centers: Column3,
     pub(crate) kind: Kind,
     /// Standard deviations along the rotated axes.
     pub(crate) sigmas: Vec<DVec3>,
-    /// Rotations; any length but zero.
+    /// Rotations as quaternions of any nonzero length.
     pub(crate) rotations: Vec<DQuat>,
     /// Opacity in [0, 1].
     pub(crate) alphas: Vec<f32>,
-    /// Displayed colours without their view-dependent part; clamped to [0, 1] for surfaces.
+    /// sRGB-encoded colours without their view-dependent part, unless `linear_colors` is true. Surfaces clamp them to
+    /// [0, 1].
     pub(crate) display_colors: Vec<[f64; 3]>,
     /// View-dependent part of the colours.
     pub(crate) harmonics: Harmonics,
@@ -48,7 +50,7 @@ pub(crate) enum Harmonics {
     /// No coefficients.
     #[default]
     None,
-    /// Coefficients that the reader skips, with their number per splat if it is known.
+    /// Coefficients that the reader skips, with their number per splat if the file states it.
     Unread(Option<usize>),
     /// The degree, 1 to 3, and (degree + 1)² − 1 RGB coefficients for each splat.
     Read(u32, Vec<[f32; 3]>),
@@ -97,7 +99,7 @@ impl Gaussians {
 }
 
 impl Context<'_> {
-    /// Converts Gaussians to what the options request: trained Gaussians, or surface splats.
+    /// Converts Gaussians to trained Gaussians or to surface splats, as the options request.
     pub(crate) fn gaussians(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.gaussian = true;
         if !self.options.gaussians {
@@ -114,7 +116,8 @@ impl Context<'_> {
         Ok(Content::Gaussians(Arc::new(cloud)))
     }
 
-    /// Converts Gaussians to surface splats spanned by their axes; by the two largest of three.
+    /// Converts Gaussians to surface splats, spanned by the first two axes of 2D Gaussians or the two largest of 3D
+    /// ones.
     fn surface(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.notes.extend(g.harmonics.left_out());
         let total = g.centers.len();

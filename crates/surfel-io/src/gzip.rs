@@ -1,4 +1,4 @@
-//! Files compressed with gzip, whose content is loaded.
+//! Decompression of files with gzip, whose content is then loaded.
 
 use crate::bytes::Bytes;
 use crate::error::Problem;
@@ -7,11 +7,11 @@ use flate2::bufread::MultiGzDecoder;
 use std::io::{self, Write};
 
 pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
-    // Deflate is the only method, so that the third byte rules out most other files.
+    // Deflate is gzip's only method (byte 8), so that the third byte excludes most other files.
     bytes.starts_with(b"\x1f\x8b") && bytes.get(2).is_none_or(|method| *method == 8)
 }
 
-/// Unpacks a gzip file; several members are concatenated.
+/// Unpacks a gzip file to `out`. The contents of several members are concatenated.
 pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Problem> {
     let limit = most_unpacked(bytes.len());
     let (unpacked, failed) = pour(MultiGzDecoder::new(bytes.reader()), limit + 1, out)?;

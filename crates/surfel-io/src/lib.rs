@@ -1,5 +1,5 @@
-//! Readers and writers of Surfel's files: splats, points and meshes are read, images and splats are written, scene
-//! files both.
+//! Readers and writers of Surfel's files. Splats, points and meshes are read; images and splats are written; scene
+//! files are read and written.
 //!
 //! Main functions and types, in reading order:
 //!
@@ -10,14 +10,15 @@
 //!   [`LoadOptions`] control how files are read; [`Format`] lists the formats.
 //! * [`save_splat_ply`] writes a splat cloud without loss; [`save_octree`] an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npy`) write the
-//!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). They are those of `surfel-images`.
+//!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). All are re-exported from
+//!   `surfel-images`.
 //! * [`film::FilmWriter`] writes films as animated PNG, GIF (feature `gif`) or MP4, which ffmpeg encodes.
 //! * `write_geotiffs` (feature `geotiff`) writes georeferenced images, tile by tile.
 //! * [`scene_file`] reads and writes scene and camera files; [`camera_path`] reads the cameras of a film; [`cameras`]
 //!   reads cameras of other programs.
 //! * `copc` (feature `laz`) reads parts of COPC files, and writes them.
 //! * [`IoError`] names the file, the place in it, and what was expected; [`atomic::write`] writes any file, complete or
-//!   not at all. Both are those of `surfel-files`.
+//!   not at all. Both are re-exported from `surfel-files`.
 //!
 //! Each function `save_…`, which writes a file, has a twin `write_…`, which writes to any [`std::io::Write`].
 //!

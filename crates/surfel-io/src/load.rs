@@ -1,4 +1,4 @@
-//! Loading of geometry files: format detection and the table of readers.
+//! Loading of geometry files: detection of the format, and the choice of its reader.
 
 use crate::RegularFile;
 use crate::ascii;
@@ -68,8 +68,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     load_whole(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
 }
 
-/// Loads a file whose bytes are in memory. Rows without a header are read if their values fit exactly one usual layout;
-/// a note then states the layout.
+/// Loads a file whose bytes are in memory. Rows without a header are read if their values fit exactly one common
+/// layout; a note then states the layout.
 fn load_whole(
     bytes: &[u8],
     hint: Option<Format>,
@@ -94,7 +94,7 @@ fn load_whole(
 /// Properties of all points of a file that was read block by block.
 #[derive(Clone, Debug)]
 pub struct PointSurvey {
-    /// The file, with an empty cloud as content; `attributes` is empty.
+    /// Format, up axis and notes of the file. The content is an empty cloud, and `attributes` is empty.
     pub loaded: Loaded,
     /// Bounds of the positions: the least and the largest coordinates, in the file's units; `None` without points.
     pub bounds: Option<(DVec3, DVec3)>,
@@ -102,8 +102,9 @@ pub struct PointSurvey {
     pub colors: Option<([f32; 3], [f32; 3])>,
 }
 
-/// Passes the points of a LAS, LAZ or COPC file to `each`, block by block, without colours and rows. A block lacks a
-/// column if all its values are zero. Memory doesn't grow with the number of points. Returns `None` for other files.
+/// Passes the points of a LAS, LAZ or COPC file to `each`, block by block, without colours and row numbers. A block
+/// lacks a column if all its values are zero. Memory doesn't grow with the number of points. Returns `None` for other
+/// files.
 ///
 /// # Errors
 /// Errors of [`load`].
@@ -141,7 +142,7 @@ fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
     Some((Format::of_survey(&head)?, file))
 }
 
-/// Opens a regular file whose columns are read in place, so that memory contains them only once. Returns `None` for
+/// Opens a regular file whose columns are read in place, so that memory contains the data only once. Returns `None` for
 /// other formats.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {

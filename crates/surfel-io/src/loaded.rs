@@ -1,4 +1,4 @@
-//! A loaded file, and the running of its reader.
+//! The result of loading a file, and the functions that run a reader.
 
 use crate::content::{Content, LoadOptions};
 use crate::context::Context;
@@ -16,12 +16,12 @@ pub struct Loaded {
     /// Format of the file.
     pub format: Format,
     /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
-    /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
-    /// hence −y.
+    /// Gaussian-splat PLY, SPLAT, SOG and COLMAP, and +y for all others. Gaussian splats and COLMAP's points have the
+    /// axes of a camera, with +z forward and y down.
     pub up: Up,
     /// True if the file contains trained Gaussians, even if they were converted to splats.
     pub gaussian: bool,
-    /// Messages for the user, as sentences without a full stop: what was dropped, ignored or assumed.
+    /// Notes for the user, as sentences without a full stop: what was dropped, ignored or assumed.
     pub notes: Vec<String>,
     /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
@@ -39,7 +39,7 @@ pub(crate) fn run_plain(
     run(read, name, Siblings::None, options)
 }
 
-/// Runs a reader, and gathers its content and notes.
+/// Runs a reader and returns its content with the notes.
 pub(crate) fn run(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
     name: &Path,

@@ -16,7 +16,7 @@ use surfel_model::{
     TriangleMaterials,
 };
 
-/// Column of triangles, 1 for those that are visible only from outside.
+/// Name of the triangle column that is 1 for triangles visible only from outside, else 0.
 const SINGLE_SIDED: &str = "single_sided";
 
 /// Material of a part: base colour, alpha mode, normal map and emission.
@@ -58,8 +58,8 @@ impl Material {
     }
 }
 
-/// Adds the emission of materials to their colours. If one of the two is textured, both become one texture. Emission
-/// shouldn't be lit, but here it is part of the lit colour, so a note states it.
+/// Adds the emission of materials to their colours. If one of the two is textured, the sum is one texture. The sum is
+/// lit, although emission shouldn't be; a note reports this.
 pub(crate) fn add_emission<'a>(
     materials: impl Iterator<Item = &'a mut Material>,
     textures: &mut Vec<Arc<Texture>>,
@@ -114,7 +114,7 @@ pub(crate) fn add_emission<'a>(
     }
 }
 
-/// The sum of a textured colour and a textured emission, as a key.
+/// Inputs of a texture that is the sum of a base colour and an emission; key to reuse such textures.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Emission {
     texture: Option<usize>,
@@ -135,7 +135,7 @@ impl Emission {
         }
     }
 
-    /// Returns one texture of both, of the size of the larger one; `None` if it exceeds the file's texel limit.
+    /// Returns the sum as a texture of the larger one's size; `None` if it exceeds the file's texel limit.
     fn texture(self, textures: &[Arc<Texture>], context: &mut Context<'_>) -> Option<Texture> {
         let [color, map] = [self.texture, self.map].map(|i| i.and_then(|i| textures.get(i)));
         let size = |t: &&Arc<Texture>| u64::from(t.width) * u64::from(t.height);
@@ -169,7 +169,7 @@ impl Emission {
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) positions: Vec<DVec3>,
-    /// True if every decimal of the positions is from the file.
+    /// True if all digits of the positions are those printed in the file, rather than results of a computation.
     pub(crate) exact: bool,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
     pub(crate) uvs: Option<Vec<[f32; 2]>>,
@@ -228,7 +228,7 @@ impl Context<'_> {
         let of_triangle: Vec<u32> = parts.triangles.iter().map(index_of).collect();
         let is_single = |&i: &u32| u8::from(materials.get(i as usize).is_some_and(|m| m.single_sided));
         let single_sided: Vec<u8> = of_triangle.iter().map(is_single).collect();
-        // The column is needed only where sides differ.
+        // The column is needed only if both kinds of triangles exist.
         let sides_differ = single_sided.contains(&0) && single_sided.contains(&1);
         let column = || ExtraColumn { name: SINGLE_SIDED.into(), values: ExtraValues::U8(single_sided) };
         let triangle_extras = sides_differ.then(column).into_iter().collect();
@@ -253,7 +253,7 @@ impl Context<'_> {
     }
 }
 
-/// Returns the texture of all triangles if they share one, and the materials unless this texture replaces them.
+/// Returns the texture of all triangles, if they share one, and their materials, unless this texture suffices.
 fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>, Option<TriangleMaterials>) {
     let mut used = vec![false; all.materials.len()];
     all.of_triangle.iter().for_each(|&i| used[i as usize] = true);

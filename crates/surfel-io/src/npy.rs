@@ -20,7 +20,7 @@ use surfel_model::{Mesh, TableColumn, TableColumns};
 
 /// First bytes of a `.npy` file.
 pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
-/// Maximum number of values per point of an array whose axes may be swapped.
+/// Maximum number of numbers per point of an array that is recognised as transposed.
 const WIDEST_POINT: usize = 16;
 /// Maximum number of columns that an array is split into.
 const MAX_COLUMNS: usize = 64;
@@ -122,14 +122,14 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Res
     columns(&parse(bytes)?, context)
 }
 
-/// Returns the points of an array or an archive, from the start of its file; `None` for splats.
+/// Size and columns of the points of an array or an archive, read from the start of its file.
 #[cfg(feature = "laz")]
 pub(crate) struct Surveyed {
     pub(crate) points: u64,
-    /// Bytes of the array; 0 for an archive.
+    /// Bytes of the array's data; 0 for an archive.
     pub(crate) bytes: u64,
     pub(crate) has_normals: bool,
-    /// True if there are as many columns as places and colours take.
+    /// True if there are enough columns for positions and colours, in addition to normals if there are any.
     pub(crate) has_colors: bool,
 }
 
@@ -137,13 +137,13 @@ pub(crate) struct Surveyed {
 impl Surveyed {
     fn new<'a>(points: usize, bytes: u64, names: impl Iterator<Item = &'a str> + Clone) -> Self {
         let has_normals = names.clone().any(|name| name == "nx");
-        // Three of the columns, if there are normals, are no colours.
+        // Three columns are positions; with normals, three more aren't colours.
         let has_colors = names.count() >= if has_normals { 9 } else { 6 };
         Self { points: points as u64, bytes, has_normals, has_colors }
     }
 }
 
-/// The points of an array, by its file's start; `None` of splats.
+/// Surveys the points of an array from the start of its file; returns `None` for splats.
 #[cfg(feature = "laz")]
 pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     let array = header_of(head).ok()?;
@@ -154,7 +154,7 @@ pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     Some(Surveyed::new(parts.first()?.rows, array.bytes()? as u64, names)).filter(|_| are_points)
 }
 
-/// The arrays of an archive.
+/// The arrays of an archive, with their names.
 pub(crate) struct Members<'a>(Vec<(String, Member<'a>)>);
 
 impl<'a> Members<'a> {
@@ -211,7 +211,7 @@ impl<'a> Members<'a> {
         Ok(triangles.is_none().then_some((columns, roles)))
     }
 
-    /// Returns the points, from the starts of the arrays; `None` for splats and meshes.
+    /// Surveys the points of an archive from the starts of its arrays; returns `None` for splats and meshes.
     #[cfg(feature = "laz")]
     pub(crate) fn survey(&self) -> Option<Surveyed> {
         const HEAD_BYTES: usize = 1 << 12;
@@ -253,7 +253,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
     }
 }
 
-/// Returns the index of the array with the positions, or with their x.
+/// Returns the index of the array with the positions, or with their x coordinates.
 fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     let find = |names: &[&str]| {
         names
@@ -278,7 +278,7 @@ fn archive_columns<'a>(
     for (name, bytes) in files {
         match parse(*bytes) {
             Ok(array) => arrays.push((*name, array)),
-            // Mostly text and Python objects; the numeric arrays beside them are still useful.
+            // Unreadable arrays are mostly text and Python objects; the other arrays are still useful.
             Err(fault) => {
                 ignored.push(name.to_string());
                 first_fault = first_fault.or(Some(fault));
@@ -391,7 +391,7 @@ fn shape_words(shape: &[usize]) -> String {
     shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×")
 }
 
-/// Returns the problem of an array that isn't a table of points; `is` describes the array.
+/// Returns the problem of an array that isn't a table of points. `is` describes the array and follows its shape.
 fn no_table(shape: &[usize], is: &str) -> Problem {
     let problem = Problem::new(format!("is an array of {} numbers{is}", shape_words(shape)));
     problem.expected("N×3, N×6 or their like: a row for each point")

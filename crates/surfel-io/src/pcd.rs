@@ -401,8 +401,8 @@ fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn 
     lzf(stream.reader(), size, out).map_err(unwritable)?.ok_or_else(damaged)
 }
 
-/// Unpacks exactly `size` bytes, a size that was checked against the stream's length; returns `None` if the stream is
-/// damaged.
+/// Unpacks an LZF stream to exactly `size` bytes; returns `None` if the stream is damaged. The caller has checked
+/// `size` against the stream's length.
 ///
 /// A byte n below 32 announces n + 1 literals. Other bytes begin a reference: 3 bits of length, or 7 and another byte
 /// of length, and 13 bits of distance.

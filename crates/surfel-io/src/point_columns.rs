@@ -222,7 +222,7 @@ pub(crate) fn build(
             context.note("kept the radii as a column: some points have no valid position, normal or radius".into());
         }
     }
-    // Without normals, a radius is a point size if it suits the points, and an extra column.
+    // Without normals, radii are stored as point sizes and also as an extra column.
     let sizes = roles.radius.filter(|_| normals.is_none()).map(|i| columns[i].values.map(|r| r as f32));
     let used = |i: usize| {
         roles.position.contains(&i)
@@ -266,7 +266,7 @@ pub(crate) fn build(
     }
 }
 
-/// Returns positions: `f32` unchanged, other types as precisely as their digits are significant.
+/// Converts positions. f32 columns stay unchanged; other types keep digits beyond f32 only if these are significant.
 pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let narrow = |c: &Strided<'_>| {
         matches!(c.kind(), NumberType::F32 | NumberType::F16) || c.kind().is_integer() && c.kind().bytes() <= 2

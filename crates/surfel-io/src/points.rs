@@ -19,7 +19,7 @@ use surfel_model::TableColumns;
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
-    /// Number of values at the end of a row that aren't a column.
+    /// Number of values at the end of each row that aren't returned as columns.
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
@@ -113,7 +113,7 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
 
-/// Columns of a complete PTS file.
+/// Names of the seven columns of a complete PTS file.
 const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blue"];
 /// Expected columns, for messages about text files.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
@@ -137,7 +137,7 @@ pub(crate) fn unpack(
     }
     let plan = Plan::of(&head, head.len() == bytes.len(), named.as_ref())?;
     let mut lines = PointLines {
-        // Only some of the cells may be read.
+        // If the user or the plan excludes columns, the number of cells per row is known already.
         cells: plan.kept.as_ref().map_or(0, Vec::len),
         plan,
         named: named.is_some(),
@@ -184,7 +184,7 @@ struct PointLines {
     /// True for PTS files.
     pts: bool,
     table: Table,
-    /// Number of cells in a row, the same in all rows; 0 until it is known.
+    /// Number of cells in a row, the same in all rows; 0 until the plan or the first row determines it.
     cells: usize,
     header: Option<Vec<String>>,
     last_comment: String,
@@ -306,7 +306,8 @@ impl PointLines {
         Ok(cells)
     }
 
-    /// Reads a line with a word that is no number: before the points it names the columns.
+    /// Handles a line that contains a word instead of a number. Before the points, the line may name the columns; later
+    /// it is an error.
     fn words(&mut self, line: &[u8], word: &[u8], at: Location) -> Result<(), Fault> {
         if self.table.rows > 0 {
             let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
@@ -387,7 +388,8 @@ fn chosen(names: Vec<String>, kept: Option<&[bool]>) -> Vec<String> {
     }
 }
 
-/// True if `head`, the start of a file, is that of a PTX file: two counts, four lines of three numbers, four of four.
+/// True if `head`, the start of a file, begins like a PTX file: two lines of one number, four of three numbers, and
+/// four of four.
 pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
     let mut lines = Lines::new(head);
     [1, 1, 3, 3, 3, 3, 4, 4, 4, 4].into_iter().all(|n| {
@@ -416,8 +418,8 @@ const SCAN_LINES: [(usize, &str); 10] = {
     [count, count, pose, pose, pose, pose, matrix, matrix, matrix, matrix]
 };
 
-/// Parses a PTX file, and writes the values of its points to `data` as rows of `f64`. Records in `kept` which points of
-/// the file these are.
+/// Parses a PTX file, and writes the values of its points to `data` as rows of `f64`. Records in `kept` the row numbers
+/// of these points in the file.
 pub(crate) fn unpack_ptx(
     bytes: Bytes<'_>,
     data: &mut dyn Write,

@@ -10,9 +10,10 @@ use glam::{DVec2, DVec3};
 /// Maximum number of corners for ear clipping; larger polygons become fans. Time grows with the square, up to some
 /// tenths of a second at this limit.
 const MOST_CORNERS: usize = 10_000;
-/// Maximum area of a back-facing triangle, relative to the polygon's: collinear corners are rounded.
+/// Maximum area of a back-facing triangle, relative to the polygon's area. Rounded coordinates of collinear corners
+/// cause such triangles.
 const FLAT: f64 = 1e-6;
-/// Maximum number of passes over all corners; each removes flat corners that blocked the one before.
+/// Maximum number of passes over all corners. Each pass removes flat corners that blocked the previous pass.
 const ROUNDS: usize = 8;
 
 /// Marker in `before` for a corner that was cut off.

@@ -13,18 +13,18 @@ use crate::words::counted;
 use std::path::Path;
 use surfel_model::{NumberFormat, TableColumns};
 
-/// Maximum number of rows whose coordinates are examined.
+/// Maximum number of rows whose coordinates are checked for plausibility.
 const JUDGED_ROWS: usize = 1000;
-/// Range of plausible coordinates; bytes of other data give values outside it.
+/// Range of the absolute value of plausible coordinates. Data of other types usually have values outside the range.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
 /// Layouts of rows without a header in `.bin` files: KITTI and many others; nuScenes; indoor data sets.
 const USUAL_LAYOUTS: [&str; 3] = ["f4:x,y,z,intensity", "f4:x,y,z,intensity,_", "f4:x,y,z,r,g,b"];
-/// Fewest rows by which a layout is detected. In fewer, values of another layout may fit by chance.
+/// Minimum number of rows for detecting a layout. Fewer rows may fit a wrong layout by chance.
 const LEAST_ROWS: usize = 100;
-/// Most rows that are examined to detect a layout.
+/// Maximum number of rows that are examined to detect a layout.
 const EXAMINED_ROWS: usize = 1 << 16;
-/// Range of plausible coordinates of a scan, in metres, but for 0.
+/// Range of the absolute value of plausible coordinates of a scan, in metres; 0 is plausible too.
 const SCANNED: std::ops::RangeInclusive<f32> = 1e-7..=1e4;
 /// Largest value of an intensity or a colour.
 const MAX_INTENSITY: f32 = 255.0;

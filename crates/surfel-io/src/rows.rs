@@ -8,7 +8,7 @@ use crate::content::Content;
 #[derive(Default)]
 pub(crate) struct KeptRows {
     read: u32,
-    /// Row of each kept point; `None` until a point is dropped.
+    /// Row number in the file of each point; `None` until a point is dropped.
     rows: Option<Vec<u32>>,
 }
 

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use surfel_model::{Camera, SceneFile};
 
-/// Maximum size of a scene file, in bytes: far above any real one, and harmless.
+/// Maximum size of a scene file, in bytes. Ordinary files are far smaller.
 pub(crate) const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a scene file, without checking its numbers (`Scene::validate` and `Camera::validate` do that).
@@ -36,7 +36,7 @@ pub fn parse(bytes: &[u8], name: &Path) -> Result<SceneFile, IoError> {
     Ok(file)
 }
 
-/// Reads a camera file: the `camera` object of a scene file, alone.
+/// Reads a camera file, which contains only what a scene file has under the key `camera`.
 ///
 /// # Errors
 /// Errors of [`read`].

@@ -1,4 +1,5 @@
-//! Reader of SOG: Gaussians stored as pixels of images, one pixel per splat, in a ZIP file or beside their `meta.json`.
+//! Reader of SOG: Gaussians stored as pixels of images, one pixel per splat. The images are in a ZIP file, or in the
+//! folder of their `meta.json`.
 
 use crate::bytes::Bytes;
 use crate::content::Content;
@@ -38,7 +39,7 @@ struct Part {
 }
 
 impl Part {
-    /// Returns the value of a byte, from the table or within the channel's range.
+    /// Returns the value that a byte encodes: an entry of the table, or a fraction of the channel's range.
     fn value(&self, channel: usize, byte: u8) -> f64 {
         match self.codebook.get(usize::from(byte)) {
             Some(value) => *value,
@@ -57,17 +58,17 @@ impl Part {
 /// Maximum size of `meta.json`, in bytes: a few tables of 256 numbers.
 const MAX_META_BYTES: usize = 1 << 20;
 
-/// True if the bytes are a `meta.json`, whose images are beside it.
+/// True if the bytes are a `meta.json` file, whose images are other files in its folder.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     let has = |word: &str| bytes.windows(word.len()).any(|w| w == word.as_bytes());
     bytes.len() <= MAX_META_BYTES && ["\"means\"", "\"quats\"", "\"sh0\"", "\"files\""].iter().all(|word| has(word))
 }
 
-/// Location of the images.
+/// Location of the images that contain the Gaussians.
 enum Pictures<'a> {
     /// Members of an archive, in this folder.
     Members(Archive<'a>, String),
-    /// Files beside `meta.json`.
+    /// Files in the folder of `meta.json`.
     Beside(&'a Siblings),
 }
 
@@ -91,7 +92,7 @@ impl<'a> Pictures<'a> {
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (json, mut pictures) = if bytes.starts_with(b"PK") {
         let mut archive = Archive::of(Bytes::Memory(bytes))?;
-        // The first of several levels of detail.
+        // If there are several levels of detail, the first is read.
         let meta_name = archive.names().find(|n| n == "meta.json" || n.ends_with("/meta.json"));
         let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };
         let folder = meta_name.trim_end_matches("meta.json").to_owned();

@@ -1,4 +1,4 @@
-//! Reader of SPZ: Gaussians in few bits each. Versions 1 to 3 are a gzip stream, version 4 has several Zstandard
+//! Reader of SPZ: Gaussians compressed to few bits. Versions 1 to 3 are a gzip stream, version 4 has several Zstandard
 //! streams.
 
 use crate::content::Content;

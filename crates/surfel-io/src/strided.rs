@@ -56,7 +56,7 @@ pub(crate) struct Strided<'a> {
     big_endian: bool,
 }
 
-/// Position of a column in a file, which may be closed.
+/// Position of a column in a file, without a reference to the open file.
 #[cfg(feature = "laz")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -75,7 +75,7 @@ impl Place {
     }
 }
 
-/// Bytes and rows of columns that each thread has in memory at a time.
+/// Maximum number of bytes and rows of columns that each thread has in memory at a time.
 const BLOCK_BYTES: usize = 1 << 18;
 const BLOCK_ROWS: usize = 1 << 14;
 
@@ -114,7 +114,7 @@ impl<const K: usize> Block<K> {
     }
 }
 
-/// Returns the number of rows of a block.
+/// Returns the number of rows that are read as one block.
 pub(crate) fn block_rows(columns: &[Strided<'_>]) -> usize {
     let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
     (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)
@@ -309,7 +309,7 @@ fn split(p: DVec3) -> (Vec3, Vec3) {
     (high, if high.is_finite() { (p - high.as_dvec3()).as_vec3() } else { Vec3::ZERO })
 }
 
-/// Returns three columns of equal length as vectors from `origin`, with the remainders of f32 rounding.
+/// Returns three columns of equal length as vectors relative to `origin`, with the remainders of f32 rounding.
 pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
     let (mut high, mut low) = (vec![[0.0; 3]; columns[0].rows], vec![[0.0; 3]; columns[0].rows]);
     let rows = block_rows(&columns);

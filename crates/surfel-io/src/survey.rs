@@ -1,5 +1,5 @@
-//! Utilities for survey formats: reading with seeking, columns that take no memory while they are zero, and colours of
-//! 8 or 16 bits.
+//! Utilities for formats of laser scans: reading with seeking, columns that take no memory while they are zero, and
+//! colours of 8 or 16 bits.
 
 #![cfg_attr(not(feature = "las"), allow(dead_code))]
 
@@ -7,7 +7,7 @@ use crate::color::{exact_8_bit, linear_of_8_bit, linear_of_16_bit};
 use std::io::{Read, Seek};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// A seekable source, so that memory contains only the points and not the file.
+/// A seekable source of bytes, from which only the points are read into memory.
 pub(crate) trait Source: Read + Seek + Send + Sync {}
 
 impl<T: Read + Seek + Send + Sync> Source for T {}
@@ -88,8 +88,8 @@ impl WideColors {
         }
     }
 
-    /// Includes the colours of dropped points in the detection of the range, so that it doesn't depend on which points
-    /// are dropped.
+    /// Includes the colours of dropped points in the detection of the range. The range then doesn't depend on which
+    /// points are dropped.
     pub(crate) fn see(&mut self, levels: impl Iterator<Item = [u16; 3]>) {
         let largest = levels.flatten().max().unwrap_or(0);
         self.any |= largest > 0;
@@ -138,7 +138,7 @@ pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model
     Some(surfel_model::Column3::from_f32(vectors.collect()))
 }
 
-/// Returns text on one line, without control characters and surrounding blanks.
+/// Returns the text before the first zero byte, without line breaks, control characters and surrounding blanks.
 pub(crate) fn one_line(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
     let text = String::from_utf8_lossy(&bytes[..end]);

@@ -14,8 +14,8 @@ pub(crate) const MAX_COLUMNS: usize = 128;
 const JUDGED_LINES: usize = 100;
 /// Maximum number of lines for choosing the separator and detecting columns of words.
 const PLANNED_LINES: usize = 1000;
-/// Words that begin the lines of points in files that also have lines of other kinds, such as `p x y z` beside
-/// `d 1 1 1`. Capital letters are chemical elements.
+/// Words that begin the lines of points in files that also have other lines, such as `p x y z` and `d 1 1 1`. Words are
+/// compared with case: capital letters are chemical elements.
 const POINT_WORDS: [&[u8]; 7] = [b"p", b"v", b"pt", b"pnt", b"point", b"vertex", b"vtx"];
 
 /// Separator of the cells of a line.
@@ -41,9 +41,9 @@ pub(crate) const POINTS: Dialect = Dialect { divider: Divider::Any, has_decimal_
 const DECIMAL_COMMAS: Dialect = Dialect { divider: Divider::NoComma, has_decimal_commas: true };
 
 impl Dialect {
-    /// Detects the dialect, ignoring columns of words. Decimal commas are chosen if no line is valid without them. All
-    /// words between blanks and semicolons must then be numbers, at least three, and a comma must have digits on both
-    /// sides.
+    /// Detects the dialect from the first lines; lines that begin with a word are ignored. Decimal commas are chosen if
+    /// a word contains a comma, and every line is a single number or at least three, between blanks and semicolons. A
+    /// decimal comma must have digits on both sides.
     pub(crate) fn of(head: &[u8]) -> Self {
         let mut with_comma = false;
         for (_, line) in Lines::new(head).filter(|(_, line)| !is_comment(line)).take(JUDGED_LINES) {
@@ -57,7 +57,7 @@ impl Dialect {
                 with_comma |= word.contains(&b',');
                 numbers &= DECIMAL_COMMAS.number(word).is_some();
             }
-            // A count is alone on its line.
+            // A single number on a line is a count.
             if !numbers || count == 2 || count == 0 {
                 return POINTS;
             }
@@ -148,7 +148,8 @@ pub(crate) fn is_missing(cell: &[u8]) -> bool {
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) dialect: Dialect,
-    /// For each column of the file, true if it contains numbers that are read; `None` if all columns are read.
+    /// Flag of each column of the file, true if the column contains numbers that are read; `None` if all columns are
+    /// read.
     pub(crate) kept: Option<Vec<bool>>,
     /// Numbers, from 1, of columns that are dropped because they contain words, or because they are empty.
     pub(crate) words: Vec<usize>,
@@ -157,11 +158,11 @@ pub(crate) struct Plan {
     pub(crate) point_word: Option<&'static [u8]>,
 }
 
-/// A candidate dialect, applied to the start of a file.
+/// A candidate dialect, and the cells that it gives at the start of a file.
 struct Trial {
     dialect: Dialect,
     width: usize,
-    /// Number of lines with that many cells.
+    /// Number of lines with `width` cells.
     rows: usize,
     /// Counts of numbers and of empty cells, for each column.
     numbers: Vec<usize>,
@@ -206,7 +207,7 @@ impl Trial {
 
 impl Plan {
     /// Chooses the plan from the start of a file; `is_whole` is true if that is the whole file. If all words of all
-    /// lines are numbers, words are the cells. Otherwise a single separator is searched for, so that cells may contain
+    /// lines are numbers, each word is a cell. Otherwise a single separator is searched for, so that cells may contain
     /// words or be empty.
     ///
     /// # Errors
@@ -260,7 +261,7 @@ impl Plan {
     }
 
     /// Detects the word that begins the lines of points, from `rows` at the start of a file. If a line names the
-    /// columns, a word says something about its point, and no word is chosen.
+    /// columns, the words are values of a column, and no word is chosen.
     fn with_point_word(mut self, rows: &[&[u8]]) -> Self {
         let is_left_out = self.kept.as_ref().is_some_and(|kept| kept.first() == Some(&false));
         let is_named = rows.first().is_some_and(|line| names(line, self.dialect).is_some());
@@ -396,7 +397,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 
 /// True if `head`, the start of a file, can be split into columns of which at least three contain numbers.
 pub(crate) fn is_table(head: &[u8]) -> bool {
-    // Format detection uses 4096 bytes or a multiple of them; fewer bytes are the whole file.
+    // Format detection passes a multiple of 4096 bytes; with any other length, `head` is the whole file.
     let is_whole = !head.len().is_multiple_of(4096);
     Plan::of(head, is_whole, None).is_ok_and(|plan| plan.kept.is_some())
 }

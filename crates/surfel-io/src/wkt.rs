@@ -1,5 +1,5 @@
-//! Parser of WKT, version 1 (OGC 01-009) and 2 (ISO 19162), and conversion to GeoTIFF keys as far as these can express
-//! the same.
+//! Parser of WKT, version 1 (OGC 01-009) and 2 (ISO 19162), and conversion to GeoTIFF keys if these can express the
+//! same system.
 
 #![cfg_attr(not(feature = "geotiff"), allow(dead_code))]
 
@@ -14,7 +14,7 @@ struct Node<'a> {
 impl<'a> Node<'a> {
     /// Parses a complete text; returns `None` if it isn't valid.
     fn parse(text: &'a str) -> Option<Self> {
-        // Real texts are nested about ten deep.
+        // Ordinary texts are nested about ten deep.
         const MAX_DEPTH: usize = 32;
         let mut open: Vec<Self> = Vec::new();
         let mut rest = text;
@@ -124,7 +124,7 @@ impl Keys {
     }
 
     fn text(&mut self, key: u16, text: &str) {
-        // A bar ends a text.
+        // In GeoTIFF a bar ends a text.
         let text: String = printable(text).replace('|', "?").chars().take(1000).collect();
         self.keys.push([key, 34_737, text.len() as u16 + 1, self.text.len() as u16]);
         self.text += &text;

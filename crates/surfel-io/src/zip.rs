@@ -10,7 +10,7 @@ use flate2::read::DeflateDecoder;
 use std::borrow::Cow;
 use std::io::Write;
 
-/// Maximum expansion of deflate.
+/// Maximum factor by which deflate expands data.
 const DEFLATE_EXPANSION: u64 = 1032;
 /// Maximum bytes of a directory, enough for 100,000 members.
 const DIRECTORY_BYTES: usize = 1 << 24;
@@ -120,7 +120,7 @@ impl<'a> Archive<'a> {
         })
     }
 
-    /// Returns the position and compression of a member.
+    /// Returns a member's bytes in the file, stored or deflated, after checks of its size and compression.
     pub(crate) fn open(&mut self, index: usize) -> Result<Content<'a>, Fault> {
         let member = self.members.get(index).ok_or_else(|| damaged("the ZIP file lacks a member"))?;
         let name = quote(&member.name);

@@ -1,26 +1,28 @@
-//! Detection of buried splats: splats that no light reaches, among lit ones.
+//! Detection of buried splats: splats that no light reaches although their neighbours are lit.
 //!
-//! In folds of scanned surfaces some splats lie below their neighbours or face inward, so that all of the sky is hidden
-//! from them. Where their rims are visible, they would be black spots.
+//! In folds of scanned surfaces, some splats are below their neighbours or face inward, so that they receive no light
+//! from the sky. Visible rims of such splats would be black spots.
 
 use crate::receivers::Light;
 use surfel_model::SplatCloud;
 
-/// Largest light of a buried splat (`DARK`), and least light of a lit one (`BRIGHT`), as fractions of the mean of all
-/// splats. Where light fades gradually, splats have values between both.
+/// Largest light of a buried splat, as a fraction of the cloud's mean. Where light fades gradually, splats have values
+/// between `DARK` and `BRIGHT`.
 const DARK: f32 = 0.05;
+/// Smallest light of a lit splat, as a fraction of the cloud's mean.
 const BRIGHT: f32 = 0.25;
-/// Number of splats, before and after a splat in Morton order, among which its neighbours are searched.
+/// Number of splats, before and after a splat in Morton order, among which neighbours are searched.
 const WINDOW: usize = 32;
-/// Largest distance from a splat to its neighbours, in lengths of its half-axis s.
+/// Largest distance from a splat to its neighbours, in lengths of the splat's half-axis s.
 const AROUND: f64 = 3.0;
-/// Least number of neighbours of a buried splat (`FEWEST`), and the least fraction of them that are lit (`LIT`). On
-/// thin sheets whose lower side is dark, half of the neighbours are lit.
+/// Smallest number of neighbours of a buried splat.
 const FEWEST: u32 = 8;
+/// Smallest fraction of lit neighbours of a buried splat. On a thin surface whose lower side is dark, half of the
+/// neighbours are lit.
 const LIT: f64 = 0.6;
 
-/// Finds the buried splats of a cloud. Returns each with its nearest lit neighbour, whose light replaces its own.
-/// `light` has one entry per splat.
+/// Finds the buried splats of a cloud. Returns pairs of a buried splat and its nearest lit neighbour, whose light
+/// replaces the buried splat's own. `light` has one entry per splat.
 pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
     let total = |i: usize| light[i].total();
     let mean = (0..light.len()).map(|i| f64::from(total(i))).sum::<f64>() / light.len().max(1) as f64;

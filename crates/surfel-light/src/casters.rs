@@ -5,16 +5,15 @@ use surfel_math::clip::Clip;
 use surfel_model::{ClipPolicy, Cull, Geometry, Mesh, Object, Scene, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
-/// Fraction of the points within the inner sphere, which determines the size of the depth maps.
+/// Fraction of the points inside the inner sphere, from which the size of the depth maps follows.
 const INNER_SHARE: f64 = 0.98;
-/// Largest radius of the sphere that the maps show, in radii of the inner sphere. Points outside it are strays: they
-/// cast no shadow and receive none.
+/// Largest radius of the sphere that the depth maps cover, in radii of the inner sphere. Points outside are stray
+/// points, which neither cast nor receive shadows.
 const OUTER_RADIUS: f64 = 2.5;
 /// Maximum number of points from which the sphere is estimated.
 const ESTIMATED: usize = 1 << 16;
 
-/// Sphere that the depth maps show. Coordinates in the maps are relative to its centre, and lengths are in units of its
-/// radius.
+/// Sphere that the depth maps cover. Coordinates in the maps are relative to its centre, in units of its radius.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sphere {
     pub center: DVec3,
@@ -22,7 +21,7 @@ pub(crate) struct Sphere {
 }
 
 impl Sphere {
-    /// Estimates the sphere of a scene; `None` without any surface.
+    /// Estimates the sphere of a scene; `None` if the scene has no surfaces.
     pub(crate) fn of(scene: &Scene) -> Option<Self> {
         let total: usize = scene.objects.iter().map(count).sum();
         let step = total.div_ceil(ESTIMATED).max(1);
@@ -30,7 +29,7 @@ impl Sphere {
         let mut first = 0;
         for object in &scene.objects {
             let count = count(object);
-            // Every step-th of all points, whatever object has it.
+            // Every step-th of all points is used, counted over all objects.
             let start = (step - first % step) % step;
             points.extend((start..count).step_by(step).filter_map(|i| place(object, i)));
             first += count;
@@ -47,7 +46,7 @@ impl Sphere {
         let mut reaches: Vec<f64> = points.iter().map(|(p, radius)| p.distance(middle) + radius).collect();
         let inner = (((reaches.len() - 1) as f64) * INNER_SHARE) as usize;
         let limit = OUTER_RADIUS * *reaches.select_nth_unstable_by(inner, f64::total_cmp).1;
-        // The sphere about the bounds of what lies within the limit, which a sample may miss by a little.
+        // The sphere surrounds the bounds of the points within the limit, which a sample may miss by a little.
         let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for (p, radius) in points.iter().filter(|(p, radius)| p.distance(middle) + radius <= limit) {
             (lo, hi) = (lo.min(*p - DVec3::splat(*radius)), hi.max(*p + DVec3::splat(*radius)));
@@ -56,7 +55,7 @@ impl Sphere {
         let reach = |(p, radius): &(DVec3, f64)| p.distance(center) + radius;
         let within = points.iter().filter(|(p, radius)| p.distance(middle) + radius <= limit);
         let radius = within.map(reach).fold(0.0, f64::max) * if step > 1 { 1.05 } else { 1.0 };
-        // A single point of a radius in pixels has no size.
+        // A single point with a radius in pixels has no size.
         Some(Self { center, radius: if radius > 0.0 { radius } else { 1.0 } })
     }
 
@@ -85,7 +84,7 @@ fn count(object: &Object) -> usize {
     }
 }
 
-/// Returns the world position and radius of a splat, or the position of a vertex.
+/// Returns the world position and radius of splat `i`, or the position of vertex `i` with radius 0.
 fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
     let m = &object.world_from_object;
     let (point, radius) = match &object.geometry {
@@ -102,19 +101,20 @@ fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
     (point.is_finite() && radius.is_finite()).then_some((point, radius))
 }
 
-/// A surface that casts a shadow.
+/// Surface that casts a shadow, in the coordinates of the depth maps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Caster {
-    /// An ellipse with these half-axes, and the index of its clip in [`Casters::clips`]. If `facing` isn't 0,
-    /// `facing`·(s × t) points out of a closed surface, and ellipses that face away from the light needn't be drawn.
+    /// Ellipse with half-axes s and t, and the index of its clip in [`Casters::clips`]. If `facing` isn't 0,
+    /// `facing`·(s × t) points out of a watertight surface. Ellipses that face away from the light then needn't be
+    /// drawn.
     Disk { center: Vec3, s: Vec3, t: Vec3, clip: Option<u32>, facing: f32 },
-    /// A ball.
+    /// Ball.
     Ball { center: Vec3, radius: f32 },
-    /// A triangle.
+    /// Triangle, given by its corners.
     Triangle([Vec3; 3]),
 }
 
-/// The surfaces of a scene that cast shadows.
+/// Surfaces of a scene that cast shadows.
 #[derive(Debug, Default)]
 pub(crate) struct Casters {
     pub casters: Vec<Caster>,
@@ -137,7 +137,7 @@ impl Casters {
 
     fn add_cloud(&mut self, cloud: &SplatCloud, object: &Object, sphere: &Sphere) {
         let m = &object.world_from_object;
-        // A mirroring matrix turns s × t around.
+        // A mirroring matrix reverses s × t.
         let facing = match object.material.cull {
             Cull::None => 0.0,
             Cull::Back => m.matrix3.determinant().signum() as f32,

@@ -1,4 +1,4 @@
-//! Depth maps: depths of the surfaces that light from one direction reaches first.
+//! Depth maps with the depths of the surfaces that light from one direction reaches first.
 
 use crate::casters::{Caster, Casters};
 use glam::{Vec2, Vec3, Vec4};
@@ -12,30 +12,32 @@ pub(crate) struct DepthMap {
     down: Vec3,
     /// Direction in which the light travels.
     forward: Vec3,
-    /// Least depth of each texel, row by row; infinite where there is no surface.
+    /// Smallest depth in each texel, row by row; infinite without a surface.
     depths: Vec<f32>,
 }
 
-/// Half-width in texels below which a splat is drawn as one texel.
+/// Half-width of a splat, in texels, below which the splat is drawn as one texel.
 const TINY: f32 = 0.6;
-/// Largest half-width and half-height, in texels, of a disk that is drawn by testing all texels of its bounds.
+/// Largest half-width and half-height, in texels, of a disk that is drawn by testing all texels of its bounding box.
 const SMALL: f32 = 4.0;
-/// Number of texels of a row that are tested at once.
+/// Number of texels in a row that are tested at once.
 const LANES: usize = 4;
 /// Largest slope of a surface, in texels of depth per texel. Steeper surfaces are treated as if they had this slope.
 const MOST_SLOPE: f32 = 8.0;
 
 /// Disk projected to a depth map.
 struct Ellipse {
-    /// Centre in texels, and its depth.
+    /// Centre in texels.
     middle: Vec2,
+    /// Depth of the centre.
     depth: f32,
     /// Half-width and half-height in texels.
     half: Vec2,
-    /// Change of the position within the unit disk per texel to the right, and per texel down.
+    /// Change of the position within the unit disk per texel to the right.
     right: Vec2,
+    /// Change of the position within the unit disk per texel down.
     down: Vec2,
-    /// Change of the depth along the unit disk's axes.
+    /// Change of the depth along the two axes of the unit disk.
     slope: Vec2,
 }
 
@@ -45,7 +47,8 @@ impl DepthMap {
         Self { side, right: Vec3::X, down: Vec3::Y, forward: Vec3::Z, depths: vec![f32::INFINITY; side * side] }
     }
 
-    /// Replaces the content of the map by the depths of all surfaces, for light from the direction `toward`.
+    /// Draws the depths of all surfaces into the map, for light from the direction `toward`. The previous content is
+    /// lost.
     pub(crate) fn draw(&mut self, casters: &Casters, toward: Vec3) {
         let (right, down) = orthonormal(toward.as_dvec3());
         (self.right, self.down, self.forward) = (right.as_vec3(), down.as_vec3(), -toward);
@@ -62,7 +65,7 @@ impl DepthMap {
         }
     }
 
-    /// Returns the side of a texel of a map of side×side texels, in units of the sphere's radius.
+    /// Returns the size of a texel of a map with side×side texels, in units of the sphere's radius.
     pub(crate) fn texel(side: usize) -> f32 {
         2.0 / side as f32
     }
@@ -71,7 +74,7 @@ impl DepthMap {
         0.5 * self.side as f32
     }
 
-    /// Returns the position in texels and the depth of a point.
+    /// Projects a point: returns its position in texels and its depth.
     #[inline]
     fn project(&self, p: Vec3) -> (Vec2, f32) {
         let scale = self.scale();
@@ -84,7 +87,8 @@ impl DepthMap {
         (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
     }
 
-    /// Lowers the depth of the texel that contains a point of a plane, to the plane's depth at the texel's centre.
+    /// Lowers the depth of the texel that contains the point `at` of a plane. The new depth is the plane's at the
+    /// texel's centre.
     #[inline]
     fn put(&mut self, at: Vec2, depth: f32, normal: Vec3) {
         let (x, y) = (at.x as usize, at.y as usize);
@@ -96,20 +100,20 @@ impl DepthMap {
         }
     }
 
-    /// Returns the decrease of a plane's depth per texel along both axes of the map, for slopes of at most
+    /// Returns the decrease of a plane's depth per texel, along both axes of the map. Slopes are limited to
     /// [`MOST_SLOPE`]. The normal may have any length.
     #[inline]
     pub(crate) fn fall(&self, normal: Vec3) -> Vec2 {
         let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / normal.dot(self.forward);
         let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) / self.scale();
-        // A plane along the light has no slope.
+        // A plane parallel to the light has no slope.
         if slope.is_finite() { slope } else { Vec2::ZERO }
     }
 
-    /// Returns the map's texels whose centres lie within `half` of a coordinate.
+    /// Returns the texels, along one axis, whose centres are within `half` of the coordinate `middle`.
     fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
         let (lo, hi) = ((middle - half - 0.5).max(0.0), middle + half + 0.5);
-        // Conversions truncate and saturate: they are the floor of numbers that aren't negative.
+        // Conversions truncate and saturate, which is the floor of non-negative numbers.
         let end = (hi.max(0.0) as usize).min(self.side);
         let floor = lo as usize;
         let first = floor + usize::from(floor as f32 != lo);
@@ -166,7 +170,7 @@ impl DepthMap {
         }
     }
 
-    /// Draws a disk by testing the texels of its bounds. Returns false if the disk covers no texel's centre.
+    /// Draws a disk by testing all texels of its bounding box. Returns false if the disk covers no texel's centre.
     fn draw_small(&mut self, disk: &Ellipse) -> bool {
         let Ellipse { middle, depth, half, right, down, slope } = *disk;
         let columns = self.span(middle.x, half.x);
@@ -176,7 +180,7 @@ impl DepthMap {
             let dy = y as f32 + 0.5 - middle.y;
             let (u, v, start) = (down.x * dy, down.y * dy, depth + dy * down.dot(slope));
             for first in columns.clone().step_by(LANES) {
-                // The last texels of a row are tested twice rather than the next row's.
+                // At the end of a row, texels are tested twice rather than reading the next row.
                 let first = first.min(self.side - LANES);
                 let dx = Vec4::new(0.5, 1.5, 2.5, 3.5) + (first as f32 - middle.x);
                 let (u, v) = (dx * right.x + u, dx * right.y + v);
@@ -234,14 +238,14 @@ impl DepthMap {
         }
     }
 
-    /// True if the map contains no part of a sphere.
+    /// True if a sphere is entirely outside of the map.
     pub(crate) fn misses(&self, center: Vec3, radius: f32) -> bool {
         let reach = 1.0 + radius;
         center.dot(self.right).abs() > reach || center.dot(self.down).abs() > reach
     }
 
     /// Returns the fraction of the light, 0 to 1, that reaches a point of a surface: the bilinear mean over the four
-    /// texels around it. At each texel, the point's depth is that of a plane whose [`DepthMap::fall`] is `slope`.
+    /// texels around. The point's depth at each texel is that of a plane whose [`DepthMap::fall`] is `slope`.
     #[inline]
     pub(crate) fn share(&self, p: Vec3, slope: Vec2) -> f32 {
         let (at, depth) = self.project(p);

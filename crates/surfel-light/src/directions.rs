@@ -1,31 +1,31 @@
-//! Directions from which a sky shines.
+//! Directions from which a sky and its bright areas shine.
 
 use glam::{DVec3, Vec3};
 use std::f64::consts::TAU;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::Sky;
 
-/// Golden ratio's fraction of a turn, by which successive points of a spiral are turned.
+/// Golden ratio's fraction of a turn, the angle between successive points of a spiral.
 const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
-/// Number of directions of the sky per direction of an area.
+/// Ratio of the number of the sky's directions to that of each area.
 const AREA_SHARE: u32 = 4;
-/// Least number of directions of an area.
+/// Smallest number of directions of an area.
 const LEAST_AREA: u32 = 16;
-/// Number of directions of the sky's upper half per direction of its lower half.
+/// Ratio of the number of directions in the sky's upper half to that in its lower half.
 const LOWER_SHARE: u32 = 3;
 
-/// A direction, and the light from it.
+/// Direction of a sky, with the light from it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray {
     /// Unit vector toward the light.
     pub toward: Vec3,
     /// Brightness of a white surface that faces the light.
     pub weight: f32,
-    /// True if the light belongs to the sky, not to an area of it.
+    /// True if the light belongs to the sky, false if it belongs to one of the sky's bright areas.
     pub is_sky: bool,
 }
 
-/// Returns the directions of a sky and of its areas (rendering model §12), without directions that have no light.
+/// Returns the directions of a sky and of its areas (rendering model §12). Directions without light are left out.
 pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     let up = unit(sky.up.into());
     let is_lower = sky.below > 0.0;
@@ -50,8 +50,8 @@ pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     rays
 }
 
-/// Returns `count` directions in equal areas of the cap of the unit sphere about `middle` in which the cosine is at
-/// least `least`, along a spiral.
+/// Returns `count` directions along a spiral, each for an equal area of a cap of the unit sphere. The cap has the
+/// centre `middle`, and its smallest cosine to the centre is `least`.
 fn cap(middle: DVec3, least: f64, count: u32) -> impl Iterator<Item = DVec3> {
     let (right, up) = orthonormal(middle);
     (0..count).map(move |i| {
@@ -61,7 +61,7 @@ fn cap(middle: DVec3, least: f64, count: u32) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Returns the light of the sky, and that of its areas, on an unoccluded surface with this unit normal.
+/// Returns the light of the sky and of its areas, as two sums, on an unoccluded surface with this unit normal.
 pub(crate) fn open(rays: &[Ray], normal: Vec3) -> [f32; 2] {
     let mut sums = [0.0; 2];
     for ray in rays {

@@ -1,4 +1,4 @@
-//! The ground: its light, and its image behind a frame.
+//! Ground below a scene: computes its light, and draws it behind a frame.
 
 use crate::casters::Sphere;
 use crate::directions::{Ray, open};
@@ -11,24 +11,25 @@ use surfel_math::toon::smoothstep;
 use surfel_model::{Ground, GroundStyle};
 use surfel_render::View;
 
-/// Number of points of the ground at which its light is computed, along each of its two axes.
+/// Number of points along each axis of the ground's square at which light is computed.
 const POINTS: usize = 448;
-/// Half-width of the square in which shadows on the ground are computed, in radii of the scene.
+/// Half-width of the square in which the ground's shadows are computed, in radii of the scene's sphere.
 const EXTENT: f64 = 4.0;
-/// Crowding of the points toward the middle: a point at u from −1 to 1 lies at sinh(u·CROWDING)/sinh(CROWDING).
+/// Concentration of the points toward the middle. A point with parameter u from −1 to 1 lies at
+/// sinh(u·CROWDING)/sinh(CROWDING) half-widths.
 const CROWDING: f64 = 2.0;
 /// Distance from the square's middle at which the ground begins to fade, as a fraction of the half-width.
 const FADE: f64 = 0.5;
-/// Width of the border of an image in which its shadow fades, as a fraction of the shorter side. Framed objects end
-/// before it.
+/// Width of the image's border in which the ground's shadow fades, as a fraction of the shorter side. Framed objects
+/// don't reach into the border.
 const BORDER: f64 = 0.1;
-/// Linear grey of the plane.
+/// Linear grey of the ground in the style [`GroundStyle::Plane`].
 const PLANE_ALBEDO: f64 = 0.75;
 /// Linear grey and opacity of the grid's lines.
 const LINE: (f64, f64) = (0.1, 0.5);
-/// Width of the grid's lines in pixels.
+/// Width of the grid's lines, in pixels.
 const LINE_PX: f64 = 1.2;
-/// Least number of the grid's lines over the radius of the scene.
+/// Smallest number of grid lines per radius of the scene's sphere.
 const LINES: f64 = 4.0;
 
 /// Square part of the ground in which shadows are computed.
@@ -37,17 +38,18 @@ pub(crate) struct Plane {
     style: GroundStyle,
     /// Projection of the scene's centre onto the ground, in world space.
     origin: DVec3,
-    /// Unit axes along the plane, and its upward normal.
+    /// Unit axes along the plane.
     axes: [DVec3; 2],
+    /// Unit normal of the plane, which points up.
     normal: DVec3,
-    /// Half-width of the square in world units.
+    /// Half-width of the square, in world units.
     half: f64,
-    /// Sphere of the scene, which the depth maps show.
+    /// Sphere of the scene, which the depth maps cover.
     sphere: Sphere,
 }
 
 impl Plane {
-    /// Returns the square part of a ground below a scene in which shadows are computed.
+    /// Creates the square below a scene in which the ground's shadows are computed.
     pub(crate) fn of(ground: &Ground, sphere: &Sphere) -> Self {
         let normal = unit(ground.normal.into());
         let origin = sphere.center - normal * normal.dot(sphere.center - DVec3::from(ground.point));
@@ -55,7 +57,7 @@ impl Plane {
         Self { style: ground.style, origin, axes: [u, v], normal, half: EXTENT * sphere.radius, sphere: *sphere }
     }
 
-    /// Returns the points at which the light is computed, row by row.
+    /// Returns the points at which the ground's light is computed, row by row.
     pub(crate) fn receivers(&self) -> Vec<Receiver> {
         let coordinate = |i: usize| self.half * warped(2.0 * i as f64 / (POINTS - 1) as f64 - 1.0);
         let [u, v] = self.axes;
@@ -73,16 +75,16 @@ impl Plane {
 #[derive(Clone, Debug)]
 pub struct LitGround {
     plane: Plane,
-    /// Distance between lines of the grid, in world units.
+    /// Distance between the lines of the grid, in world units.
     spacing: f64,
-    /// Brightness of a white ground where no shadow falls.
+    /// Brightness of a white ground without shadows.
     whole: f32,
     /// Fraction of the unoccluded light that reaches each of [`Plane::receivers`], row by row.
     shares: Vec<f32>,
 }
 
 impl LitGround {
-    /// Returns the ground with the light of its [`Plane::receivers`].
+    /// Creates the ground from the light of its [`Plane::receivers`].
     pub(crate) fn of(plane: Plane, rays: &[Ray], light: &[Light]) -> Self {
         let whole: f32 = open(rays, plane.normal.as_vec3()).into_iter().sum();
         let share = |light: &Light| {
@@ -94,8 +96,8 @@ impl LitGround {
         Self { plane, spacing, whole, shares }
     }
 
-    /// Returns the fraction of the light that reaches a point of the plane. `at` is the point's position along the
-    /// plane's axes, in world units.
+    /// Returns the fraction of the unoccluded light that reaches a point of the ground. `at` is the point's position
+    /// along the plane's axes, in world units.
     fn share(&self, at: DVec2) -> f64 {
         let place = |x: f64| 0.5 * (unwarped(x / self.plane.half) + 1.0) * (POINTS - 1) as f64;
         let (x, y) = (place(at.x), place(at.y));
@@ -111,8 +113,8 @@ impl LitGround {
         mix(top, mix(at(first + POINTS), at(first + POINTS + 1), fx), fy)
     }
 
-    /// Returns the colour of a point of the plane: linear premultiplied RGBA. `footprint` is the size of a pixel along
-    /// the axes.
+    /// Returns the colour of a point of the ground as linear premultiplied RGBA. `at` is its position along the plane's
+    /// axes, and `footprint` the size of a pixel along them, in world units.
     fn color(&self, at: DVec2, footprint: DVec2) -> [f64; 4] {
         let far = at.length() / self.plane.half;
         let fade = 1.0 - smoothstep(far, FADE, 1.0);
@@ -133,11 +135,11 @@ impl LitGround {
         }
     }
 
-    /// Returns the fraction of a pixel that the lines across one axis cover. `x` is the pixel's position and `pixel`
-    /// its width, in world units.
+    /// Returns the fraction of a pixel that the grid lines across one axis cover. `x` is the pixel's position and
+    /// `pixel` its width, in world units.
     fn line(&self, x: f64, pixel: f64) -> f64 {
         let half = 0.5 * LINE_PX * pixel;
-        // Mean of the lines over the pixel: a difference of the integral of their comb.
+        // The mean of the lines over the pixel is a difference of the integral of a comb of lines.
         let integral = |x: f64| {
             let turns = x / self.spacing;
             let width = (2.0 * half / self.spacing).min(1.0);
@@ -151,8 +153,8 @@ impl LitGround {
         }
     }
 
-    /// Draws the ground behind a frame's colours (linear premultiplied RGBA, of the view's region), and `background`
-    /// behind both. Nothing is drawn where the plane is seen from below.
+    /// Draws the ground behind the colours of a frame (linear premultiplied RGBA, of the view's region), and
+    /// `background` behind both. The ground isn't drawn in pixels from which it is viewed from below.
     pub fn draw_behind(&self, view: &View, background: [f32; 4], colors: &mut [[f32; 4]]) {
         let width = view.region.width as usize;
         let background = background.map(f64::from);
@@ -169,8 +171,8 @@ impl LitGround {
         });
     }
 
-    /// Returns the factor, 0 to 1, by which a shadow without a plane fades toward the border of an image of this size
-    /// in pixels. An image on a page of its background's colour then shows no edge.
+    /// Returns the factor, 0 to 1, by which the ground fades toward the border of an image of `size` pixels. Only the
+    /// style [`GroundStyle::Shadow`] fades. An image on a page of its background's colour then shows no edge.
     fn fade(&self, size: [u32; 2], pixel: [f64; 2]) -> f64 {
         if self.plane.style != GroundStyle::Shadow {
             return 1.0;
@@ -180,15 +182,16 @@ impl LitGround {
         smoothstep(inside, 0.0, BORDER * width.min(height))
     }
 
-    /// Returns the point of the plane that a pixel shows, and the size of the pixel along the plane's axes.
+    /// Returns the point of the ground that a pixel shows, and the size of the pixel, both along the plane's axes.
+    /// `None` if the pixel shows no ground.
     fn seen(&self, view: &View, [x, y]: [f64; 2]) -> Option<(DVec2, DVec2)> {
         let at = self.hit(view, x, y)?;
         let (right, below) = (self.hit(view, x + 1.0, y)?, self.hit(view, x, y + 1.0)?);
         Some((at, (right - at).abs() + (below - at).abs()))
     }
 
-    /// Returns the point at which the ray through (x, y) of the image meets the plane from above, along the plane's
-    /// axes; `None` if there is none.
+    /// Returns the point, along the plane's axes, at which the ray through (x, y) of the image meets the ground from
+    /// above. `None` if they don't meet.
     fn hit(&self, view: &View, x: f64, y: f64) -> Option<DVec2> {
         let (from, direction) = view.projection.ray(V2::new(x, y));
         let world_from_view = view.view_from_world.transpose();
@@ -204,7 +207,7 @@ impl LitGround {
     }
 }
 
-/// Returns one premultiplied colour over another.
+/// Composites one premultiplied colour over another.
 fn over(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|i| front[i] + (1.0 - front[3]) * back[i])
 }

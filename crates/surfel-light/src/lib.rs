@@ -1,9 +1,9 @@
 //! Computes the light of a sky and its bright areas, with soft shadows, and stores it in a scene's splats. Also draws
-//! shadows on the ground (rendering model §12).
+//! the ground with its shadows (rendering model §12).
 //!
 //! A [`Sky`](surfel_model::Sky) shines from many directions. [`light_scene`] draws a depth map of the scene for each
-//! direction, sums the light that reaches each splat, and multiplies the splats' colours by it. All backends then draw
-//! these colours without further lights, and images from other cameras cost no more.
+//! direction, sums the light that reaches each splat, and multiplies the splats' colours by the sum. All backends then
+//! draw these colours without further lights, so that images from other cameras cost nothing more.
 //!
 //! ```
 //! use surfel_light::{LightOptions, light_scene};
@@ -51,18 +51,18 @@ use surfel_model::{Geometry, ModelError, Scene};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LightError {
-    /// An object has no colours of its own to store light in.
+    /// Objects of this kind have no colours in which light can be stored.
     #[error(
         "objects[{object}] is {what}, which can't store the light of a sky, expected splats, points or a mesh: leave \
          out the sky, or give the object's source"
     )]
     Unsuitable {
-        /// Index of the object.
+        /// Index of the object in the scene.
         object: usize,
-        /// Kind of the object.
+        /// Kind of the object, such as "an octree".
         what: &'static str,
     },
-    /// Another number of the scene is out of range.
+    /// Some value of the scene is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -71,7 +71,7 @@ pub enum LightError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LightOptions {
-    /// Width and height of the depth map of a direction, in texels; at least 16.
+    /// Width and height of each direction's depth map, in texels; at least 16, default 384.
     pub map_side: u32,
 }
 
@@ -90,20 +90,20 @@ impl LightOptions {
 /// Scene whose objects store the light of its sky.
 #[derive(Clone, Debug)]
 pub struct LitScene {
-    /// The scene without its sky and ground. Draw its colours with [`Shader::Unlit`](surfel_model::Shader).
+    /// Scene without its sky and ground. Draw its colours with [`Shader::Unlit`](surfel_model::Shader).
     pub scene: Scene,
-    /// The ground, to be drawn behind the scene by [`LitGround::draw_behind`]; the scene's background is then
-    /// transparent. `None` if the scene has no ground.
+    /// Ground, to be drawn behind the scene by [`LitGround::draw_behind`]; the scene's background is then transparent.
+    /// `None` if the scene has no ground.
     pub ground: Option<LitGround>,
 }
 
 /// Computes and stores the light of a scene's sky. A scene without a sky is returned unchanged.
 ///
-/// The result is the same for any number of threads. Time is proportional to the number of directions times the
-/// number of splats; memory is 48 bytes a splat (680 a ball), and 10 MB for a ground, besides the copy of the scene.
+/// The result is the same for any number of threads. Time is proportional to the number of directions times the number
+/// of splats. Memory is 48 bytes per splat (680 per ball) and 10 MB for a ground, besides the copy of the scene.
 ///
 /// # Errors
-/// [`LightError::Unsuitable`] for octrees and Gaussians; [`LightError::Model`] for numbers out of range.
+/// [`LightError::Unsuitable`] for octrees and trained Gaussians; [`LightError::Model`] for invalid values.
 pub fn light_scene(scene: &Scene, options: &LightOptions) -> Result<LitScene, LightError> {
     let Some(sky) = &scene.sky else { return Ok(LitScene { scene: scene.clone(), ground: None }) };
     scene.validate()?;

@@ -1,4 +1,4 @@
-//! Sums of the light that reaches points of surfaces.
+//! Summation of the light that reaches points of surfaces (receivers).
 
 use crate::casters::Casters;
 use crate::depth_map::DepthMap;
@@ -6,63 +6,64 @@ use crate::directions::Ray;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Offset along the normal, in texels, of the position at which a point's light is looked up. It prevents curved
-/// surfaces from casting shadows on themselves; flat ones would cast none even without it.
+/// Offset of a receiver along its normal, in texels, at which its light is looked up. The offset prevents curved
+/// surfaces from casting shadows on themselves; flat surfaces need none.
 const OFFSET_TEXELS: f32 = 0.35;
 
-/// Point of a surface.
+/// Point of a surface at which light is summed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Receiver {
-    /// Position in the coordinates of the maps.
+    /// Position in the coordinates of the depth maps.
     pub position: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// Additional offset because of the noise of the splats, in units of the maps.
+    /// Additional offset along the normal because of the splats' noise, in units of the depth maps.
     pub noise: f32,
-    /// Sides on which light is summed.
+    /// Sides of the surface on which light is summed.
     pub sides: Sides,
 }
 
 /// Sides of a surface on which light is summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sides {
-    /// The front.
+    /// Front only.
     Front,
-    /// Both; the back from every [`SPARSE`]th direction only.
+    /// Both sides, but the back only from every [`SPARSE`]th direction.
     FrontAndSparseBack,
-    /// Both.
+    /// Both sides, from all directions.
     Both,
 }
 
-/// Number of directions of which a sparse sum uses one.
+/// Interval of the directions that sparse sums use.
 const SPARSE: usize = 4;
 
-/// Least and largest number of maps at once. Several maps share one pass over the receivers.
+/// Smallest number of depth maps drawn at once. Several maps share one pass over the receivers.
 const LEAST_MAPS: usize = 4;
+/// Largest number of depth maps drawn at once.
 const MOST_MAPS: usize = 16;
 
-/// Light that reaches a receiver.
+/// Light that reaches a receiver, as brightness of a white surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Light {
-    /// Light on the front: of the sky, and of its areas.
+    /// Light on the front: from the sky, and from the sky's bright areas.
     pub front: [f32; 2],
-    /// Light on the back: of the sky, and of its areas.
+    /// Light on the back: from the sky, and from the sky's bright areas.
     pub back: [f32; 2],
 }
 
-/// Number of receivers that are tested together for being outside a map.
+/// Number of receivers for which one sphere is tested against a map.
 const GROUP: usize = 64;
 
-/// Sphere around the positions at which the light of several receivers is looked up.
+/// Bounding sphere of the positions at which the light of several receivers is looked up.
 struct Near {
     center: Vec3,
     radius: f32,
-    /// Normal of the receivers if all have the same.
+    /// Common normal of the receivers; `None` if their normals differ.
     normal: Option<Vec3>,
 }
 
 impl Near {
-    /// Returns the sphere of receivers, for maps of side×side texels.
+    /// Computes the bounding sphere of receivers, for maps of side×side texels.
     fn of(receivers: &[Receiver], side: usize) -> Self {
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for Receiver { position, .. } in receivers {
@@ -78,15 +79,15 @@ impl Near {
     }
 }
 
-/// Returns the distance from the surface at which a receiver's light is looked up.
+/// Returns the offset from the surface at which a receiver's light is looked up.
 fn offset(receiver: &Receiver, side: usize) -> f32 {
     OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise
 }
 
 /// Draws one depth map of side×side texels per ray, and sums the light of all rays at each receiver. Returns the light
-/// of each group of receivers, in their order.
+/// of each group of receivers, in the receivers' order.
 ///
-/// Each receiver's sums are in the order of the rays, so that they don't depend on the number of threads.
+/// Each receiver sums in the order of the rays, so that the result doesn't depend on the number of threads.
 pub(crate) fn gather<const N: usize>(
     casters: &Casters,
     rays: &[Ray],
@@ -103,7 +104,7 @@ pub(crate) fn gather<const N: usize>(
         maps.par_iter_mut().zip(rays).for_each(|(map, ray)| map.draw(casters, ray.toward));
         let add = |((light, receivers), near): ((&mut [Light], &[Receiver]), &Near)| {
             for (i, (map, ray)) in maps.iter().zip(rays).enumerate() {
-                // No surface hides the light of what the map doesn't show.
+                // Nothing hides the light of a receiver outside of the map.
                 let share = |from: Vec3, slope: Vec2| map.share(from, slope);
                 let (light, number) = (light.iter_mut().zip(receivers), (side, first + i));
                 if map.misses(near.center, near.radius) {
@@ -124,18 +125,19 @@ pub(crate) fn gather<const N: usize>(
     light
 }
 
-/// Least ratio of the light on the back to that on the front from which the back counts, for surfaces whose front is
-/// known.
+/// Smallest ratio of the light on the back to the light on the front at which the back counts. It applies to surfaces
+/// whose front is known.
 const BACK_OF_FRONT: f32 = 10.0;
 
 impl Light {
-    /// Returns the light of the side that has more.
+    /// Returns the light on the brighter side: from the sky and its areas together.
     pub(crate) fn total(&self) -> f32 {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         total(self.front).max(total(self.back))
     }
 
-    /// Drops the light on the back, unless the front is dark in comparison, as with normals of scans that point inward.
+    /// Sets the light on the back to zero, unless the front is dark in comparison. Normals of scans that point inward
+    /// have a dark front.
     pub(crate) fn prefer_front(&mut self) {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         if total(self.back) < BACK_OF_FRONT * total(self.front) {
@@ -143,8 +145,8 @@ impl Light {
         }
     }
 
-    /// Adds the light of the ray with index `number`. `side` is the side of the maps in texels, and `share` returns the
-    /// fraction of the light that reaches a point.
+    /// Adds the light of the ray with index `number`. `side` is the width of the maps in texels. `share` returns the
+    /// fraction of the ray's light that reaches a point.
     #[inline]
     fn add(&mut self, receiver: &Receiver, ray: &Ray, (side, number): (usize, usize), share: impl Fn(Vec3) -> f32) {
         let cosine = receiver.normal.dot(ray.toward);

@@ -1,4 +1,4 @@
-//! Light stored in the colours of splats and vertices, and in the coefficients of balls.
+//! Storage of light in the colours of splats and vertices, and in the coefficients of balls.
 
 use crate::buried::buried;
 use crate::casters::Sphere;
@@ -12,27 +12,29 @@ use surfel_render::ball_scale;
 use crate::LightError;
 use std::sync::Arc;
 
-/// Normals for which the light of a ball is computed: axes and diagonals.
+/// Number of normals at which the light of a ball is computed: axes and diagonals.
 const BALL_NORMALS: usize = 14;
-/// Weights of an axis and of a diagonal in the mean over the sphere, which is exact for polynomials up to degree 5
-/// (Lebedev 1976).
+/// Weights of an axis and of a diagonal in the mean over a ball's normals. The mean is exact for polynomials up to
+/// degree 5 (Lebedev 1976).
 const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
-/// Maximum number of splats from which the noise of a cloud is estimated, and number of neighbours of each.
+/// Maximum number of splats from which the noise of a cloud is estimated.
 const NOISE_SAMPLES: usize = 4096;
+/// Number of neighbours per splat in this estimate.
 const NEIGHBOURS: usize = 8;
-/// Largest distance of a neighbour along the splat's plane, in half-axes. Its height above the plane may be at most one
-/// half-axis.
+/// Largest distance of such a neighbour along the splat's plane, in half-axes. Its height above the plane may be at
+/// most one half-axis.
 const BESIDE: f64 = 1.25;
-/// Number of splats below which the noise isn't estimated, and [`LEAST_NOISE`] is used.
+/// Number of splats below which [`LEAST_NOISE`] replaces an estimate.
 const FEWEST_NOISY: usize = 64;
-/// Factor on the 90th percentile of the neighbours' heights that gives the noise, and the least noise. Even without
-/// noise, neighbours on a curved surface are outside each other's planes.
+/// Ratio of the noise to the 90th percentile of the neighbours' heights.
 const NOISE_FACTOR: f32 = 1.5;
+/// Smallest noise of a cloud, in half-axes. Even without noise, neighbours on a curved surface are outside each other's
+/// planes.
 const LEAST_NOISE: f32 = 0.05;
-/// Linear RGB to luminance (BT.709).
+/// Weights of linear RGB in the luminance (BT.709).
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
-/// Returns the unit normals along the axes, then those along the diagonals.
+/// Returns the unit normals at which the light of a ball is computed: along the axes, then along the diagonals.
 fn ball_normals() -> [Vec3; BALL_NORMALS] {
     let diagonal = 1.0 / 3f32.sqrt();
     std::array::from_fn(|i| match i {
@@ -44,12 +46,12 @@ fn ball_normals() -> [Vec3; BALL_NORMALS] {
     })
 }
 
-/// Returns the weight of one of the [`ball_normals`].
+/// Returns the weight of one of the [`ball_normals`] in the mean over the ball.
 fn mean_weight(normal: Vec3) -> f32 {
     MEAN_WEIGHTS[usize::from(normal.abs().max_element() < 1.0)]
 }
 
-/// Returns the receivers of a scene, object by object.
+/// Returns the points of a scene at which light is summed, object by object.
 pub(crate) fn receivers(scene: &Scene, sphere: &Sphere) -> Vec<Receiver> {
     scene.objects.iter().flat_map(|object| of_object(object, sphere)).collect()
 }
@@ -130,7 +132,7 @@ fn in_world(normals: &DMat3, normal: glam::DVec3) -> Vec3 {
     unit(*normals * normal).as_vec3()
 }
 
-/// Returns a mesh's vertex normals. If it has none, they are means of the triangles' normals, weighted by area.
+/// Returns the vertex normals of a mesh. If it has none, they are means of the triangles' normals, weighted by area.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     if let Some(normals) = &mesh.normals {
         return normals.iter().map(|normal| Vec3::from(*normal)).collect();
@@ -192,7 +194,7 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
     Ok(objects)
 }
 
-/// Parameters for the light that an object's surface reflects.
+/// Parameters of the light that an object's surface reflects.
 struct Shading<'a> {
     sky: &'a Sky,
     rays: &'a [Ray],
@@ -200,10 +202,10 @@ struct Shading<'a> {
 }
 
 impl Shading<'_> {
-    /// Returns the colour of a surface of albedo `own` (linear RGB) under a light.
+    /// Returns the colour of a surface with albedo `own` (linear RGB) in the given light.
     fn color(&self, own: [f32; 3], normal: Vec3, light: &Light) -> [f32; 3] {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
-        // Of a surface with two sides, the side that has more light is the one outside.
+        // The brighter side of a two-sided surface is the outer one.
         let (side, normal) =
             if total(light.back) > total(light.front) { (light.back, -normal) } else { (light.front, normal) };
         let [whole, _] = open(self.rays, normal);
@@ -211,14 +213,15 @@ impl Shading<'_> {
     }
 
     /// Returns the brightness of a white surface. Light from other surfaces is estimated as if they had this albedo.
-    /// `whole` is the sky's light on an unoccluded surface.
+    /// `whole` is the light of the sky on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
         let sky = if self.sky.bounce && whole > 0.0 { whole * bounced(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;
         (even + (1.0 - even) * (sky + areas)) * self.material.diffuse as f32
     }
 
-    /// Returns the coefficients of balls. `light` has one entry for each of a ball's [`ball_normals`], ball by ball.
+    /// Computes the light coefficients of balls. `light` has one entry per ball and normal ([`ball_normals`]), ball by
+    /// ball.
     fn balls(&self, cloud: &SplatCloud, light: &[Light]) -> Vec<BallLight> {
         let around = ball_normals();
         let whole = around.map(|normal| open(self.rays, normal)[0]);

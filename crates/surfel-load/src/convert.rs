@@ -1,4 +1,4 @@
-//! Conversion of points and meshes to splats according to the options, with notes about what was done.
+//! Conversion of points and meshes to splats according to the options, with notes for the user.
 
 use crate::loaded_cloud::Conversion;
 use crate::noise::{noise_points, water};
@@ -12,7 +12,7 @@ use surfel_model::{
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
-/// Scales the radii of splats, and estimates their interior weight again.
+/// Multiplies the radii of splats by `scale`, and estimates their interior weight again.
 pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
@@ -28,7 +28,8 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     Ok(cloud)
 }
 
-/// Returns a flag per point or splat of a file, true if the options select it; `None` if they select all.
+/// Returns one flag per point or splat, true if the options select it; `None` if they select all. Adds a note about the
+/// selection.
 fn chosen(
     (count, position): (usize, &dyn Fn(usize) -> DVec3),
     extras: &[ExtraColumn],
@@ -61,7 +62,7 @@ fn chosen(
     Ok(Some(found.keep))
 }
 
-/// Returns the splats that the options select.
+/// Returns the splats that the options select, and adds a note about them.
 pub(crate) fn chosen_splats(
     cloud: SplatCloud,
     path: &Path,
@@ -75,13 +76,13 @@ pub(crate) fn chosen_splats(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Largest number of points at the origin, or at any other single position, that are used. If there are more, all of
-/// them are dropped.
+/// Largest number of points at the same position that are used, such as the origin. Positions with more points are
+/// dropped.
 const COINCIDENT: usize = 16;
-/// Reason in notes for dropping points that share a place.
+/// Reason, as text for notes, why points at a shared position are dropped.
 const CROWDED: &str = "more than 16 are in their place";
 
-/// Returns the points that the options select, without the internal columns of levels of detail.
+/// Returns the points that the options select, without the internal columns for levels of detail.
 pub fn chosen_points(
     points: PointCloud,
     path: &Path,
@@ -94,7 +95,7 @@ pub fn chosen_points(
     Ok(points)
 }
 
-/// Returns the points that the options select, and true if they were thinned evenly.
+/// Returns the points that the options select. The flag is true if they were thinned evenly.
 fn chosen_points_of_levels(
     mut points: PointCloud,
     path: &Path,
@@ -133,7 +134,7 @@ fn chosen_points_of_levels(
         let found = surfel_sample::outliers(&points, progress);
         let mut keep = found.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
         keep.iter_mut().for_each(|alone| *alone = !*alone);
-        // Water returns few pulses.
+        // Water reflects few pulses, so that its points are isolated without being outliers.
         if let Some(water) = water(&points.extras, points.len()) {
             keep.iter_mut().zip(water).for_each(|(keep, water)| *keep |= water);
         }
@@ -151,7 +152,7 @@ fn chosen_points_of_levels(
     Ok((points, dropped > 0 || options.every.is_some()))
 }
 
-/// Converts points to splats.
+/// Selects points by the options, and converts them to splats.
 pub(crate) fn points(
     points: PointCloud,
     path: &Path,
@@ -160,7 +161,7 @@ pub(crate) fn points(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
-    // Estimation from neighbours drops coincident points itself.
+    // If splats are estimated from neighbours, coincident points are dropped there.
     let is_direct = !options.all_points && levels::Radii::are_stated(&points);
     let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
     if dropped > 0 {
@@ -170,7 +171,7 @@ pub(crate) fn points(
         ));
     }
     let radii = levels::Radii::take(&mut points);
-    // The file's radii cover the surface only if all points are used.
+    // Radii that the file states cover the surface only if all of its points are used.
     if is_thinned && points.radii.take().is_some() {
         notes.push("left the file's radii a column: they close the surface of all its points only".to_owned());
     }
@@ -186,7 +187,7 @@ pub(crate) fn points(
     finished((cloud, true), report, path, options, notes, progress)
 }
 
-/// Converts points to splats without selecting among them. If `above` is a position far above the points, estimated
+/// Converts points to splats without selecting points. If `above` is given, a position far above the points, estimated
 /// normals face it.
 pub fn splats_of_points(
     points: &PointCloud,
@@ -212,8 +213,8 @@ pub fn splats_of_points(
     finished((cloud, false), report, path, options, notes, progress)
 }
 
-/// Finishes splats of points, as the options state: enlarges them to cover the surface at their level of detail, clips
-/// them along edges, and fits their colours. `stated` is true if the file states their radii.
+/// Finishes splats made from points. Enlarges them for their level of detail, clips them along edges, and fits their
+/// colours, as the options state. `stated` is true if the file states the radii.
 fn finished(
     (cloud, stated): (SplatCloud, bool),
     report: PointReport,
@@ -231,7 +232,7 @@ fn finished(
     Ok((cloud, Conversion::Points(report)))
 }
 
-/// Fits colours of splats so that their blend reproduces the points' colours.
+/// Fits the colours of splats so that their blend reproduces the colours of the points.
 fn fit_colors(
     cloud: SplatCloud,
     path: &Path,
@@ -253,7 +254,7 @@ fn fit_colors(
     Ok(cloud)
 }
 
-/// Fits colours of a mesh's splats so that their blend reproduces the mesh, by the method `texture_sampling`.
+/// Fits the colours of a mesh's splats so that their blend reproduces the mesh. The method is `texture_sampling`.
 fn textured(
     cloud: SplatCloud,
     mesh: &Mesh,
@@ -311,7 +312,7 @@ pub(crate) fn mesh(
     Ok((textured(cloud, mesh, path, options, notes, progress)?, Conversion::Mesh(report)))
 }
 
-/// Clips splats of points along the edges detected in the points.
+/// Clips splats of points along edges that are detected in the points.
 #[cfg(feature = "sharp")]
 fn sharpen(
     cloud: SplatCloud,
@@ -333,7 +334,7 @@ fn sharpen(
     Ok(cloud)
 }
 
-/// Converts a mesh to clipped splats.
+/// Converts a mesh to splats that are clipped along its creases.
 #[cfg(feature = "sharp")]
 fn sharp(
     mesh: &Mesh,

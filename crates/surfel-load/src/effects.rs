@@ -1,4 +1,4 @@
-//! Effects of loading options: the kinds of files that each option has an effect on.
+//! Effects of loading options: the kinds of files that each option affects.
 
 use crate::LoadOptions;
 use std::borrow::Cow;
@@ -6,7 +6,7 @@ use surfel_io::Content;
 use surfel_model::{Outliers, PointColors};
 use surfel_sample::MeshMethod;
 
-/// Set of kinds of input files.
+/// Set of kinds of input files, as bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inputs(u8);
 
@@ -21,9 +21,9 @@ impl Inputs {
     pub const OCTREES: Self = Self(8);
     /// Trained Gaussians.
     pub const GAUSSIANS: Self = Self(16);
-    /// Every kind.
+    /// Set of all kinds.
     pub const ALL: Self = Self(31);
-    /// Every kind, with its name in messages.
+    /// All kinds, with their names in messages.
     const NAMED: [(&'static str, Self); 5] = [
         ("points", Self::POINTS),
         ("splats", Self::SPLATS),
@@ -32,7 +32,7 @@ impl Inputs {
         ("Gaussians", Self::GAUSSIANS),
     ];
 
-    /// Returns the union of two sets.
+    /// Returns the union of both sets.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
@@ -43,7 +43,7 @@ impl Inputs {
         self.0 & other.0 != 0
     }
 
-    /// Returns the kinds as words, such as "points or a mesh".
+    /// Returns the kinds as text, such as "points or a mesh".
     pub fn words(self) -> String {
         let names: Vec<&str> = Self::NAMED.into_iter().filter(|(_, kind)| self.has(*kind)).map(|(n, _)| n).collect();
         match names.split_last() {
@@ -53,23 +53,23 @@ impl Inputs {
     }
 }
 
-/// Kinds of files that an option of loading has an effect on.
+/// Loading option, with the kinds of files that it affects.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect {
-    /// Key of the option in the `convert` of a scene file's object.
+    /// Key of the option in a scene file's `convert` object.
     pub option: &'static str,
-    /// Kinds of files.
+    /// Kinds of files that the option affects.
     pub inputs: Inputs,
     /// Function that returns true if the option is set.
     pub given: fn(&LoadOptions) -> bool,
 }
 
-/// Files of rows.
+/// Files of points or splats, whose rows can be selected.
 const ROWS: Inputs = Inputs::POINTS.and(Inputs::SPLATS);
-/// Files whose values can be colours.
+/// Files whose attributes can determine colours.
 const VALUES: Inputs = ROWS.and(Inputs::MESHES);
 
-/// Kinds of files that loading options have an effect on. Options that aren't listed affect every file.
+/// Kinds of files that each loading option affects. Options that aren't listed affect all files.
 pub const EFFECTS: [Effect; 20] = [
     effect("color_by", VALUES, |o| o.color_by.is_some()),
     effect("labels", VALUES, |o| o.labels.is_some()),
@@ -97,7 +97,7 @@ const fn effect(option: &'static str, inputs: Inputs, given: fn(&LoadOptions) ->
     Effect { option, inputs, given }
 }
 
-/// Returns the effect of the option with this key; `None` if the option affects every file.
+/// Returns the effect of the option with this key; `None` if the option affects all files.
 pub fn of(option: &str) -> Option<Effect> {
     EFFECTS.into_iter().find(|effect| effect.option == option)
 }
@@ -105,11 +105,11 @@ pub fn of(option: &str) -> Option<Effect> {
 /// Option that has no effect on a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnusedOption {
-    /// Key of the option in a scene file's `convert`: "splats", "max_points", …
+    /// Key of the option in a scene file's `convert` object, such as "splats" or "max_points".
     pub option: &'static str,
-    /// Content of the file: "splats", "points", "a mesh" or "an octree"; or its attributes.
+    /// Content of the file, such as "splats", "points", "a mesh" or "an octree", or a list of its attributes.
     pub holds: Cow<'static, str>,
-    /// Content that the option applies to.
+    /// Content that the option would affect.
     pub expected: Cow<'static, str>,
 }
 

@@ -1,4 +1,4 @@
-//! Errors that may occur between a file and an image.
+//! Errors of reading, converting and drawing files.
 
 use std::path::PathBuf;
 use surfel_io::IoError;
@@ -20,7 +20,7 @@ pub enum Error {
     /// A file's points or triangles can't be converted to splats.
     #[error("{}: {source}", .path.shown())]
     Sample {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Reason why no splats could be made.
         source: SampleError,
@@ -28,27 +28,27 @@ pub enum Error {
     /// A file was read, but its content is unsuitable for its use.
     #[error("{}: {problem}", .path.shown())]
     Unsuitable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Description of what was found and expected, and how to fix it.
         problem: String,
     },
-    /// Options contradict or need each other, or have no effect.
+    /// Options contradict each other, lack another option, or have no effect.
     #[error("{0}")]
     Usage(String),
-    /// The input as a whole is unsuitable.
+    /// The input as a whole is unsuitable, such as two images of different sizes.
     #[error("{0}")]
     Input(String),
     /// An image couldn't be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// The backend isn't available.
+    /// The backend isn't available on this machine or in this program.
     #[error(transparent)]
     Backend(#[from] BackendError),
 }
 
 impl Error {
-    /// True if the input is at fault: a file that is missing, damaged or breaks a rule.
+    /// True if the input caused the error: a file that is missing, damaged or breaks a rule.
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Io(e) => e.is_bad_input(),

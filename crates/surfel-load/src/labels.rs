@@ -1,14 +1,14 @@
-//! Labels of splats from an attribute of their file.
+//! Labels of splats, from an attribute of their file.
 
 use crate::Error;
 use std::path::Path;
 use surfel_model::{ExtraColumn, NO_LABEL, SplatCloud};
 
-/// Attribute that labels are taken from by default.
+/// Default attribute for labels.
 pub const DEFAULT_LABEL: &str = "classification";
 
-/// Assigns labels from an attribute of the cloud's file: integers from 0 up; −1 and NaN mean no label. Returns false if
-/// the file doesn't have the attribute.
+/// Sets labels from an attribute of the cloud's file. Values are integers from 0; −1 and NaN mean that a splat has no
+/// label. Returns false if the file doesn't have the attribute.
 pub(crate) fn label(cloud: &mut SplatCloud, attribute: &str, path: &Path) -> Result<bool, Error> {
     let Some(column) = ExtraColumn::find(&cloud.data().extras, attribute) else { return Ok(false) };
     let label = |i: usize| {

@@ -1,4 +1,4 @@
-//! Choices of the levels of detail that are read from a COPC file.
+//! Descriptions of the levels of detail that are read from a COPC file.
 
 use glam::DAffine3;
 use std::sync::Arc;
@@ -7,27 +7,27 @@ use surfel_render::View;
 /// Selection of the nodes that are read from a COPC file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Levels {
-    /// The coarsest levels, enough to place a camera. Their splats have gaps, so that the area they cover is no larger
-    /// than that of all points.
+    /// The coarsest levels, which are enough to place a camera. Their splats aren't enlarged and have gaps, so that
+    /// they cover no larger area than all points.
     Overview,
-    /// The nodes that one or more views need.
+    /// The nodes that one or several views need.
     Views {
-        /// The views: all of one image, or of one movie.
+        /// Views of one image, or of all images of one movie.
         views: Arc<[View]>,
         /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
-        /// Largest projected splat radius in pixels, more than 0. Points of finer levels are skipped.
+        /// Maximum projected splat radius in pixels, more than 0. Points of levels finer than this are skipped.
         error_px: f64,
         /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped, if the file
-        /// stores radii and normals and nothing but an image is needed. `None` skips no points.
+        /// stores radii and normals and the points are used for images only. `None` skips no points.
         sight_px: Option<f64>,
     },
 }
 
-/// View parameters that select levels of detail, for all objects.
+/// Parameters of one or several views, by which the levels of detail of all objects are selected.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
-    /// Views of one image, or of all images of a movie, so that the selection doesn't change between them.
+    /// Views of one image, or of all images of one movie, which then share the selection.
     pub views: &'a [View],
     /// Largest projected splat radius in pixels, as in [`Levels::Views`].
     pub error_px: f64,
@@ -36,7 +36,7 @@ pub struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Returns the selection for an object with this transformation.
+    /// Returns the selection of levels for an object with this transformation.
     pub(crate) fn levels(&self, world_from_object: DAffine3) -> Levels {
         let Self { views, error_px, sight_px } = *self;
         Levels::Views { views: views.into(), world_from_object, error_px, sight_px }

@@ -1,4 +1,4 @@
-//! Data of files with levels of detail that is shared between images.
+//! Cache of point files with levels of detail, which images share.
 
 use crate::levels;
 use crate::memory::{self, default_budget};
@@ -11,70 +11,72 @@ use surfel_io::atomic::Temporary;
 use surfel_io::copc::{FileState, LEAST_MEMORY, NodeCache};
 use surfel_sample::Progress;
 
-/// Cache of files with levels of detail, shared between images.
+/// Cache for point files that are drawn with levels of detail. Images with the same cache share its data.
 ///
-/// It holds LOD copies of files that don't fit into memory, as temporary COPC files, and, if many images follow,
-/// decoded nodes. The temporary files are deleted when the store is dropped, and when a signal ends a program that
-/// calls [`surfel_io::atomic::remove_temporary_files`].
+/// The cache contains COPC copies of files that don't fit into memory, as temporary files. If many images follow, it
+/// also contains decoded nodes. The temporary files are deleted when the store is dropped. They are also deleted when a
+/// signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    /// Temporary files by path and column names. Each has its own lock, held while the file is written: other files can
-    /// be written at the same time, and no file is written twice.
+    /// Temporary COPC copies by path and column names. Each has its own lock, which is held while the copy is written.
+    /// Different copies can be written at the same time, and no copy is written twice.
     converted: Mutex<BTreeMap<Key, Arc<Mutex<Option<Converted>>>>>,
-    /// Least memory in bytes for writing a COPC file.
+    /// Minimum memory budget, in bytes, for writing a COPC copy.
     least_memory: u64,
 }
 
-/// A file's path, and its column names if they are given.
+/// Key of a COPC copy: path of the source, and the column names if the options state them.
 type Key = (PathBuf, Option<String>);
 
-/// A file that was converted to COPC.
+/// COPC copy of a point file.
 struct Converted {
-    /// State of the source file when it was converted; a file that has been replaced since is converted again.
+    /// State of the source file when it was copied; `None` if the file's state can't be read. A changed source is
+    /// copied again.
     of: Option<FileState>,
     file: Arc<Temporary>,
 }
 
 impl Default for LevelStore {
-    /// Creates a store without decoded nodes, for a single image or several that share one selection of nodes.
+    /// Creates a store that doesn't cache decoded nodes, for a single image or for images that share one selection of
+    /// nodes.
     fn default() -> Self {
         Self { nodes: None, converted: Mutex::default(), least_memory: LEAST_MEMORY }
     }
 }
 
 impl LevelStore {
-    /// Creates a store that also caches decoded nodes, for images that each select their own nodes. The cache uses the
-    /// part of [`LoadOptions::memory`] that an image's points don't need.
+    /// Creates a store that also caches decoded nodes, for images that each select their own nodes. The cache may use
+    /// the memory within the budget ([`LoadOptions::memory`]) that an image's points don't need.
     pub fn keeping_nodes() -> Self {
         Self { nodes: Some(Arc::default()), ..Self::default() }
     }
 
-    /// Sets the least memory budget in bytes with which a file is written by levels.
+    /// Sets the minimum memory budget, in bytes, with which a file is copied to COPC.
     #[must_use]
     pub fn with_least_memory(self, least_memory: u64) -> Self {
         Self { least_memory, ..self }
     }
 
-    /// Returns the path of the temporary COPC copy of a file that was loaded without stated column names; `None` if
-    /// there is none.
+    /// Returns the path of the temporary COPC copy of a file that was loaded without column names; `None` if there is
+    /// no copy.
     pub fn converted(&self, path: &Path) -> Option<PathBuf> {
         let slot = lock(&self.converted).get(&(path.to_path_buf(), None))?.clone();
         let converted = lock(&slot);
         converted.as_ref().map(|converted| converted.file.path().to_path_buf())
     }
 
-    /// Returns the memory in bytes of the decoded nodes; 0 if the store caches none.
+    /// Returns the size of the cached decoded nodes in bytes; 0 if the store doesn't cache nodes.
     pub fn cached_bytes(&self) -> u64 {
         self.nodes.as_ref().map_or(0, |nodes| nodes.bytes())
     }
 
-    /// Returns the compressed bytes of points read so far; 0 if the store caches no nodes.
+    /// Returns the number of compressed bytes of points that were read so far; 0 if the store doesn't cache nodes.
     pub fn read_bytes(&self) -> u64 {
         self.nodes.as_ref().map_or(0, |nodes| nodes.read_bytes())
     }
 
-    /// Returns the memory in bytes that the allocator retains after a file has been written. It is estimated as a third
-    /// of the least memory for writing (40 to 60 of 200 MiB were measured).
+    /// Returns the estimated memory, in bytes, that the allocator retains after a COPC copy was written: a third of the
+    /// minimum memory for writing. With a minimum of 200 MiB, 40 to 60 MiB were measured.
     pub(crate) fn left_bytes(&self) -> u64 {
         self.least_memory / 3
     }
@@ -84,15 +86,16 @@ impl LevelStore {
         self.nodes.is_some()
     }
 
-    /// Returns the node cache, limited to `room_bytes`.
+    /// Returns the cache of decoded nodes, after limiting its size to `room_bytes`; `None` if the store doesn't cache
+    /// nodes.
     pub(crate) fn nodes(&self, room_bytes: Option<u64>) -> Option<Arc<NodeCache>> {
         let nodes = self.nodes.as_ref()?;
         nodes.limit(room_bytes.unwrap_or(0));
         Some(nodes.clone())
     }
 
-    /// Returns a COPC copy of a file of points, and a note about it. `None` if writing it needs more memory than the
-    /// budget, or the file has levels of detail itself.
+    /// Returns a COPC copy of a point file, and a note about it. Writes the copy unless it exists. Returns `None` if
+    /// the memory budget is too small for writing, or if the file has levels of detail itself.
     pub(crate) fn by_levels(
         &self,
         path: &Path,
@@ -130,7 +133,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the folder for large temporary files: TMPDIR, or else one that the system doesn't hold in memory.
+/// Returns the folder for large temporary files: TMPDIR if it is set, or else a folder that isn't in memory.
 fn large_files_folder() -> PathBuf {
     let on_disk = Path::new("/var/tmp");
     let is_said = std::env::var_os("TMPDIR").is_some();

@@ -1,14 +1,16 @@
-//! Loading of files as the objects of a scene: splats as they are, points and meshes converted to splats.
+//! Loading of files as the objects of a scene. Splat files are used as they are; points and meshes are converted to
+//! splats.
 //!
 //! Main functions and types, in reading order:
 //!
-//! 1. [`load()`]: one file as a [`LoadedCloud`], by [`LoadOptions`];
-//! 2. [`load_scene`] and [`scene`]: scene files, and all files of a scene, each of them once, as [`LoadedObjects`] with
-//!    [`ObjectFacts`];
-//! 3. [`coloring`]: colours by an attribute, on a scale that files share; [`labels`]: its values as labels;
-//! 4. [`levels`] and [`LevelStore`]: the levels of detail of COPC files that a view needs;
-//! 5. [`memory`]: the memory that a file's points need, estimated before they are read;
-//! 6. [`effects`]: the kinds of files that an option has an effect on;
+//! 1. [`load()`]: loads one file as a [`LoadedCloud`], according to [`LoadOptions`];
+//! 2. [`load_scene`] and [`scene`]: read scene files, and load all files of a scene, each once, as [`LoadedObjects`]
+//!    with [`ObjectFacts`];
+//! 3. [`coloring`]: colours splats by an attribute, on a scale that files share; [`labels`]: stores an attribute as
+//!    labels;
+//! 4. [`levels`] and [`LevelStore`]: read the levels of detail of COPC files that a view needs;
+//! 5. [`memory`]: estimates the memory that a file's points need, before they are read;
+//! 6. [`effects`]: lists the kinds of files that an option affects;
 //! 7. [`Error`]: errors of this package and of all packages below it.
 //!
 //! ```no_run
@@ -52,7 +54,7 @@ pub mod scene;
 mod single_sided;
 pub mod words;
 
-/// Single steps of loading, for callers that load a file in parts.
+/// Single steps of loading, for callers that load a file chunk by chunk.
 pub mod steps {
     pub use crate::convert::{chosen_points, splats_of_points};
     pub use crate::load::{check_size, read, splats_of, without_attribute};

@@ -1,4 +1,4 @@
-//! Loading of files as splats: splats are read directly, points and meshes are converted.
+//! Loading of files as splats. Splat files are used as they are; points and meshes are converted.
 
 use crate::coloring::Colorings;
 use crate::coloring::together::{ColorJob, Colors, Lacking, Member};
@@ -19,7 +19,7 @@ use surfel_io::{Content, Format, Loaded};
 use surfel_model::{Mesh, Octree, SplatCloud, Up};
 use surfel_sample::Progress;
 
-/// Reads a file, or the bytes of stdin for the name [`STDIN`].
+/// Reads a file, or the bytes of stdin if the path is [`STDIN`].
 pub fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     let io_options = io_options(options);
     Ok(match &options.stdin {
@@ -28,11 +28,11 @@ pub fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     })
 }
 
-/// Loads a file as splats: splats are read directly, points and meshes are converted.
+/// Loads a file as splats. Splat files are used as they are; points and meshes are converted.
 ///
 /// # Errors
-/// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if it can't be converted to splats,
-/// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set without Cargo's feature `sharp`.
+/// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if it can't be converted to splats.
+/// [`Error::Unsuitable`] if it has no splat, or if `options.sharp` is true without Cargo's feature `sharp`.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
     progress.stage("reading", 0);
@@ -44,7 +44,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     Ok(LoadedCloud { levels, ..made })
 }
 
-/// Colours splats that don't share a colouring with other files.
+/// Colours the splats of a single file, on their own scale.
 fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
     let mut cloud = Arc::new(std::mem::replace(&mut made.cloud, empty));
@@ -57,14 +57,14 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     Ok(())
 }
 
-/// Converts a missing attribute to the report that the option `color_by` has no effect on the file. The report lists
-/// the attributes that the file has.
+/// Returns the report that the option `color_by` has no effect on a file without the attribute. The report lists the
+/// file's attributes.
 pub fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these".into() }
 }
 
-/// Reads a file, or the selected levels of a file with levels of detail. The report is `None` if all points were read.
+/// Reads a file, or the selected nodes of a file with levels of detail. The report is `None` if all points were read.
 pub(crate) fn read_needed(
     path: &Path,
     options: &LoadOptions,
@@ -81,7 +81,7 @@ pub(crate) fn read_needed(
     let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
     loaded.notes.insert(0, note);
     if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path, options.columns.as_ref()) {
-        // COPC files are z-up; the source file's own format and up axis are restored.
+        // The COPC copy is z-up; format and up axis of the source file are restored.
         (loaded.format, loaded.up) = (format, up);
         if let (Content::Points(points), true) = (&mut loaded.content, is_said) {
             points.up = Some(up);
@@ -90,7 +90,7 @@ pub(crate) fn read_needed(
     Ok(partly((loaded, report)))
 }
 
-/// Refuses a scan that won't fit into memory, before it is read.
+/// Returns an error for a point file that won't fit into memory, before it is read.
 pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
@@ -103,19 +103,19 @@ pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Splats of a file's content.
+/// Splats made from a file's content.
 struct Converted {
     cloud: SplatCloud,
     conversion: Conversion,
-    /// True if the splats cover a closed mesh from outside.
+    /// True if the splats cover a watertight surface from outside.
     closed: bool,
-    /// The octree, if the file holds one; the splats are its finest ones.
+    /// Octree, if the file contains one; the splats are its finest ones.
     octree: Option<Box<Octree>>,
-    /// Columns of the mesh that the splats were made of.
+    /// Columns of the mesh from which the splats were made.
     on_mesh: Option<MeshColumns>,
 }
 
-/// Converts a file's content to splats. `up` is the up axis if it is certain.
+/// Converts a file's content to splats. `up` is the up axis, or `None` if it isn't certain.
 fn converted(
     content: Content,
     up: Option<Up>,
@@ -140,14 +140,14 @@ fn converted(
         }
         Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(mut points) => {
-            // Ground faces up where the format says which way that is.
+            // Normals of ground points are oriented upwards if the up axis is certain.
             points.up = points.up.or(up);
             convert::points(points, path, options, notes, progress)?
         }
         Content::Mesh(mut mesh) => {
-            // An inverted mesh may be a room seen from inside, so its backs are drawn.
+            // The back faces of an inverted mesh aren't culled, since it may be a room seen from inside.
             closed = surfel_sample::is_closed(&mesh);
-            // Materials that are single-sided tell which side is meant.
+            // Single-sided materials determine the outward side, so that such meshes aren't inverted.
             if !states_sides(&mesh) && surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
             }
@@ -171,7 +171,7 @@ fn converted(
     Ok(Converted { cloud, conversion, closed, octree, on_mesh })
 }
 
-/// Adds labels and row numbers as the options ask for. `of_mesh` are the names of the mesh's columns.
+/// Adds labels and row numbers if the options request them. `of_mesh` has the names of the mesh's columns.
 fn numbered(
     mut cloud: SplatCloud,
     of_mesh: &[String],
@@ -195,8 +195,8 @@ fn numbered(
     Ok(cloud)
 }
 
-/// Converts a file's content to splats. Also returns the request for colouring them by an attribute; `None` if they
-/// aren't coloured by one.
+/// Converts a file's content to splats. Also returns the request for colouring them by an attribute, or `None` if no
+/// attribute is requested.
 pub fn splats_of(
     loaded: Loaded,
     path: &Path,
@@ -261,23 +261,23 @@ pub fn splats_of(
     Ok((made, job))
 }
 
-/// Returns the error for Gaussians where splats are expected.
+/// Returns the error for a file of trained Gaussians where splats are expected.
 fn not_splats(path: &Path) -> Error {
     let problem = "holds trained Gaussians, expected splats: leave out `composite=over`".to_owned();
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
-/// Length in metres below which the content of an E57 or PTS file is an object, not a place.
+/// Extent in metres below which the content of an E57 or PTS file counts as a small object, not a scanned site.
 const THING_M: f64 = 1.0;
 
-/// Returns why a file's up axis is certain: the file or its format states it. `None` for OBJ, STL, OFF, PLY, Draco, PCD
-/// and tables of numbers, which occur with any axis up. Also `None` for E57 and PTS files of an object that wasn't
-/// recorded by a scanner on site.
+/// Returns the reason why a file's up axis is certain: the file or its format states it. Returns `None` for OBJ, STL,
+/// OFF, PLY, Draco, PCD and tables of numbers, which occur with any axis up. Also returns `None` for E57 and PTS files
+/// of a small object without a scanner position.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
     }
-    // Gaussian splats are the only PLY files whose default up axis is −y.
+    // Among PLY files, only Gaussian splats have the default up axis −y.
     let is_any = matches!(
         loaded.format,
         Format::Ply
@@ -295,8 +295,8 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
 }
 
-/// True if an E57 or PTS file holds a small object without a scanner position. Other programs export such objects with
-/// any axis up, while a scanner on site stands upright.
+/// True if an E57 or PTS file contains a small object without a scanner position. Other programs export such objects
+/// with any up axis, whereas a scanner on site is upright.
 fn is_thing(loaded: &Loaded) -> bool {
     let Content::Points(points) = &loaded.content else { return false };
     let is_of_one = points.viewpoint.is_none() && points.extras.iter().all(|extra| extra.name != "scan");
@@ -310,7 +310,7 @@ fn is_thing(loaded: &Loaded) -> bool {
         })
 }
 
-/// Polygons of a file.
+/// Mesh of a file that is drawn as polygons.
 pub(crate) struct LoadedMesh {
     pub(crate) mesh: Arc<Mesh>,
     pub(crate) up: Up,
@@ -318,7 +318,7 @@ pub(crate) struct LoadedMesh {
     pub(crate) notes: Vec<String>,
 }
 
-/// Loads a file that is drawn as polygons. Adds the files it refers to to `beside`.
+/// Loads a file that is drawn as polygons. Adds the files to which it refers to `beside`.
 ///
 /// # Errors
 /// Errors of [`load`]; also [`Error::Unsuitable`] if the file holds no triangles.

@@ -1,4 +1,4 @@
-//! Loaded objects of a scene, and facts about them.
+//! Loaded objects of a scene, and facts about them for automatic framing and lighting.
 
 use crate::coloring::Colorings;
 use crate::coloring::together::ColorJob;
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use surfel_framing::UpReason;
 use surfel_model::{Object, Up};
 
-/// A note about a file for the user.
+/// Note about a file, for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectNote {
     /// The file.
@@ -29,19 +29,20 @@ impl ObjectNote {
 pub struct LoadedObjects {
     /// The objects, in the scene file's order.
     pub objects: Vec<Object>,
-    /// Facts about each object.
+    /// Facts about each object, in the same order.
     pub facts: Vec<ObjectFacts>,
-    /// Notes on what was dropped, assumed or estimated, per file.
+    /// Notes on data that was dropped, assumed or estimated, for each file.
     pub notes: Vec<ObjectNote>,
-    /// Files that the objects' files refer to, such as textures and buffers, whether they exist or not.
+    /// Files to which the input files refer, such as textures and buffers, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
-    /// Options that had no effect on any splat object, with the content of the first object's file.
+    /// Options without effect on any object of splats, with the path of the first object's file.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// Colourings by attribute, if the options ask for any.
+    /// Colourings by attributes; empty unless the options request some.
     pub colorings: Colorings,
-    /// Colouring requests, one per object.
+    /// Colouring requests, one for each object.
     pub color_jobs: ColorJobs,
-    /// True if balls and disks of no stated radius have one radius in all objects, since they are compared.
+    /// True if all objects share one radius for balls and disks without a stated radius, so that objects can be
+    /// compared.
     pub has_one_radius: bool,
 }
 
@@ -50,54 +51,56 @@ pub struct LoadedObjects {
 pub struct ColorJobs(pub(crate) Vec<Option<ColorJob>>);
 
 impl ColorJobs {
-    /// Adds the requests of further objects.
+    /// Appends the requests of further objects.
     pub fn append(&mut self, others: Self) {
         self.0.extend(others.0);
     }
 
-    /// Sets the axis of height where it isn't certain.
+    /// Sets the axis along which heights are measured, for files whose up axis isn't certain.
     pub fn assume_up(&mut self, up: Up) {
         self.0.iter_mut().flatten().for_each(|job| job.up = job.up.or(Some(up)));
     }
 }
 
-/// Facts about an object that automatic framing and lighting use.
+/// Facts about an object, for automatic framing and lighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectFacts {
     /// Up axis of the object's file.
     pub up: Up,
-    /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
+    /// Reason why the up axis is certain. `None` if it is only the format's default, and files of the format have any
+    /// up axis.
     pub up_reason: Option<UpReason>,
     /// True if the splats were made from points.
     pub points: bool,
-    /// Reason why the file's points don't suffice to estimate a surface; `None` if they do.
+    /// Reason why the file's points aren't sufficient to estimate a surface; `None` if they are.
     pub sparse: Option<SparseReason>,
-    /// True if the file has so few points that they may not suffice to estimate a surface.
+    /// True if the file has so few points that a surface may not be estimated reliably.
     pub few: bool,
-    /// True if a mesh's edges or a comment of the file determine whether the surface is watertight, so that this isn't
-    /// estimated.
+    /// True if a mesh's edges or a comment of the file determine whether the surface is watertight. It is estimated
+    /// otherwise.
     pub sides_known: bool,
-    /// True if the object has colours.
+    /// True if the object has colours, whether from its file or by an attribute.
     pub colored: bool,
     /// True if the file or its mesh states that the splats cover a watertight surface from outside.
     pub closed: bool,
-    /// True if overlapping splats hardly differ in depth: they were made from a mesh of flat parts, or clipped by
-    /// `sharp`.
+    /// True if overlapping splats have nearly the same depth, because they were made from a mesh of flat parts or
+    /// clipped by `sharp`.
     pub flat: bool,
-    /// True if overlapping splats differ little in depth: they are at least as many as the triangles of their mesh.
+    /// True if overlapping splats differ little in depth, because there is at least one splat per triangle of their
+    /// mesh.
     pub fine: bool,
     /// True if the cloud has separate splats for each visible side of the surface. Back faces are then always culled.
     pub each_side: bool,
-    /// True if only coarse levels of the file were read ([`refine_objects`](crate::scene::refine_objects)).
+    /// True if only an overview of the file was read, which [`refine_objects`](crate::scene::refine_objects) completes.
     pub partial: bool,
     /// True if the file has more points than the point limit.
     pub thinned: bool,
-    /// True if the options ask for points of all classes, so that strays are framed, too.
+    /// True if the options select points of all classes, so that stray points are framed, too.
     pub all_classes: bool,
-    /// True if some points are noise or withheld; such points don't influence the camera ([`LoadedObjects::framed`]).
+    /// True if some points are noise or withheld. Such points don't influence the camera ([`LoadedObjects::framed`]).
     pub noise: bool,
-    /// True if some splats are transparent and none is a Gaussian. The opacity of a Gaussian surface depends on how
-    /// many of them overlap.
+    /// True if some splats are transparent. False for surfaces made from trained Gaussians, since their opacity results
+    /// from the overlap of many splats.
     pub transparent: bool,
 }
 

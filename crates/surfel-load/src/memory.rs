@@ -1,35 +1,41 @@
-//! Memory estimates for loading: points that won't fit are refused before they are read.
+//! Estimates of the memory for loading points, so that files that won't fit are refused before they are read.
 
 use crate::Error;
 use std::path::Path;
 use surfel_io::PointCount;
 use surfel_model::PointCloud;
 
-/// Peak memory in bytes per point from reading to drawing, in addition to the point's row of the file. It includes
-/// reading, finding neighbours, making a splat, and uploading to the CPU backend. For 3 to 4 million points of PLY,
-/// PCD, NPY, NPZ, LAS, LAZ, E57 and text, measured peaks are within 20 % of these constants plus the row.
+/// Peak memory per point in bytes, from reading to drawing, in addition to the size of the point's row in the file. It
+/// includes reading, searching for neighbours, making a splat, and uploading it to the CPU backend. Peaks measured for
+/// 3 to 4 million points are within 20 % of these constants plus the row. The measured formats are PLY, PCD, NPY, NPZ,
+/// LAS, LAZ, E57 and text.
 const PREPARED_BYTES: u64 = 49;
-/// Peak bytes per point with a normal, and with a normal and a radius.
+/// Peak bytes per point with a normal, and per point with a normal and a radius, like [`PREPARED_BYTES`].
 const NORMAL_BYTES: u64 = 44;
 const RADIUS_BYTES: u64 = 25;
-/// Bytes per colour, for the point and the splat together.
+/// Additional peak bytes per point with a colour, for the point and the splat together.
 const COLOR_BYTES: u64 = 24;
-/// Peak bytes per point of a COPC file that states normals and radii; 87 were measured with 4 million points.
+/// Peak bytes per point of a COPC file that states normals and radii. Measured: 87 bytes with 4 million points.
 pub const KNOWN_BYTES: u64 = 90;
-/// Peak bytes per point of such a COPC file with colours, both the point's and its level's; 105 were measured.
+/// Peak bytes per point of a COPC file that also states colours, of the points and of level averages. Measured: 105
+/// bytes.
 pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
-/// Peak bytes per point that the C library's heap retains of freed arrays (`RETAINED_BYTES`), and the number of points
-/// from which it retains next to nothing (`RETAINED_POINTS`). glibc returns arrays of 32 MiB to the system at once, and
-/// most arrays have 12 to 16 bytes a point. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the
-/// other constants' sum.
+/// Peak bytes per point that the C library's heap retains from freed arrays, for clouds of fewer points than
+/// [`RETAINED_POINTS`]. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the sum of the other
+/// constants. In larger clouds, most arrays (12 to 16 bytes per point) have at least 32 MiB, and glibc returns them to
+/// the system immediately.
 const RETAINED_BYTES: u64 = 28;
 const RETAINED_POINTS: u64 = (32 << 20) / 16;
-/// Fraction of the machine's memory that may be used; the rest is for the machine's own needs.
+/// Fraction of the available memory that the default budget uses.
 const SHARE: f64 = 0.6;
 
-/// Returns the default memory budget in bytes: 60 % of the machine's memory, or of the limit of the process's control
-/// groups (of a container or batch job), or of the address space that its limit (`ulimit -v`) leaves. `None` if none of
-/// them is known.
+/// Returns the default memory budget in bytes, which is 60 % of the smallest of these limits:
+///
+/// - the machine's memory;
+/// - the limit of the process's control groups (of a container or batch job);
+/// - the unused address space below its limit (`ulimit -v`).
+///
+/// Returns `None` if none of them can be determined.
 pub fn default_budget() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let kib = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
@@ -43,8 +49,8 @@ pub fn default_budget() -> Option<u64> {
     Some((bytes as f64 * SHARE) as u64)
 }
 
-/// Returns the bytes between the address space in use (`/proc/self/status`) and its soft limit (`/proc/self/limits`);
-/// `None` without a limit.
+/// Returns the number of bytes between the address space in use (in `/proc/self/status`) and its soft limit (in
+/// `/proc/self/limits`); `None` without a limit.
 fn address_space_left(limits: &str, status: impl FnOnce() -> String) -> Option<u64> {
     let limit = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
     let limit: u64 = limit.split_whitespace().next()?.parse().ok()?;
@@ -54,8 +60,8 @@ fn address_space_left(limits: &str, status: impl FnOnce() -> String) -> Option<u
     Some(limit.saturating_sub(used << 10))
 }
 
-/// Returns the smallest memory limit of these control groups, in the format of `/proc/self/cgroup`, and of their
-/// ancestors, for either version (cgroups(7)).
+/// Returns the smallest memory limit of control groups and their ancestors, for either version (cgroups(7)). `groups`
+/// has the format of `/proc/self/cgroup`.
 fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
     let limits = groups.lines().flat_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -65,14 +71,14 @@ fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
             Some(_) => (mounted.join("memory"), "memory.limit_in_bytes"),
             None => return Vec::new(),
         };
-        // In a container the path may be the host's, so that only the outermost folder exists.
+        // In a container, the path may be the host's path, and only the outermost folder exists.
         let around = Path::new(path.trim_start_matches('/')).ancestors();
         around.map(|group| folder.join(group).join(name)).collect()
     });
     limits.filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok()).min()
 }
 
-/// Returns the peak memory in bytes per point of a file, from reading to drawing.
+/// Returns the peak memory in bytes per point of a file that hasn't been read, from reading to drawing.
 pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     let known = match count {
         PointCount { has_radii: true, .. } => RADIUS_BYTES,
@@ -82,13 +88,13 @@ pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     known + count.row_bytes + if count.has_colors { COLOR_BYTES } else { 0 }
 }
 
-/// Returns the peak bytes per point that the heap retains of points whose neighbours are searched.
+/// Returns the peak bytes per point that the heap retains after neighbours were searched.
 fn retained_bytes(points: u64) -> u64 {
     if points < RETAINED_POINTS && cfg!(target_env = "gnu") { RETAINED_BYTES } else { 0 }
 }
 
-/// Returns the peak memory in bytes per point, until it is drawn, for points that have been read. Memory that the heap
-/// retains isn't included, because the points may be a selection of a COPC file, chosen to fit.
+/// Returns the peak memory in bytes per point for points that have been read, up to drawing. Memory that the heap
+/// retains isn't included, because the points may be a selection of a COPC file that was chosen to fit.
 pub(crate) fn prepared_bytes(points: &PointCloud) -> u64 {
     let extra_bytes: u64 = points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum();
     let known = if points.normals.is_some() { NORMAL_BYTES } else { PREPARED_BYTES };
@@ -99,18 +105,18 @@ pub(crate) fn gigabytes(bytes: u64) -> f64 {
     bytes as f64 / 1e9
 }
 
-/// Suggestion in the error for points that won't fit.
+/// Suggestion in the error message for points that won't fit into memory.
 #[derive(Clone, Copy)]
 pub(crate) enum Remedy {
-    /// Convert the file to COPC and draw that.
+    /// Convert the file to COPC, and draw the COPC file.
     Levels,
-    /// Draw fewer points.
+    /// Draw fewer points, by `max_points`.
     Fewer,
-    /// Draw fewer points, or write them as LAZ.
+    /// Draw fewer points, or convert the points to LAZ.
     Points,
 }
 
-/// Refuses points that need more memory than `budget`, or [`default_budget`] if it is `None`.
+/// Returns an error if the points need more memory than `budget`, or than [`default_budget`] if it is `None`.
 pub(crate) fn check(
     path: &Path,
     points: u64,

@@ -1,4 +1,4 @@
-//! Transfer of a mesh's vertex and face properties to columns of its splats.
+//! Transfer of the attributes of a mesh's vertices and faces to columns of its splats.
 
 use crate::coloring::tally::Tally;
 use crate::coloring::together::Colors;
@@ -6,14 +6,14 @@ use crate::coloring::{ColorScale, is_class};
 use surfel_model::{ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
-/// A mesh with property columns, and the places of its splats on it, computed when needed.
+/// Mesh with attribute columns, and the positions of its splats on its triangles, which are computed on first use.
 pub(crate) struct MeshColumns {
     mesh: Mesh,
     places: Option<MeshPlaces>,
 }
 
 impl MeshColumns {
-    /// Creates the transfer; `None` for a mesh without columns.
+    /// Prepares the transfer; `None` for a mesh without columns.
     pub(crate) fn new(mesh: Mesh) -> Option<Self> {
         let has_any = !mesh.vertex_extras.is_empty() || !mesh.triangle_extras.is_empty();
         has_any.then_some(Self { mesh, places: None })
@@ -37,14 +37,15 @@ impl MeshColumns {
             .try_fold(cloud, |cloud, (name, is_nearest)| self.with_column(cloud, &name, is_nearest))
     }
 
-    /// Adds the column for labels: each splat gets the value of the nearest vertex, or of its face.
+    /// Adds a column for labels. Each splat gets the value of the nearest vertex, or of its face.
     pub(crate) fn labels(&mut self, cloud: SplatCloud, attribute: &str) -> Result<SplatCloud, ModelError> {
         self.with_column(cloud, attribute, true)
     }
 
-    /// Adds the column that splats are coloured by. Measurements are interpolated over triangles; categories get the
-    /// nearest vertex's value, because nothing lies between two categories. Few distinct integers count as categories;
-    /// if the column has a floating-point type, only if most triangles have one value at all corners, as labels do.
+    /// Adds the column by which splats are coloured. Measurements are interpolated over triangles. Categories get the
+    /// value of the nearest vertex, because a value between two categories is meaningless. A column with few distinct
+    /// integers has categories. If its type is floating-point, most triangles must also have one value at all corners,
+    /// as labels do.
     pub(crate) fn values(
         &mut self,
         cloud: SplatCloud,
@@ -62,7 +63,7 @@ impl MeshColumns {
         self.with_column(cloud, attribute, are_categories)
     }
 
-    /// Adds the column `name`, if the mesh has it.
+    /// Adds the column `name` to the splats, if the mesh has it. `is_nearest` disables interpolation.
     fn with_column(&mut self, cloud: SplatCloud, name: &str, is_nearest: bool) -> Result<SplatCloud, ModelError> {
         let Self { mesh, places } = self;
         let of_vertices = ExtraColumn::find(&mesh.vertex_extras, name);

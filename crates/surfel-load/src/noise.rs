@@ -1,5 +1,4 @@
-//! Noise and withheld points, which belong to no surface according to their file; and water, whose sparse returns
-//! aren't outliers.
+//! Detection of noise and withheld points by their class and flag, and of water, whose sparse points aren't outliers.
 
 use crate::LoadOptions;
 use crate::words::counted;
@@ -10,7 +9,7 @@ const NOISE: [f64; 2] = [7.0, 18.0];
 /// ASPRS class of water.
 const WATER: f64 = 9.0;
 
-/// Points of a file that belong to no surface.
+/// Points of a file that aren't part of a surface, by their class or flag.
 pub(crate) struct NoisePoints {
     /// One flag per point, true for noise and withheld points.
     pub(crate) flags: Vec<bool>,
@@ -18,7 +17,7 @@ pub(crate) struct NoisePoints {
     withheld: u64,
 }
 
-/// Finds the points that belong to no surface, except those that the options select by class; `None` if there are none.
+/// Finds noise and withheld points, except points that the options select by class. Returns `None` if there are none.
 pub(crate) fn noise_points(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoisePoints> {
     let Judged { by_class, by_flag } = Judged::new(options);
     let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);
@@ -44,7 +43,7 @@ impl NoisePoints {
     }
 }
 
-/// Criteria by which points count as noise.
+/// Criteria that are applied: noise by class, withheld points by flag.
 struct Judged {
     by_class: bool,
     by_flag: bool,
@@ -52,22 +51,22 @@ struct Judged {
 
 impl Judged {
     fn new(options: &LoadOptions) -> Self {
-        // A selection by class includes noise if it names it.
+        // A condition on the class may select noise on purpose, so that noise isn't removed then.
         let names_class = options.condition.as_ref().is_some_and(|text| text.to_ascii_lowercase().contains("class"));
         let are_named = matches!(options.classes, Some(Classes::All | Classes::Only(_)));
         Self { by_class: !are_named && !names_class, by_flag: options.classes != Some(Classes::All) }
     }
 }
 
-/// Returns a flag per point, true for water (class 9); `None` if no point is water.
+/// Returns one flag per point, true for water (class 9); `None` if no point is water.
 pub fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
     let class = &ExtraColumn::find(extras, "classification")?.values;
     let flags: Vec<bool> = (0..count).map(|i| class.get(i) == WATER).collect();
     flags.contains(&true).then_some(flags)
 }
 
-/// Returns the splats of a cloud without noise and withheld points, and without attributes; `None` if all splats or
-/// none remain.
+/// Returns a cloud without noise and withheld points, and without attributes. Returns `None` if the cloud has no such
+/// points, or no others.
 pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
     let all = cloud.data();
     let found = noise_points(&all.extras, cloud.len(), &LoadOptions::default())?;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use surfel_model::Octree;
 use surfel_sample::{OctreeOptions, Progress};
 
-/// Loads a mesh and builds its octree. Also returns notes for the user.
+/// Loads a mesh and builds an octree of splats and polygons from it. Also returns notes for the user.
 ///
 /// # Errors
 /// Errors of [`crate::load`]; also [`Error::Unsuitable`] if the file holds no triangles.
@@ -24,7 +24,7 @@ pub fn load_octree(
         notes.push(what.into());
     }
     let mut mesh = Arc::unwrap_or_clone(mesh);
-    // A default up axis isn't stated in the octree file, so that renders estimate it from the shape.
+    // A default up axis isn't stored in the octree file, so that it is estimated from the shape when the file is drawn.
     mesh.up = up_reason.map(|_| up);
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let octree_options =

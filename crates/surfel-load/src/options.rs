@@ -10,105 +10,108 @@ use surfel_model::{
 };
 use surfel_sample::MeshMethod;
 
-/// The file name that refers to [`LoadOptions::stdin`].
+/// File name that stands for the content in [`LoadOptions::stdin`].
 pub const STDIN: &str = "-";
 
 /// Options for loading files and converting them to splats.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// True if damaged files are read as far as possible. Invalid splats and the missing end of a cut-off LAZ file are
-    /// then skipped and counted in a note.
+    /// True if damaged files are read as far as possible. Invalid splats and unreadable chunks of a truncated LAZ file
+    /// are then skipped, and a note counts them.
     pub repair: bool,
-    /// Texture file (PNG, JPEG or WebP) for meshes with texture coordinates that name no texture themselves.
+    /// Texture file (PNG, JPEG or WebP) for meshes that have texture coordinates but name no texture.
     pub texture: Option<PathBuf>,
-    /// Sampling of mesh textures by splats ([`surfel_sample::fit_to_mesh`]); `None`: [`TextureSampling::Point`].
+    /// Method by which splats sample a mesh's texture ([`surfel_sample::fit_to_mesh`]); `None` uses
+    /// [`TextureSampling::Point`].
     pub texture_sampling: Option<TextureSampling>,
-    /// Colours of splats made from points: as they are, or fitted ([`surfel_sample::fit_point_colors`]).
+    /// Colours of splats that are made from points: unchanged, or fitted ([`surfel_sample::fit_point_colors`]).
     pub colors: PointColors,
-    /// Kind of splat that each point is drawn as, when a scene is assembled; `None` for the default.
+    /// Kind of splat by which points are drawn when a scene is assembled; `None` uses the default.
     pub points_as: Option<PointsAs>,
-    /// Method for converting meshes to splats; `None`: chosen by mesh ([`surfel_sample::MeshOptions::auto`]).
+    /// Method for converting meshes to splats; `None` chooses one for each mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
-    /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
+    /// Factor on all radii, greater than 0. Unless it is 1, interior weights that splat files state are estimated
+    /// again.
     pub radius_scale: f64,
-    /// Largest number of points of a point cloud that become splats, at least 1 ([`surfel_model::PointCloud::thin`]);
-    /// `None`: no limit.
+    /// Largest number of points of a point cloud that become splats, at least 1; `None` for no limit. Larger clouds are
+    /// thinned ([`surfel_model::PointCloud::thin`]).
     pub max_points: Option<usize>,
-    /// True if splats are clipped along the creases of meshes and points (Cargo feature `sharp`). A mesh then gets at
-    /// most [`MeshMethod::Count`] splats.
+    /// True if splats are clipped along the creases of meshes and points (Cargo feature `sharp`). The number in
+    /// [`MeshMethod::Count`] is then the maximum for a mesh.
     pub sharp: bool,
-    /// Angle from which an edge is a crease, in degrees from 1 to 179, if `sharp` is set; `None`: 40.
+    /// Crease angle in degrees, 1 to 179: the smallest angle at an edge that counts as a crease. `None` means 40. It is
+    /// used if `sharp` is true.
     pub crease_angle_deg: Option<f64>,
-    /// Largest deviation from the mesh that simplification may cause, in object units, if `sharp` is set. `None`: no
-    /// limit, and no simplification unless a number of splats is given.
+    /// Largest deviation from the mesh, in object units, that simplification may cause if `sharp` is true. `None` sets
+    /// no limit; the mesh is then simplified only if a number of splats is given.
     pub sharp_error: Option<f64>,
-    /// True if missing interior weights of splat files are estimated; edge antialiasing needs them.
+    /// True if interior weights that splat files don't state are estimated. Edge antialiasing needs them.
     pub interior_weight: bool,
-    /// True if the object's material states its interior weight, so that none is estimated for points.
+    /// True if the object's material states the interior weight, so that it isn't estimated for points.
     pub has_stated_weight: bool,
-    /// Attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file. `None`: their own
-    /// colours.
+    /// Attribute by which splats are coloured: `rgb`, `height`, `normal`, or a property of the file. `None` uses the
+    /// file's colours.
     pub color_by: Option<String>,
-    /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
-    /// distinct values, grey for intensity, and viridis for the rest.
+    /// Colour map for the attribute in `color_by`. `None` uses class colours for classes, tab20 for other integers with
+    /// at most 20 distinct values, grey for intensity, and viridis for other attributes.
     pub colormap: Option<Colormap>,
-    /// File with the colours of a colour map, which takes precedence.
+    /// File with the colours of a colour map, which takes precedence over `colormap`.
     pub colormap_file: Option<PathBuf>,
     /// File with the names, and optionally the colours, of categories.
     pub labels: Option<PathBuf>,
-    /// Attribute values at the ends of the colour map, the first less than the second; `None`: the 2nd and the 98th
+    /// Range of attribute values that the colour map covers, minimum and maximum. `None` uses the 2nd and the 98th
     /// percentile.
     pub range: Option<[f64; 2]>,
-    /// True if all properties of a mesh's vertices and faces are transferred to its splats, not only those needed for
+    /// True if splats of a mesh get all properties of its vertices and faces; false if they get only those needed for
     /// colours and labels.
     pub mesh_columns: bool,
-    /// True if each splat stores its row in the file, counted before any row was dropped; the planes `index` and
-    /// `label` need it.
+    /// True if each splat stores its row in the file, counted before any rows were dropped. The planes `index` and
+    /// `label` need rows.
     pub rows: bool,
-    /// Attribute for the plane `label` ([`crate::labels::DEFAULT_LABEL`], or another one of the file); `None`: no
+    /// Attribute for the plane `label`: [`crate::labels::DEFAULT_LABEL`] or another one of the file. `None` stores no
     /// labels.
     pub label: Option<String>,
-    /// Axis along which `height` is measured; `None`: as the file states, else estimated from the shape.
+    /// Axis along which `height` is measured; `None` uses the file's up axis, or else an estimate from the shape.
     pub up: Option<Up>,
-    /// Box of points and splats that are read, in the file's coordinates: least x, y, z, then largest.
+    /// Box of points and splats that are read, in the file's coordinates: minimum x, y, z, then maximum x, y, z.
     pub crop: Option<[f64; 6]>,
-    /// Classes of points that are read; `None`: all.
+    /// Classes of points that are read; `None` reads all classes.
     pub classes: Option<Classes>,
-    /// Returns of a pulse that are read; `None`: all.
+    /// Returns of laser pulses that are read; `None` reads all returns.
     pub returns: Option<Returns>,
-    /// Condition on points that are read ([`surfel_model::Condition`]).
+    /// Condition that points must satisfy to be read ([`surfel_model::Condition`]).
     pub condition: Option<String>,
-    /// Step of decimation, at least 1: every n-th point is used, after all other selections. `None`: every point.
+    /// Step n of decimation, at least 1: every n-th of the otherwise selected points is used. `None` uses all points.
     pub every: Option<u32>,
-    /// True if coincident points are used. By default, points are dropped if more than 16 are at exactly (0, 0, 0), or
-    /// at any other position.
+    /// True if all coincident points are used. If false, positions shared by more than 16 points are dropped, such as
+    /// the origin (0, 0, 0).
     pub all_points: bool,
-    /// True if points that their file flags as withheld are read too.
+    /// True if points are read that the file marks as withheld.
     pub withheld: bool,
-    /// True if points that belong to no surface are dropped, as surface models need: noise (classes 7 and 18) and
-    /// withheld points, unless `classes` or `condition` select them by class.
+    /// True if points that aren't part of a surface are dropped, for surface models. These are noise (classes 7 and 18)
+    /// and withheld points, unless `classes` or `condition` selects them by class.
     pub surface: bool,
-    /// Treatment of isolated points ([`surfel_sample::outliers`]). If they are dropped, COPC files are read whole.
+    /// Treatment of isolated points ([`surfel_sample::outliers`]). If they are dropped, COPC files are read completely.
     pub outliers: Outliers,
-    /// Selection of the levels of detail read from a COPC file; `None`: all points.
+    /// Levels of detail that are read from a COPC file; `None` reads all points.
     pub levels: Option<Levels>,
-    /// Cache of files with levels of detail, shared between images. With it and `levels`, LAS and LAZ files that don't
-    /// fit into memory are drawn with levels of detail too.
+    /// Cache of files with levels of detail, which images share. If it and `levels` are set, LAS and LAZ files that
+    /// don't fit into memory are drawn with levels of detail, too.
     pub level_store: Option<Arc<LevelStore>>,
-    /// Memory budget for points in bytes, by estimate; `None`: [`crate::memory::default_budget`].
+    /// Memory budget for points in bytes; `None` uses [`crate::memory::default_budget`].
     pub memory: Option<u64>,
-    /// True if trained Gaussians are loaded as Gaussians, not as a surface; only [`crate::scene::load_objects`]
-    /// supports this.
+    /// True if trained Gaussians are loaded as Gaussians, false if they become a surface. Only
+    /// [`crate::scene::load_objects`] supports true.
     pub gaussians: bool,
-    /// True if the file may refer to files outside its own folder.
+    /// True if a file may refer to files outside of its own folder.
     pub allow_outside: bool,
-    /// Longest side of a texture in texels, 1 to 32,768; larger textures are reduced. `None`: 8192.
+    /// Largest side of a texture in texels, 1 to 32,768; larger textures are reduced. `None` means 8192.
     pub max_texture: Option<u32>,
-    /// Column names of tables: text, NumPy arrays and, with types, binary files without a header.
+    /// Column names for tables: text, NumPy arrays and, with types, binary files without a header.
     pub columns: Option<TableColumns>,
-    /// Bytes that the name `-` ([`STDIN`]) refers to, in any format, which is detected from the content. `None`: a file
-    /// of that name.
+    /// Bytes for the file name `-` ([`STDIN`]); their format is detected from the content. `None` treats `-` as an
+    /// ordinary file name.
     pub stdin: Option<Arc<[u8]>>,
 }
 
@@ -155,7 +158,7 @@ impl LoadOptions {
         with_stdin stdin: Option<Arc<[u8]>>,
     }
 
-    /// Applies an object's conversion options; its texture path is relative to `base_dir`.
+    /// Applies an object's conversion options. Relative paths in them are relative to `base_dir`.
     #[must_use]
     pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
         let method = match convert.splats {
@@ -189,8 +192,8 @@ impl LoadOptions {
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
         self.outliers = convert.outliers.unwrap_or(self.outliers);
-        // A camera is placed by the coarsest levels even if all levels are drawn, unless a selection may exclude all
-        // their points.
+        // The coarsest levels place the camera even if all levels are drawn later. They can't if a selection may
+        // exclude all of their points.
         if convert.all_levels && (self.levels != Some(Levels::Overview) || self.chooses_points()) {
             self.levels = None;
         }
@@ -202,12 +205,12 @@ impl LoadOptions {
 }
 
 impl LoadOptions {
-    /// True if the options exclude some classes.
+    /// True if the options exclude some classes of points.
     pub(crate) fn chooses_classes(&self) -> bool {
         self.classes.as_ref().is_some_and(|classes| *classes != Classes::All)
     }
 
-    /// True if the options select points by place, class, return, attribute or step.
+    /// True if the options select points by position, class, return, attribute or step.
     pub(crate) fn chooses_points(&self) -> bool {
         self.crop.is_some()
             || self.chooses_classes()
@@ -216,9 +219,9 @@ impl LoadOptions {
             || self.every.is_some()
     }
 
-    /// Enables the loading options that these render settings may need: trained Gaussians for [`Composite::Over`], and
-    /// interior weights for A-buffers and coverage antialiasing. For a loaded scene,
-    /// [`surfel_render::needs_interior_weight`] returns whether interior weights are needed.
+    /// Enables the loading options that the render settings may need: trained Gaussians for [`Composite::Over`], and
+    /// interior weights for A-buffers and coverage antialiasing. [`surfel_render::needs_interior_weight`] determines
+    /// whether a loaded scene actually needs interior weights.
     #[must_use]
     pub fn for_settings(self, settings: &Settings) -> Self {
         let coverage = settings.edge_aa == EdgeAa::Coverage;
@@ -275,7 +278,7 @@ impl Default for LoadOptions {
     }
 }
 
-/// Converts loading options to the options of `surfel-io`'s readers.
+/// Converts loading options to options for the readers of `surfel-io`.
 pub fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
     surfel_io::LoadOptions {
         repair: options.repair,

@@ -1,4 +1,4 @@
-//! Paths in scene files: absolute in memory, relative in written files.
+//! Paths in scene files, which are absolute in memory and relative in written files.
 
 use crate::Error;
 use crate::options::STDIN;
@@ -7,12 +7,12 @@ use surfel_io::IoError;
 use surfel_io::{ShowPath as _, ShownPath};
 use surfel_model::SceneFile;
 
-/// True for the name `-`, which means stdin.
+/// True if the path is `-`, which stands for stdin.
 pub fn is_stdin(path: &Path) -> bool {
     path.as_os_str() == STDIN
 }
 
-/// Returns an input's name for messages.
+/// Returns the name of an input for messages.
 pub fn display(path: &Path) -> ShownPath<'_> {
     if is_stdin(path) { Path::new("stdin").shown() } else { path.shown() }
 }
@@ -31,7 +31,7 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     }
 }
 
-/// Calls `change` with every path of a scene file except the name of stdin.
+/// Calls `change` with each path in a scene file, except `-` for stdin.
 ///
 /// # Errors
 /// The first [`Error`] that `change` returns.
@@ -57,11 +57,11 @@ pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> 
     Ok(file)
 }
 
-/// Returns the relative path from `folder` to an absolute path, with slashes. If there is none (another drive), returns
-/// the path itself.
+/// Returns the relative path from `folder` to an absolute path, with slashes. Returns the path itself if no relative
+/// path exists, such as between two drives.
 ///
-/// Symbolic links in both folders are resolved first, because `..` from a link doesn't lead to the folder that contains
-/// it.
+/// Symbolic links in both folders are resolved first, because `..` after a link leads to the parent of the link's
+/// target.
 pub fn relative(path: &Path, folder: &Path) -> PathBuf {
     let real = |folder: &Path| std::fs::canonicalize(folder).or_else(|_| std::path::absolute(folder));
     let (Some(parent), Some(name), Ok(folder)) = (path.parent(), path.file_name(), real(folder)) else {
@@ -84,7 +84,7 @@ pub fn relative(path: &Path, folder: &Path) -> PathBuf {
         }
         text.push(step);
     }
-    // The only relative path that would be mistaken for stdin.
+    // This is the only relative path that could be confused with stdin.
     if text == *"-" { PathBuf::from("./-") } else { PathBuf::from(text) }
 }
 

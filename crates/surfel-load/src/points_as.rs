@@ -1,10 +1,10 @@
-//! Drawing of points as balls, disks or dots, instead of as the surface that they sample.
+//! Drawing of points as balls, disks or dots, instead of as a surface estimated from them.
 //!
-//! The surface is always estimated first: up axis, view, sides and radii follow from it. Then every splat of a point is
+//! A surface is estimated in any case, because up axis, view and radii are derived from it. Then each point's splat is
 //! replaced by one of the chosen kind, with the same attributes.
 //!
-//! Bare files are drawn as balls if their points are too sparse or too scattered to estimate a surface. Each piece of
-//! `EVIDENCE` has a strength from 0 to 1. Balls are selected if the score, the sum of the strengths, is at least 1:
+//! Points of a bare file are drawn as balls if they are too sparse or too scattered to estimate a surface. Each piece
+//! of `EVIDENCE` has a strength from 0 to 1. Points become balls if the sum of the strengths is at least 1:
 //!
 //! | evidence | strength 0 | strength 1 |
 //! | --- | --- | --- |
@@ -13,8 +13,8 @@
 //! | or unevenness, if stronger: share of the squared radii in splats above two medians | 0.06 | 0.2 |
 //! | fraction of points on lines, or isolated | 15 % | 45 % |
 //!
-//! Clouds of fewer than 256 points are never drawn as balls for being few: such files are mostly written by hand, and
-//! each splat is visible anyway.
+//! Clouds of fewer than 256 points don't count as few. Their files are mostly written by hand, and each splat is
+//! visible anyway.
 
 use crate::Error;
 use glam::DVec3;
@@ -22,25 +22,25 @@ use std::sync::Arc;
 use surfel_model::{CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, PointRadius, PointsAs, Shape, SplatCloud};
 use surfel_sample::{PointClass, PointReport};
 
-/// Radius of a ball or disk relative to the spacing of the points: neighbours touch.
+/// Radius of a ball or disk relative to the spacing of the points. At one half, neighbours touch.
 pub const OF_SPACING: f64 = 0.5;
 
-/// Returns the radius in world units that an object's points get as balls or disks of no stated radius: half of their
-/// spacing. `None` for other points and other geometry.
+/// Returns the radius of an object's balls or disks in world units if no radius is stated: half of the points' spacing.
+/// `None` if a radius is stated, and for other kinds of splats and geometry.
 pub(crate) fn own_radius(object: &Object, points_as: PointsAs) -> Option<f64> {
     let Geometry::Splats(cloud) = &object.geometry else { return None };
     let is_own = matches!(points_as, PointsAs::Balls(None) | PointsAs::Disks(None)) && !cloud.is_balls();
     is_own.then(|| OF_SPACING * spacing(cloud))
 }
 
-/// Returns the median of radii; of an even number the larger one in the middle.
+/// Returns the median of radii. For an even number of radii, returns the larger of the two in the middle.
 pub(crate) fn median(mut radii: Vec<f64>) -> Option<f64> {
     radii.sort_unstable_by(f64::total_cmp);
     radii.get(radii.len() / 2).copied()
 }
 
-/// Replaces the splats of an object's points. Balls and disks of no stated radius have the radius `shared`, or else
-/// their [`own_radius`]. Objects of other geometry don't change.
+/// Replaces the splats of an object that were made from points. Balls and disks without a stated radius get the radius
+/// `shared`, or else their [`own_radius`]. Objects of other geometry don't change.
 ///
 /// # Errors
 /// [`Error::Model`] for a radius that is out of range in the object's units.
@@ -82,7 +82,7 @@ pub(crate) fn redraw(object: &mut Object, points_as: PointsAs, shared: Option<f6
     Ok(())
 }
 
-/// Returns the typical spacing of the points that a cloud's splats cover: the square root of the area per point.
+/// Returns the typical spacing of points from the splats made of them: the square root of the area per point.
 pub fn spacing(cloud: &SplatCloud) -> f64 {
     let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     let middle = radii.len() / 2;
@@ -93,21 +93,22 @@ pub fn spacing(cloud: &SplatCloud) -> f64 {
     *median / surfel_sample::DENSITY
 }
 
-/// Reason why the points of a file don't suffice to estimate a surface, so that they are drawn as balls by default.
+/// Reason why the points of a file aren't sufficient to estimate a surface, so that they are drawn as balls by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SparseReason {
-    /// The number of points is small, neighbours are off each other's planes or at uneven distances, and the file has
-    /// neither normals nor radii.
+    /// The file has few points, without normals or radii. Neighbours lie off each other's planes, or at uneven
+    /// distances.
     Few,
-    /// Many points lie on lines, or are isolated.
+    /// Many points are on lines or isolated.
     Loose,
-    /// The file has few points, without normals and radii, and another file drawn with it has too few and rough points.
+    /// The file has few points, without normals and radii, and another file of the scene is drawn as balls for this
+    /// reason.
     Others,
 }
 
 impl SparseReason {
-    /// Returns the reason if the evidence about points that became these splats suffices.
+    /// Returns the strongest reason if the sum of the evidence reaches 1. `cloud` has the splats made of the points.
     pub(crate) fn of(report: &PointReport, cloud: &SplatCloud) -> Option<Self> {
         let found = EVIDENCE.map(|(reason, strength)| (reason, strength(report, cloud)));
         let score: f64 = found.iter().map(|(_, strength)| strength).sum();
@@ -115,12 +116,12 @@ impl SparseReason {
         (score >= 1.0).then_some(strongest.0)
     }
 
-    /// True if the number of points is small enough to be evidence against a surface.
+    /// True if the number of points is small enough to count as evidence.
     pub(crate) fn may_be_few(report: &PointReport) -> bool {
         few(report) > 0.0
     }
 
-    /// Returns the reason in the words of a note.
+    /// Returns the reason as the text of a note.
     pub fn words(self) -> &'static str {
         match self {
             Self::Others => "those of other files are, and it has few points, too",
@@ -130,23 +131,24 @@ impl SparseReason {
     }
 }
 
-/// Pieces of evidence, each with its strength from 0 to 1.
+/// Pieces of evidence for drawing balls, each with the function that returns its strength.
 const EVIDENCE: [(SparseReason, Strength); 2] =
     [(SparseReason::Few, strength_of_few), (SparseReason::Loose, strength_of_loose)];
 
-/// Strength of a piece of evidence about points and the splats made of them, from 0 to 1.
+/// Function that returns the strength of a piece of evidence, from 0 to 1, for points and the splats made of them.
 type Strength = fn(&PointReport, &SplatCloud) -> f64;
 
-/// Numbers of points: the smallest cloud that is judged, the largest sparse one, and the smallest dense one.
+/// Limits on the number of points: smallest cloud that can count as few, largest cloud with full strength, and smallest
+/// cloud with strength 0.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
-/// Fractions of points on lines, or isolated, at which the strength of this evidence is 0 and 1.
+/// Fractions of points on lines or isolated at which the strength of this evidence is 0 and 1.
 const LOOSE: (f64, f64) = (0.15, 0.45);
 
-/// [`roughness`] at which the strength of this evidence is 0 and 1. 2,048 samples of a sphere and of
-/// hills have 0, 300 of a sphere 0.2; 2,048 of a chair, a bunny or a rocker arm 0.3 to 0.4.
+/// Values of [`roughness`] at which the strength of this evidence is 0 and 1. Measured with 2,048 points: 0 for a
+/// sphere or hills, 0.3 to 0.4 for a chair, a bunny or a rocker arm. Measured with 300 points: 0.2 for a sphere.
 const ROUGH: (f64, f64) = (0.12, 0.26);
 
-/// Returns the strength of the number of points alone, from 0 to 1.
+/// Returns the strength of the number of points as evidence, from 0 to 1.
 fn few(report: &PointReport) -> f64 {
     if report.splats < FEW.0 || report.normals_given > 0 || report.radii_given > 0 {
         return 0.0;
@@ -160,11 +162,12 @@ fn strength_of_few(report: &PointReport, cloud: &SplatCloud) -> f64 {
     if few == 0.0 { 0.0 } else { few * strength(roughness(cloud), ROUGH).max(strength(unevenness(cloud), UNEVEN)) }
 }
 
-/// [`unevenness`] at which the strength of this evidence is 0 and 1. Even samples have 0, the visible side of a lamp
-/// 0.05, of a car 0.23 and of a chair 0.86: its legs and the rims of its seat are lines, and disks on them are guesses.
+/// Values of [`unevenness`] at which the strength of this evidence is 0 and 1. Measured: 0 for evenly distributed
+/// points, and 0.05, 0.23 and 0.86 for the visible sides of a lamp, a car and a chair. The legs and the rims of the
+/// chair's seat are lines, on which the orientation of disks is arbitrary.
 const UNEVEN: (f64, f64) = (0.06, 0.2);
 
-/// Returns the fraction of the sum of squared radii that splats of more than two median radii hold.
+/// Returns the fraction of the sum of squared radii that is due to splats larger than two median radii.
 fn unevenness(cloud: &SplatCloud) -> f64 {
     let radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     let large = 2.0 * surfel_sample::DENSITY * spacing(cloud);
@@ -172,13 +175,13 @@ fn unevenness(cloud: &SplatCloud) -> f64 {
     area(large) / area(0.0).max(f64::MIN_POSITIVE)
 }
 
-/// Largest number of splats whose neighbours are searched for, and number of neighbours of each.
+/// Largest number of splats that are tested for roughness, and number of neighbours of each.
 const ROUGH_SAMPLES: (usize, usize) = (256, 8);
 
-/// Mean distance of neighbours from a splat's plane, in units of the spacing, from which on the splat is rough.
+/// Mean distance of neighbours from a splat's plane, in units of the points' spacing, above which a splat is rough.
 const OFF_PLANE: f64 = 0.2;
 
-/// Returns the fraction of splats that are rough, from 0 to 1, estimated from some of them.
+/// Returns the fraction of rough splats, from 0 to 1, estimated from a sample.
 fn roughness(cloud: &SplatCloud) -> f64 {
     let (most, neighbours) = ROUGH_SAMPLES;
     if cloud.len() <= neighbours {

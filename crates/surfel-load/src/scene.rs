@@ -1,4 +1,4 @@
-//! Steps from files to a scene: scene files, objects, and facts for automatic scenes.
+//! Steps from files to a scene: reading scene files, loading and colouring objects, and assembling the scene.
 
 use crate::coloring::linear;
 use crate::coloring::together::{ColorJob, Member, Tallies};
@@ -25,15 +25,15 @@ use surfel_model::{
 };
 use surfel_sample::Progress;
 
-/// Size limit of scene files in bytes, far above any real one.
+/// Maximum size of scene files in bytes, far above that of any real one.
 const MAX_SCENE_BYTES: u64 = 64 << 20;
 
-/// Splats shared by one or more objects, and their colouring request.
+/// Splats that one or several objects share, and the request for colouring them.
 struct Shared {
     cloud: Arc<SplatCloud>,
     job: ColorJob,
     is_colored: bool,
-    /// Indices of the objects.
+    /// Indices of the objects that share the splats.
     objects: Vec<usize>,
 }
 
@@ -43,12 +43,12 @@ impl Shared {
     }
 }
 
-/// True for a name that ends in `.json`, unless it names a tileset of 3D Tiles or an SOG file.
+/// True for a file name that ends in `.json`, unless it is that of a 3D Tiles tileset or an SOG file.
 pub fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && !surfel_io::names_geometry(path)
 }
 
-/// Creates an object for the file at `path`, drawn as splats without a transformation.
+/// Creates an object for a bare file, drawn as splats without a transformation.
 pub fn bare_object(path: &Path) -> ObjectFile {
     ObjectFile {
         splats: Some(path.to_path_buf()),
@@ -62,7 +62,7 @@ pub fn bare_object(path: &Path) -> ObjectFile {
 /// Reads a scene file, and the set of keys in its `settings` object.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be read or isn't a scene file, with line and column.
+/// [`Error::Io`], with line and column, if the file can't be read or isn't a scene file.
 pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Error> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
     let mut bytes = Vec::new();
@@ -72,7 +72,7 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
     parse_scene_file(&bytes, path)
 }
 
-/// Parses a scene file like [`read_scene_file`], from memory; `name` is used in messages.
+/// Parses a scene file from memory, like [`read_scene_file`]. Messages use `name`.
 ///
 /// # Errors
 /// Errors of [`read_scene_file`].
@@ -84,7 +84,7 @@ pub fn parse_scene_file(bytes: &[u8], name: &Path) -> Result<(SceneFile, BTreeSe
     Ok((scene, keys.unwrap_or_default()))
 }
 
-/// Cached result for a file that was already loaded.
+/// Result of loading a file, cached for further objects with the same file and options.
 #[derive(Clone)]
 struct Known {
     geometry: Geometry,
@@ -93,7 +93,7 @@ struct Known {
     color_job: Option<ColorJob>,
 }
 
-/// Loads trained Gaussians, and returns notes about them.
+/// Returns trained Gaussians as geometry, and notes about them.
 fn gaussians(
     cloud: &Arc<GaussianCloud>,
     read: &Loaded,
@@ -110,8 +110,8 @@ fn gaussians(
     Ok((Known { geometry, facts, unused, color_job: None }, read.notes.clone()))
 }
 
-/// Loads objects like [`load_objects`] for files without a scene file. Trained Gaussians remain Gaussians if all files
-/// contain them; otherwise all files become surfaces.
+/// Loads objects like [`load_objects`], for files without a scene file. Trained Gaussians remain Gaussians only if all
+/// files contain them; otherwise all files become surfaces.
 ///
 /// # Errors
 /// Errors of [`load_objects`].
@@ -125,17 +125,17 @@ pub fn load_bare_objects(
     if !loaded.has_gaussians() || loaded.all_gaussians() {
         return Ok(loaded);
     }
-    // Gaussians and surfaces aren't mixed: all are drawn as surfaces.
+    // Gaussians and surfaces can't be drawn together, so that all files are loaded as surfaces.
     load_objects(objects, base_dir, &options.clone().with_gaussians(false), progress)
 }
 
 impl LoadedObjects {
-    /// Colours the splats that aren't coloured yet, or all of them if `all` is set. Splats of one attribute share one
-    /// scale, which also includes splats that are already coloured.
+    /// Colours the splats that were read since the last call, or all splats if `all` is true. Splats with the same
+    /// attribute share one scale, which also covers splats that were coloured before.
     fn color(&mut self, all: bool) -> Result<(), Error> {
         let is_new = |facts: &ObjectFacts| all || facts.partial;
         let Self { objects, facts, color_jobs, colorings, notes, unused, .. } = self;
-        // Several objects may share their splats.
+        // Objects of the same file share their splats.
         let mut clouds: Vec<Shared> = Vec::new();
         let mut place_of: HashMap<*const SplatCloud, usize> = HashMap::new();
         for (i, (object, job)) in objects.iter().zip(&color_jobs.0).enumerate() {
@@ -150,7 +150,7 @@ impl LoadedObjects {
         if clouds.is_empty() {
             return Ok(());
         }
-        // Objects release their splats, which can then be changed in place.
+        // The objects release their splats for the moment, so that the splats can be changed in place.
         let nothing: Geometry = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?.into();
         clouds.iter().flat_map(|cloud| &cloud.objects).for_each(|i| objects[*i].geometry = nothing.clone());
         let lacking = colorings.color(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>())?;
@@ -179,7 +179,7 @@ impl LoadedObjects {
         Ok(())
     }
 
-    /// Adds the attribute values of these objects to `tallies`, for a colouring that several scenes share.
+    /// Adds the attribute values of the objects to `tallies`, from which scenes derive a shared colouring.
     pub fn tally(mut self, tallies: &mut Tallies) {
         let jobs = std::mem::take(&mut self.color_jobs.0);
         let mut clouds: Vec<Shared> = Vec::new();
@@ -191,8 +191,8 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
-    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Call
-    /// this last, before [`assemble`], because up axis, view and lights are derived from the surface.
+    /// Replaces splats that were made from points by balls, disks or dots, as the scene file's objects state. This must
+    /// be the last step before [`assemble`], because up axis, view and lights are derived from the surface.
     ///
     /// # Errors
     /// [`Error::Model`] for a radius that is out of range.
@@ -214,8 +214,8 @@ impl LoadedObjects {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
     }
 
-    /// Returns the objects with only the splats that influence the camera: without noise (classes 7 and 18) and
-    /// withheld points.
+    /// Returns the objects with only the splats that influence the camera. Noise (classes 7 and 18) and withheld points
+    /// are left out.
     pub fn framed(&self) -> Self {
         let surface = |(object, facts): (&Object, &ObjectFacts)| match &object.geometry {
             Geometry::Splats(cloud) if facts.noise => {
@@ -228,20 +228,20 @@ impl LoadedObjects {
         Self { objects, facts: self.facts.clone(), ..Self::default() }
     }
 
-    /// True if stray points are framed like all others, since the options ask for all classes.
+    /// True if stray points are framed like other points, because the options select all classes.
     pub fn frames_all(&self) -> bool {
         self.facts.iter().any(|facts| facts.all_classes)
     }
 
-    /// True if there are objects and all of them consist of trained Gaussians.
+    /// True if there are objects, and all of them are trained Gaussians.
     pub fn all_gaussians(&self) -> bool {
         let mut geometries = self.objects.iter().map(|object| &object.geometry);
         self.has_gaussians() && geometries.all(|geometry| matches!(geometry, Geometry::Gaussians(_)))
     }
 }
 
-/// Loads the files of `objects`, each file once, however often it is used. Paths are relative to `base_dir`. Interior
-/// weights are estimated if the options ask for it, and if splats are mixed with meshes.
+/// Loads the files of `objects`; a file that several objects use is loaded once. Paths are relative to `base_dir`.
+/// Interior weights are estimated if the options request this, and if splats and meshes are drawn together.
 ///
 /// # Errors
 /// Errors of [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
@@ -268,7 +268,7 @@ fn is_colored(geometry: &Geometry) -> bool {
     }
 }
 
-/// Returns the geometry with one colour instead of its own colours.
+/// Returns geometry in which a single colour replaces the file's colours.
 fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geometry, Error> {
     let color = levels.map(|level| linear(f64::from(level) / 255.0));
     let unsuitable = |holds: &str| {
@@ -291,20 +291,20 @@ fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geom
     }
 }
 
-/// File of an object, and the settings besides the conversion options that affect how it is loaded.
+/// Key of a loaded file: its path, and how the object uses it apart from conversion options.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct FileUse {
     path: PathBuf,
     as_mesh: bool,
-    /// True if the interior weight is estimated.
+    /// True if the interior weight must be estimated.
     interior_weight: bool,
     /// True if the object's material states the interior weight.
     has_stated_weight: bool,
 }
 
 impl FileUse {
-    /// Returns how an object uses its file; `None` for an object without one. Splats among meshes need their interior
-    /// weight, since they are blended over polygons by their coverage (rendering model §6).
+    /// Returns how an object uses its file; `None` for an object without a file. Splats that are drawn with meshes need
+    /// their interior weight, because they are blended over polygons by their coverage (rendering model §6).
     fn of(object: &ObjectFile, base_dir: &Path, options: &LoadOptions, among_meshes: bool) -> Option<Self> {
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
             (Some(file), _) => (file, false),
@@ -313,26 +313,26 @@ impl FileUse {
         };
         let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
         let path = if from_stdin { file.clone() } else { base_dir.join(file) };
-        // A material's own interior weight takes precedence, so none needs to be estimated.
+        // A material's interior weight takes precedence, so that none is estimated.
         let has_stated_weight = object.material.interior_weight.is_some();
         let interior_weight = (options.interior_weight || among_meshes) && !has_stated_weight;
         Some(Self { path, as_mesh, interior_weight, has_stated_weight })
     }
 
-    /// Returns the options with this use's settings of interior weights.
+    /// Returns the loading options with the settings of this use for interior weights.
     fn options(&self, options: &LoadOptions) -> LoadOptions {
         options.clone().with_interior_weight(self.interior_weight).with_has_stated_weight(self.has_stated_weight)
     }
 }
 
-/// Loaded file, with its notes and the paths of the files that it refers to.
+/// Loaded file, its notes, and the paths of files to which it refers.
 struct LoadedFile {
     known: Known,
     notes: Vec<String>,
     beside: BTreeSet<PathBuf>,
 }
 
-/// Loads a file as geometry for an object.
+/// Loads a file as geometry for an object, without colouring it by an attribute.
 fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedFile, Error> {
     progress.stage("reading", 0);
     let path = &file.path;
@@ -360,7 +360,8 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
     Ok(LoadedFile { known: Known { geometry, facts, unused, color_job }, notes, beside })
 }
 
-/// Returns facts about splats, and a note if noise and withheld points are ignored for up axis and view.
+/// Returns facts about the splats of a file. Also returns a note if noise and withheld points don't influence up axis
+/// and view.
 fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<String>) {
     let cloud = made.octree.is_none().then_some(&made.cloud);
     let says = |comment: &str| cloud.is_some_and(|cloud| cloud.data().comments.iter().any(|c| c == comment));
@@ -397,12 +398,12 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
     (facts, about_noise)
 }
 
-/// Options without effect on the splat objects of a scene.
+/// Counter of options that have no effect on objects of splats.
 #[derive(Default)]
 struct Useless {
     /// Number of splat objects.
     objects: usize,
-    /// For each option, the number of objects that it has no effect on, and the first of them.
+    /// Options that don't affect some object. Each has the number of these objects, and the path of the first one.
     options: BTreeMap<&'static str, (usize, (PathBuf, UnusedOption))>,
 }
 
@@ -421,7 +422,7 @@ impl Useless {
     }
 }
 
-/// Loads objects like [`load_objects`], but without colouring them by attributes.
+/// Loads objects like [`load_objects`], without colouring them by attributes.
 fn load_uncolored(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -430,7 +431,7 @@ fn load_uncolored(
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
-    // Files that were loaded, by their use and conversion options.
+    // Files that were loaded so far, by their use and conversion options.
     let mut known: BTreeMap<FileUse, Vec<(&ConvertOptions, Known)>> = BTreeMap::new();
     let mut useless = Useless::default();
     for (i, object) in objects.iter().enumerate() {
@@ -475,8 +476,8 @@ fn load_uncolored(
     Ok(loaded)
 }
 
-/// Reads the levels of detail that views need, for the objects of which only [`crate::levels::Levels::Overview`] was
-/// read.
+/// Reads the LOD nodes that views need, for objects of which only an overview was read
+/// ([`crate::levels::Levels::Overview`]).
 ///
 /// # Errors
 /// Errors of [`load_objects`].
@@ -493,7 +494,7 @@ pub fn refine_objects(
         named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
     let colored: HashSet<(&Path, &str)> = loaded.colorings.notes().collect();
     loaded.notes.retain(|note| !colored.contains(&(note.path.as_path(), note.text.as_str())));
-    // Notes on each file, from the object that was read last.
+    // Notes on each file, with the index of the object that was read last.
     let mut fresh: HashMap<PathBuf, (usize, Vec<ObjectNote>)> = HashMap::new();
     for (i, object) in &partial {
         let levels = seen.levels(object.world_from_object()?);
@@ -502,7 +503,7 @@ pub fn refine_objects(
         let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };
         loaded.objects[*i].geometry = new.geometry;
         loaded.color_jobs.0[*i] = finer.color_jobs.0.pop().flatten();
-        // The new splats aren't coloured yet.
+        // The new splats are marked as partial until they are coloured.
         loaded.facts[*i] = ObjectFacts { partial: true, noise: loaded.facts[*i].noise || facts.noise, ..facts };
         for note in finer.notes {
             let (of, notes) = fresh.entry(note.path.clone()).or_default();
@@ -525,7 +526,7 @@ pub fn refine_objects(
     Ok(())
 }
 
-/// Loads the matcap that a scene file names, if its settings use one. Its path is relative to `base_dir`.
+/// Loads the matcap of a scene file, if its shader uses one. The path in the file is relative to `base_dir`.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or isn't a matcap.
@@ -534,11 +535,11 @@ pub fn load_matcap(file: &SceneFile, base_dir: &Path) -> Result<Option<Arc<Matca
     Ok(named.map(|path| surfel_io::load_matcap(&base_dir.join(path))).transpose()?.map(Arc::new))
 }
 
-/// Assembles the scene of a scene file from its loaded objects, in the file's order. Its matcap isn't loaded
-/// ([`load_matcap`]).
+/// Assembles a scene from a scene file and its loaded objects, in the file's order. The matcap isn't loaded; see
+/// [`load_matcap`].
 ///
 /// # Errors
-/// [`Error::Model`] naming the first number that is out of range.
+/// [`Error::Model`] for the first number that is out of range.
 pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> {
     let mut scene = Scene {
         up: file.up,
@@ -557,7 +558,8 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
     Ok(scene)
 }
 
-/// Loads everything that a scene file names. Interior weights are estimated only if its settings need them.
+/// Loads all files that a scene file names, and assembles the scene. Interior weights are estimated only if the file's
+/// settings need them.
 ///
 /// # Errors
 /// Errors of [`load_objects`], [`load_matcap`] and [`assemble`].

@@ -1,24 +1,25 @@
-//! Triangles that are visible only from outside, in files that state it per material (glTF's `doubleSided`).
+//! Splats of meshes in which some triangles are single-sided, as glTF's `doubleSided` states for each material.
 //!
-//! A cloud is drawn with its back faces or without. In a cloud of both kinds of triangles, back faces are culled, and
-//! splats of triangles that are visible from both sides exist twice, once for each side.
+//! Culling of back faces is a property of a whole cloud. In a cloud with both kinds of triangles, back faces are
+//! culled, and double-sided triangles get two splats, one for each side.
 
 use surfel_model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape, SplatCloud};
 use surfel_sample::MeshPlaces;
 
-/// Column of a mesh's triangles: 1 for those that are visible only from outside.
+/// Name of the column of a mesh's triangles that marks single-sided ones: 1 for triangles visible only from outside,
+/// else 0.
 const COLUMN: &str = "single_sided";
 
-/// Comment of a cloud that has splats for each visible side, so that its back faces are always culled.
+/// Comment of a cloud with separate splats for each visible side, whose back faces are always culled.
 pub(crate) const EACH_SIDE: &str = "has splats for each side";
 
-/// True if the mesh's file states that some triangles are visible only from outside, and others from both sides.
+/// True if the mesh's file has both single-sided and double-sided triangles.
 pub(crate) fn states_sides(mesh: &Mesh) -> bool {
     mesh.triangle_extras.iter().any(|extra| extra.name == COLUMN)
 }
 
-/// Returns the cloud with reversed copies of the splats of those triangles of `mesh` that are visible from both sides;
-/// `None` if the file doesn't state different sides, and for splats that are clipped by curves. Rows aren't kept.
+/// Returns the cloud with additional, reversed splats for the double-sided triangles of `mesh`. Returns `None` if the
+/// file doesn't distinguish sides, and if splats are clipped by curves. Rows aren't copied.
 pub(crate) fn with_each_side(mesh: &Mesh, cloud: &SplatCloud) -> Result<Option<SplatCloud>, ModelError> {
     let column = mesh.triangle_extras.iter().find(|extra| extra.name == COLUMN);
     let has_curves = cloud.data().clips.as_ref().is_some_and(|clips| clips.curves.is_some());
@@ -32,7 +33,7 @@ pub(crate) fn with_each_side(mesh: &Mesh, cloud: &SplatCloud) -> Result<Option<S
     Ok(Some(SplatCloud::new(data, OnInvalid::Refuse)?.0))
 }
 
-/// Returns the splats at `indices`, in that order and possibly repeated.
+/// Returns the splats at `indices`, in this order; indices may be repeated.
 fn selected(data: &CloudData, indices: &[u32]) -> CloudData {
     fn pick<T: Clone>(values: &Option<Vec<T>>, indices: &[u32]) -> Option<Vec<T>> {
         values.as_ref().map(|values| indices.iter().map(|i| values[*i as usize].clone()).collect())
@@ -71,8 +72,8 @@ fn selected(data: &CloudData, indices: &[u32]) -> CloudData {
     }
 }
 
-/// Reverses the splats from index `first` on, with their shading normals. An ellipse's second half-axis is negated, so
-/// that clip lines are mirrored.
+/// Reverses the normals and shading normals of the splats from index `first` on. For ellipses, the second half-axis is
+/// negated, so that clip lines are mirrored.
 fn reverse_from(data: &mut CloudData, first: usize) {
     let negate = |column: &mut Column3| {
         let from = |values: &[glam::Vec3]| {

@@ -2,7 +2,7 @@
 
 pub use surfel_io::counted;
 
-/// Formats a number with three significant digits; beyond 1e±5 with a power of ten.
+/// Formats a number with three significant digits. Numbers below 1e−5 and from 1e5 on are written with a power of ten.
 pub fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
@@ -15,8 +15,8 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// Formats a number with the fewest digits that identify it. A value converted from `f32` gets the digits that identify
-/// the `f32`.
+/// Formats a number with the fewest digits that identify it. If the value is exact in `f32`, its digits identify the
+/// `f32`.
 pub fn shortest(value: f64) -> String {
     let narrow = value as f32;
     if f64::from(narrow) == value { format!("{narrow:?}") } else { format!("{value:?}") }

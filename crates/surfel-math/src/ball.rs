@@ -11,11 +11,11 @@ pub const FULL: f64 = 1.0 - 1.0 / 4096.0;
 /// Coverage from which on a fragment is shown in the planes of depth, normal and nearest splat.
 pub const SOLID: f64 = 0.5;
 
-/// Half-axis in pixels, as the geometric mean of the half extents, from which on f32 loses the area's digits and
-/// [`Outline::coverage_of_large`] is the more accurate formula.
+/// Size of an ellipse, as the geometric mean of its half extents in pixels, from which on f32 loses the area's digits.
+/// [`Outline::coverage_of_large`] is then the more accurate formula.
 pub const LARGE_PX: f64 = 32.0;
 
-/// Least half-axis of a ball in a shadow map, in texels: the least that makes every ball cover a texel's centre.
+/// Minimum half-axis of a ball in a shadow map, in texels. At this size every ball covers a texel's centre.
 pub const LEAST_TEXELS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// The ellipse that a ball or a dot covers on the screen: dx = `extent.x`·(`skew`·v + `width`·u), dy = `extent.y`·v
@@ -78,14 +78,14 @@ impl<R: Real> Outline<R> {
         }
     }
 
-    /// True if the outline contains a point, given by its offset from the ellipse's centre.
+    /// True where the outline contains a point, given by its offset from the ellipse's centre in pixels.
     #[inline(always)]
     pub fn contains(&self, from_center: V2<R>) -> R::Mask {
         let (u, v) = self.unit(from_center);
         u.mul_add(u, v * v).le(u.one())
     }
 
-    /// Returns a point's coordinates in the unit disk.
+    /// Converts a point, given by its offset from the ellipse's centre in pixels, to coordinates in the unit disk.
     #[inline(always)]
     fn unit(&self, from_center: V2<R>) -> (R, R) {
         let v = from_center.y / self.extent.y;
@@ -116,8 +116,8 @@ impl<R: Real> Outline<R> {
         self.extent.x * self.extent.y * self.extent.x.constant(4e-7)
     }
 
-    /// Returns the integral of [`Self::coverage`] for a column at `x`, over the rows from `down[0]` to `down[1]`, in
-    /// units of the half extents. `rows` are the values of `S` at these two rows.
+    /// Returns the integral of [`Self::coverage`] left of a column at `x`, over the rows from `down[0]` to `down[1]`,
+    /// in units of the half extents. `rows` are the values of `S` at these two rows.
     #[inline(always)]
     fn left_of<S: Segment<R>>(&self, x: R, down: [R; 2], rows: [R; 2]) -> R {
         let one = x.one();
@@ -159,7 +159,7 @@ impl<R: Real> Outline<R> {
     }
 }
 
-/// Returns an area with the sign of a coordinate.
+/// Returns `area`, negated if the coordinate `at` is negative.
 #[inline(always)]
 fn signed<R: Real>(at: R, area: R) -> R {
     R::select(at.lt(at.zero()), -area, area)
@@ -212,15 +212,15 @@ pub fn segment<R: Real>(v: R) -> R {
 
 /// The integral ∫√(1 − v²) from 0 to v, for |v| ≤ 1, as a type.
 pub trait Segment<R> {
-    /// Returns the integral.
+    /// Returns the integral from 0 to `v`.
     fn of(v: R) -> R;
 }
 
-/// The integral by [`segment`].
+/// The integral as approximated by [`segment`], for any number type.
 #[derive(Clone, Copy, Debug)]
 pub enum Rounded {}
 
-/// The integral by [`exact_segment`].
+/// The integral as computed by [`exact_segment`], for f64.
 #[derive(Clone, Copy, Debug)]
 pub enum Exact {}
 
@@ -246,16 +246,17 @@ pub fn exact_segment(v: f64) -> f64 {
 /// ray misses the ball, the point of the ray that is nearest to the ball's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallHit<R> {
-    /// Planar depth divided by that of the ball's centre (perspective), or minus that of the centre (orthographic).
+    /// Planar depth divided by the depth of the ball's centre (perspective), or minus the depth of the centre
+    /// (orthographic).
     pub depth: R,
-    /// Unit outward normal of the ball there, in view space.
+    /// Unit outward normal of the ball at the point, in view space.
     pub normal: V3<R>,
 }
 
 impl<R: Real> BallHit<R> {
-    /// Returns the point. `center` is p_xy/p_z of the ball's centre (orthographic: unused), `size` its radius over p_z
-    /// (orthographic: its radius), and `offset` the pixel's distance from the centre's projection in the same unit:
-    /// pixels over the focal length.
+    /// Computes the point that a pixel shows. `center` is p_xy/p_z of the ball's centre (orthographic: unused). `size`
+    /// is the ball's radius over p_z (orthographic: the radius). `offset` is the pixel's distance from the centre's
+    /// projection in the same unit: pixels over the focal length.
     #[inline(always)]
     pub fn new(center: V2<R>, size: R, offset: V2<R>, projection: &Projection) -> Self {
         let (one, zero) = (size.one(), size.zero());

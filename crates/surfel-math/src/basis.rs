@@ -6,8 +6,9 @@ use glam::{DMat3, DVec3};
 /// Minimum length of a half-axis relative to the longest; shorter ones are lengthened, so that their direction
 /// survives.
 const LEAST_AXIS: f64 = 1e-9;
-/// Cosine below which half-axes count as perpendicular, and relative difference below which they count as equally long.
+/// Cosine of the angle between half-axes below which they count as perpendicular.
 const RIGHT_ANGLE: f64 = 1e-12;
+/// Relative difference in length below which half-axes count as equally long.
 const EQUAL_AXES: f64 = 1e-6;
 /// Maximum number of sweeps of Jacobi rotations, which converge quadratically.
 const JACOBI_SWEEPS: usize = 12;
@@ -33,8 +34,8 @@ pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
     (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Returns the map of normals from object to world space, up to scale. It is the inverse transpose of a map's linear
-/// part, with the sign of its determinant, so that normals of a mirrored object still point outwards.
+/// Returns the map of normals from object to world space, up to scale. It is the inverse transpose of the matrix `m`,
+/// with the sign of its determinant. Normals of a mirrored object therefore still point outwards.
 pub fn normal_matrix(m: &DMat3) -> DMat3 {
     // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity.
     let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));

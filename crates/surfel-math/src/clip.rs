@@ -27,7 +27,7 @@ const LEAST_SCALE: f64 = 1e-18;
 pub struct Curve {
     /// Start of the curve, on the unit circle.
     pub p1: V2<f64>,
-    /// Middle control point, anywhere.
+    /// Middle control point of the curve, anywhere.
     pub p2: V2<f64>,
     /// End of the curve, on the unit circle.
     pub p3: V2<f64>,
@@ -103,13 +103,13 @@ impl<R: Real> Turn<R> {
 pub struct Clip<R> {
     /// Form proportional to τ2: positive on P2's side of P1 P3.
     pub chord: Linear<R>,
-    /// Form proportional to τ1.
+    /// Form proportional to τ1, the barycentric coordinate of `p1`.
     pub side1: Linear<R>,
-    /// Form proportional to τ3.
+    /// Form proportional to τ3, the barycentric coordinate of `p3`.
     pub side3: Linear<R>,
     /// 1 to retain the inside of the curve, −1 to retain its outside.
     pub curve_sign: R,
-    /// Lines, times `line_sign`; absent lines are positive everywhere.
+    /// Forms of the lines, multiplied by `line_sign`; unused forms are positive everywhere.
     pub lines: [Linear<R>; 4],
     /// 1 if a point must be inside every line, −1 if one line is enough.
     pub line_sign: R,
@@ -214,8 +214,8 @@ pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>
 impl<R: Real> Clip<R> {
     /// Returns the clip over pixels, composed with a footprint whose (u', v') `turn` maps to the splat's (u, v).
     ///
-    /// The forms' signs are those over (u, v) where the footprint's W > 0. The filter `clamp` has fragments beyond: for
-    /// W ≤ 0 it tests the anchor, offset 0 (§7).
+    /// The forms have the same signs as over (u, v) where the footprint's W > 0. The filter `clamp` also produces
+    /// fragments where W ≤ 0. For them it tests the anchor, offset 0 (§7).
     #[inline(always)]
     pub fn through(&self, footprint: &Footprint<R>, turn: &Turn<R>) -> Self {
         let mut lines = self.lines;
@@ -232,7 +232,7 @@ impl<R: Real> Clip<R> {
         }
     }
 
-    /// True where the point `d` is inside the curve's part; `d` is (u, v), or a pixel offset once composed.
+    /// True where the curve retains the point `d`, which is (u, v), or a pixel offset once composed.
     #[inline(always)]
     pub fn curve_keeps(&self, d: V2<R>) -> R::Mask {
         let (chord, side1, side3) = (self.chord.at(d), self.side1.at(d), self.side3.at(d));
@@ -244,7 +244,7 @@ impl<R: Real> Clip<R> {
         (inside & !outside) | (!inside & outside)
     }
 
-    /// True where the point `d` is inside the lines.
+    /// True where the lines retain the point `d`.
     #[inline(always)]
     pub fn lines_keep(&self, d: V2<R>) -> R::Mask {
         let [a, b, c, e] = self.lines.each_ref().map(|l| l.at(d));
@@ -253,7 +253,7 @@ impl<R: Real> Clip<R> {
         least.zero().le(least * self.line_sign)
     }
 
-    /// True where the splat is retained, both by its curve and by its lines.
+    /// True where the clip retains the point `d`, both by its curve and by its lines.
     #[inline(always)]
     pub fn keeps(&self, d: V2<R>) -> R::Mask {
         self.curve_keeps(d) & self.lines_keep(d)

@@ -3,19 +3,19 @@
 use crate::clip::Curve;
 use crate::{Real, V2};
 
-/// A curve as C12 §3.2 classifies points against it, numerically repaired.
+/// A clip curve that classifies points as in C12 §3.2, with numerical repairs.
 ///
 /// The type serves for comparison: [`crate::clip::Clip`] yields the same image without a root, and over pixels without
 /// a division.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperCurve<R> {
-    /// Start of the curve.
+    /// Start of the curve, on the unit circle.
     pub p1: V2<R>,
-    /// Middle control point.
+    /// Middle control point of the curve, anywhere.
     pub p2: V2<R>,
-    /// End of the curve.
+    /// End of the curve, on the unit circle.
     pub p3: V2<R>,
-    /// Weight of `p2`.
+    /// Weight of `p2`, at least 0.
     pub w: R,
     /// 1 if the control polygon turns left, which retains the inside of the curve; −1 if it turns right, which retains
     /// the outside; 0 for the chord.

@@ -4,14 +4,14 @@ use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// The splat's own plane over pixels, clamped to the disk's own depth range (§3).
+/// Planar depth of a splat's plane as a function of pixels, clamped to the disk's own depth range (§3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthPlane<R> {
-    /// Depth at the anchor in world units (or the numerator of a plane through the near plane).
+    /// Depth at the anchor in world units; for a splat drawn through the near plane, the numerator of the depth.
     pub scale: R,
-    /// Gradient over pixels; see [`DepthForm`].
+    /// Gradient of the depth form over pixels; see [`DepthForm`].
     pub gradient: V2<R>,
-    /// Value of the form at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
+    /// Denominator at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
     pub at_anchor: R,
     /// Nearest planar depth of the disk, in world units.
     pub z_min: R,
@@ -19,7 +19,7 @@ pub struct DepthPlane<R> {
     pub z_max: R,
 }
 
-/// Form in which depth varies over pixels.
+/// The kind of function by which depth varies over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthForm {
     /// z = scale/(at_anchor + gradient·d): the plane in perspective. A denominator of at most 0 yields `z_max`.
@@ -46,7 +46,7 @@ impl<R: Real> DepthPlane<R> {
     }
 }
 
-/// The depth tolerance setting.
+/// Depth tolerance setting: how far behind the nearest surface fragments are blended with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
     /// Multiple of the larger radius, at least 0.
@@ -58,8 +58,8 @@ pub enum Tolerance {
 /// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
-/// Returns the change of planar depth per pixel to the right and down, in world units, on the plane through the view
-/// position `p` with unit view normal `n`. Steepness is limited as in ε (§5).
+/// Returns the change of planar depth per pixel to the right and down, in world units. The plane passes through the
+/// view position `p`, and `n` is its unit normal in view space. Steepness is limited as in ε (§5).
 #[inline(always)]
 pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
     let k = |value: f64| p.x.constant(value);
@@ -73,8 +73,8 @@ pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V
     across * -(scale / steep)
 }
 
-/// Returns the distance in world units by which a polygon's own surface may be behind its depth z within a texel, from
-/// the depth's gradient over texels (§5, shadow maps). It is the slope term of ε, with its cap.
+/// Returns the depth difference, in world units, that a polygon's slope may cause within a texel of a shadow map (§5).
+/// `gradient` is the change of depth per texel at depth `z`. The result is the slope term of ε, with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -83,13 +83,12 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
     (SLOPE_MARGIN_PX * gradient.length()).min(0.2 * scale)
 }
 
-/// Number of pixels over which a polygon's own slope explains a depth step to one of its eight neighbours: their
-/// distance and some curvature.
+/// Number of pixels over which a polygon's slope may explain a depth step to one of its eight neighbours. It includes
+/// the distance to the neighbour and some curvature.
 const STEP_PX: f64 = 2.0;
 
-/// Returns the distance in world units by which a polygon's own surface may be behind its depth z in a neighbouring
-/// pixel, from the
-/// depth's gradient over pixels (§5, edges by samples).
+/// Returns the depth difference, in world units, that a polygon's slope may cause between neighbouring pixels (§5,
+/// edges by samples). `gradient` is the change of depth per pixel at depth `z`.
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -99,11 +98,12 @@ pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64
     (STEP_PX * gradient.length()).min(0.1 * scale).max(1e-3 * scale)
 }
 
-/// Returns ε of a splat (§5), in world units: how much deeper than the splat a fragment may be and still blend with it.
+/// Returns a splat's depth tolerance ε (§5) in world units: how much deeper than the splat a fragment may be and still
+/// blend.
 ///
 /// `radius_max` is the splat's larger radius in world units ([`crate::project::radius_max`]). `h_px` is the filter
-/// radius in pixels, 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen at a
-/// grazing angle rejects half of its own filter.
+/// radius in pixels, 0 for a splat drawn without a filter. The slope term is Surfel's own: without it, a surface at a
+/// grazing angle rejects half of the fragments that its own filter adds.
 #[inline(always)]
 pub fn tolerance<R: Real>(
     splat: &ViewSplat<R>,
@@ -132,7 +132,8 @@ pub fn tolerance<R: Real>(
     limited(z, slope, radius_max, h_px, setting)
 }
 
-/// Returns [`tolerance`] of a splat whose projection is known, in perspective at or beyond z_near.
+/// Returns the same as [`tolerance`], from a splat's projection. In perspective, the centre must be at or beyond
+/// z_near.
 #[inline(always)]
 pub fn projected_tolerance<R: Real>(
     p_z: R,
@@ -152,7 +153,8 @@ pub fn projected_tolerance<R: Real>(
     limited(z, slope, radius_max, h_px, setting)
 }
 
-/// Returns ε from the depth that limits it and the steepness of the plane, in world units per pixel.
+/// Returns ε in world units. `z` is the depth that limits it, and `slope` the steepness of the plane in world units per
+/// pixel.
 #[inline(always)]
 fn limited<R: Real>(z: R, slope: R, radius_max: R, h_px: R, setting: Tolerance) -> R {
     let k = |value: f64| z.constant(value);

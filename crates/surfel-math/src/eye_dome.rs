@@ -2,16 +2,16 @@
 //! normals.
 //!
 //! Source: Boucheny 2009, "Interactive scientific visualization of large datasets", as in CloudCompare and Potree.
-//! Deviations: a neighbour counts by its angle and not by its depth, so that neither the image's size nor its distance
-//! matters. The response makes a plane look about as if it were lit from the eye.
+//! Deviations: neighbours are weighted by angle instead of depth, so that neither the image's size nor the surface's
+//! distance matters. A plane looks about as if it were lit from the eye.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Distance in pixels of the eight neighbours, along one axis or both.
+/// Distance in pixels from a pixel to its eight neighbours, along x, y or both.
 pub const REACH_PX: i32 = 2;
 
-/// Offsets of the neighbours, row by row.
+/// Offsets from a pixel to its eight neighbours in pixels, row by row.
 pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [-REACH_PX, -REACH_PX],
     [0, -REACH_PX],
@@ -27,9 +27,9 @@ pub const NEIGHBOURS: [[i32; 2]; 8] = [
 /// over π.
 const STRENGTH: f64 = std::f64::consts::PI;
 
-/// Returns the weight of a neighbour at an offset in pixels: its contribution to the mean rise per unit of depth that
-/// it is nearer. The weight is one over the distance between the two pixels at depth 1 (orthographic: at any depth),
-/// divided by eight.
+/// Returns the weight of the neighbour at `offset` (pixels): its contribution to the mean rise, per world unit by which
+/// the neighbour is nearer. The weight is one over the distance between the two pixels at depth 1 (orthographic: at any
+/// depth), divided by eight.
 #[inline(always)]
 pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     let [fx, fy] = projection.focal_px;
@@ -37,8 +37,8 @@ pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     offset.x.constant(0.125) / apart
 }
 
-/// Returns the brightness of a pixel of planar depth `z` (world units), in (0, 1], from Σ weight·max(0, z − z of the
-/// neighbour). It is 1 if no neighbour is nearer, and approaches 0 the deeper the pixel is among its neighbours.
+/// Returns the brightness of a pixel in (0, 1], from its planar depth `z` in world units. `rise` is Σ weight·max(0, z −
+/// z of the neighbour). The brightness is 1 if no neighbour is nearer, and approaches 0 as the rise grows.
 #[inline(always)]
 pub fn brightness<R: Real>(z: R, rise: R, projection: &Projection) -> R {
     let slope = match projection.kind {

@@ -1,4 +1,4 @@
-//! Front- and back-facing splats of one oriented surface (§5): the choice of side that a pixel shows, and the normals
+//! Front- and back-facing splats of one oriented surface (§5): the choice of the visible side of a pixel, and normals
 //! of splats that reach past the contour.
 
 use crate::{Real, V3};
@@ -7,27 +7,30 @@ use crate::{Real, V3};
 /// the back.
 pub const BACK_FACING_LAG: f64 = 0.125;
 
-/// Sine of the largest angle between a back-facing splat's plane and the ray to it at which the splat is lit as if it
-/// were front-facing: 10°.
+/// Sine of the rim angle, 10°. A back-facing splat is lit as if it were front-facing if the angle between its plane and
+/// the ray is smaller.
 pub const RIM_SINE: f64 = 0.173_648_177_666_930_35;
 
-/// Returns the depth at which a visibility fragment competes in the choice of the facing that a pixel shows.
+/// Returns the depth of a visibility fragment for choosing the side that a pixel shows. Back-facing fragments are moved
+/// back by a fraction of ε.
 #[inline(always)]
 pub fn nearness<R: Real>(z: R, epsilon: R, back_facing: bool) -> R {
     if back_facing { z.constant(BACK_FACING_LAG).mul_add(epsilon, z) } else { z }
 }
 
-/// Returns the depth behind which nothing blends with the side that a pixel shows: midway between the nearest depths of
-/// both sides, so that a surface's underside separates its top from what is below (rendering model §5, sheets).
+/// Returns the depth behind which no fragment blends with the side that a pixel shows. It is midway between the nearest
+/// depths of both sides, so that a surface's underside separates its top from what is below (rendering model §5,
+/// sheets).
 #[inline(always)]
 pub fn sheet_limit<R: Real>(shown: R, other: R) -> R {
     (shown + other) * shown.constant(0.5)
 }
 
-/// Returns the shading normal of a back-facing splat of an oriented two-sided surface. `cosine` is that of its
-/// geometric normal to the unit direction `to_eye`. The normal is reversed. Near the contour, where the splat only
-/// reaches past the front, it is mirrored in the plane perpendicular to the ray instead. Both have the same angle to
-/// the ray, but the mirrored normal continues the front side's.
+/// Returns the shading normal of a back-facing splat of an oriented two-sided surface. `cosine` is the cosine of the
+/// angle between the geometric normal and the unit direction `to_eye`. The shading normal is usually reversed. Near the
+/// contour, where a splat of the front side extends past the edge, it is mirrored in the plane perpendicular to the ray
+/// instead. Both results have the same angle to the ray, but the mirrored normal continues the normals of the front
+/// side.
 #[inline(always)]
 pub fn back_normal<R: Real>(shading: V3<R>, cosine: R, to_eye: V3<R>) -> V3<R> {
     let along = shading.dot(to_eye);

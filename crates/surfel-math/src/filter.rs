@@ -7,16 +7,16 @@ use crate::project::{Projected, ViewSplat};
 use crate::svd::Svd2;
 use crate::{Real, V2, V3};
 
-/// Result of a filter.
+/// A splat's footprint and weight after a screen-space filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<R> {
-    /// Filtered footprint.
+    /// Footprint after the filter.
     pub footprint: Footprint<R>,
     /// Factor of the weight: the area ratio if the filter includes it in the weight, else 1.
     pub weight_scale: R,
-    /// Area ratio a of §5's coverage if the weight doesn't include it, else 1.
+    /// Factor of the coverage (§5): the area ratio a if the weight doesn't include it, else 1.
     pub coverage_scale: R,
-    /// Map from the footprint's (u, v) to the splat's own, which only clips need (§7).
+    /// Map from the footprint's (u, v) to the splat's own (u, v). Only clips need it (§7).
     pub turn: Turn<R>,
 }
 
@@ -29,8 +29,8 @@ impl<R: Real> Filtered<R> {
     }
 }
 
-/// Applies `principal` (ours): the projected ellipse's axes are lengthened to at least h pixels; weight × ∏ min(1,
-/// ℓ/h).
+/// Applies `principal`, Surfel's own filter: lengthens the projected ellipse's axes to at least h pixels. The weight is
+/// multiplied by ∏ min(1, ℓ/h), where ℓ are the lengths of the axes in pixels.
 ///
 /// Source: §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays exact, also in
 /// perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
@@ -121,18 +121,19 @@ fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
     Turn { first, second: V2::new(-first.y, first.x) * handedness }
 }
 
-/// Returns ∏ ℓ/max(ℓ, h), the area ratio that `clamp` and `adjust` leave to the coverage (§5).
+/// Returns ∏ ℓ/max(ℓ, h): the area ratio by which the filters `clamp` and `adjust` scale the coverage instead of the
+/// weight (§5).
 #[inline(always)]
 pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
     (svd.major / svd.major.max(h_px)) * (svd.minor / svd.minor.max(h_px))
 }
 
-/// Applies `adjust` (G06 §4.1, eq. 8–9), given the half-axes chosen by [`adjust_axes`]. Each is lengthened separately
-/// if the half-length of its projected diameter is below h. The result's `turn` is the identity, relative to these
+/// Applies `adjust` (G06 §4.1, eq. 8–9) to the half-axes chosen by [`adjust_axes`]. Each half-axis is lengthened
+/// separately if its projected diameter is shorter than 2h. The result's `turn` is the identity, relative to these
 /// half-axes.
 ///
-/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane; here both sides are
+/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane. Here both sides are
 /// multiplied by it, factored as (1 − a)(1 + a).
 #[inline(always)]
 pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
@@ -150,7 +151,7 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
     }
 }
 
-/// A projected half-axis after eq. 8–9.
+/// A projected half-axis after G06 eq. 8–9.
 struct Lengthened<R: Real> {
     j: V2<R>,
     /// Change of depth along the half-axis; 0 if it was lengthened, which makes it parallel to the screen.
@@ -173,9 +174,9 @@ fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     Lengthened { j: V2::select(short, unit * h_px, j), slope: R::select(short, zero, a), was_short: short }
 }
 
-/// Returns the half-axes that `adjust` lengthens (§4): for an ellipse its principal ones. For a disk (axes equal within
-/// 1e-3) they are those of G06 eq. 10, s along p × n and t along n × s, with p the view direction in an orthographic
-/// projection.
+/// Returns the half-axes that `adjust` lengthens (§4). For an ellipse, they are the principal half-axes. For a disk
+/// (half-axes equal within 1e-3), they are the half-axes of G06 eq. 10: s along p × n and t along n × s. In an
+/// orthographic projection, p is the view direction.
 ///
 /// Eq. 10 specifies neither the scale nor the case p ∥ n, for which the principal axes serve. An ellipse that isn't
 /// quite round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n.

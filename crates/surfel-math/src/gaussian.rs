@@ -13,9 +13,9 @@ pub const NEAR: f64 = 0.2;
 const FAR: f64 = 100.0;
 /// Maximum fraction of a pixel that one Gaussian covers.
 pub const MAX_ALPHA: f64 = 0.99;
-/// Minimum α of a Gaussian that counts.
+/// Minimum α with which a Gaussian is blended into a pixel.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Minimum transmittance. A Gaussian that would reduce a pixel's transmittance below this ends the pixel undrawn.
+/// Minimum transmittance of a pixel. Blending stops before the Gaussian that would reduce the transmittance below this.
 pub const MIN_TRANSMITTANCE: f64 = 1e-4;
 /// Maximum Σw of a pixel that counts as empty and has no depth.
 pub const MIN_WEIGHT: f64 = 1e-12;
@@ -52,23 +52,23 @@ pub struct ViewGaussian {
     pub sigmas: [f64; 3],
     /// True if the Gaussian is flat, false if it is solid.
     pub flat: bool,
-    /// Opacity in [0, 1].
+    /// Opacity at the centre, in [0, 1].
     pub opacity: f64,
 }
 
-/// A projected Gaussian.
+/// A Gaussian projected to the image, ready for evaluation at pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct ProjectedGaussian {
     /// Position of the centre, in pixels.
     pub center_px: V2<f64>,
-    /// Forms that pixels evaluate.
+    /// Linear forms that are evaluated at each pixel.
     pub forms: GaussianForms<f64>,
-    /// Unit normal in view space, towards the eye; for a solid Gaussian the shortest axis of what is drawn.
+    /// Unit normal in view space, towards the eye; for a solid Gaussian, along the shortest axis of its ellipsoid.
     pub normal: V3<f64>,
-    /// Minimum and maximum offset from the centre, in pixels, beyond which α is less than [`MIN_ALPHA`]; `None` if
-    /// unknown.
+    /// Minimum and maximum offset from the centre, in pixels, beyond which α is less than [`MIN_ALPHA`]. `None` if the
+    /// projected ellipse reaches the eye's plane, or nearly does.
     pub bounds_px: Option<[V2<f64>; 2]>,
-    /// Planar depth at which the Gaussian begins to show, in world units.
+    /// Minimum planar depth at which the Gaussian is visible, in world units.
     pub nearest: f64,
     /// Factor of α: the fraction of a filtered footprint that the Gaussian covers, or 1 as trained.
     pub weight: f64,
@@ -78,15 +78,15 @@ pub struct ProjectedGaussian {
 /// standard deviations and depth z/w.
 #[derive(Clone, Copy, Debug)]
 pub struct GaussianForms<R> {
-    /// Coefficients of d.
+    /// Coefficients of d in u; at the centre u is 0.
     pub u: [R; 2],
-    /// Coefficients of d.
+    /// Coefficients of d in v; at the centre v is 0.
     pub v: [R; 2],
-    /// Coefficients of d, and the value at the centre.
+    /// Coefficients of d in w, and the value of w at the centre.
     pub w: [R; 3],
-    /// Coefficients of d, and the value at the centre.
+    /// Coefficients of d in z, and the value of z at the centre.
     pub z: [R; 3],
-    /// Weight of |d|² for flat Gaussians.
+    /// Weight of |d|² in the low-pass filter of flat Gaussians; a huge value disables the filter.
     pub low_pass: R,
 }
 
@@ -263,7 +263,7 @@ impl ViewGaussian {
     }
 }
 
-/// The part of a [`ProjectedGaussian`] without its centre; the normal may face away.
+/// A [`ProjectedGaussian`] without its centre, whose normal may face away from the eye.
 struct Footprint {
     forms: GaussianForms<f64>,
     normal: V3<f64>,
@@ -272,8 +272,9 @@ struct Footprint {
     weight: f64,
 }
 
-/// Returns bounds of a projected ellipse around its centre. Its points are at (A·e)/(1 + b·e), |e|² = reach, with A's
-/// columns and b given. `None` if the ellipse reaches the eye's plane, or nearly does, since rounding matters there.
+/// Returns the bounds of a projected ellipse around its centre. Points of the ellipse are at (A·e)/(1 + b·e) with |e|²
+/// = `reach`. A has the columns `s` and `t`, and b = (`s_depth`, `t_depth`). `None` if the ellipse reaches the eye's
+/// plane, or nearly does, since rounding matters there.
 fn ellipse_bounds([s, t]: [V2<f64>; 2], [s_depth, t_depth]: [f64; 2], reach: f64) -> Option<[V2<f64>; 2]> {
     let d = 1.0 - reach * (s_depth * s_depth + t_depth * t_depth);
     let extent = |s: f64, t: f64| {
@@ -303,14 +304,15 @@ pub fn depth_step(z: f64) -> u64 {
     (z.to_bits() + (1 << (DEPTH_BITS_F64 - 1))) >> DEPTH_BITS_F64
 }
 
-/// Returns [`depth_step`] of an f32, with different integers.
+/// Rounds a positive f32 depth to 17 bits like [`depth_step`], but to other integers.
 #[inline(always)]
 pub fn depth_step_f32(z: f32) -> u32 {
     (z.to_bits() + (1 << (DEPTH_BITS_F32 - 1))) >> DEPTH_BITS_F32
 }
 
-/// Number of low bits that depth steps omit.
+/// Number of low bits of an f64 depth that [`depth_step`] omits.
 const DEPTH_BITS_F64: u32 = 52 - 16;
+/// Number of low bits of an f32 depth that [`depth_step_f32`] omits.
 const DEPTH_BITS_F32: u32 = 23 - 16;
 
 /// Returns the depth that the plane `distortion` compares, from a planar depth in world units: 0 at [`NEAR`], 1 at 100
@@ -321,11 +323,11 @@ pub fn distortion_depth<R: Real>(z: R) -> R {
     (z.one() - z.constant(NEAR) / z) * z.constant(scale)
 }
 
-/// The constant spherical harmonic, ½·√(1/π).
+/// Constant basis function of spherical harmonics, ½·√(1/π).
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// Returns the colour of (degree + 1)² coefficients of real spherical harmonics in a unit direction from the eye: ½ + Σ
-/// c·Y, at least 0. At most 16 coefficients count.
+/// Evaluates a colour from (degree + 1)² coefficients of real spherical harmonics in a unit direction from the eye. The
+/// colour is ½ + Σ c·Y, at least 0. Coefficients beyond the first 16 are ignored.
 pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
     const C1: f64 = 0.488_602_511_902_919_9;
     const C2: [f64; 3] = [1.092_548_430_592_079_2, 0.315_391_565_252_520_05, 0.546_274_215_296_039_6];

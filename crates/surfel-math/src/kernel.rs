@@ -1,7 +1,7 @@
 //! The reconstruction kernel and coverage (§2, §5).
 
-/// Returns w = exp(−c·ρ²) for a squared distance ρ² ≤ 1 from the centre in radii and the cutoff c, in (0, 50] (Z01 §4's
-/// Gaussian, cut off where its exponent reaches c).
+/// Returns the kernel's weight w = exp(−c·ρ²), for the cutoff c in (0, 50]. ρ² ≤ 1 is the squared distance from the
+/// centre, in radii. The kernel is Z01 §4's Gaussian, cut off where its exponent reaches c.
 #[inline(always)]
 pub fn weight(rho_squared: f64, cutoff: f64) -> f64 {
     (-cutoff * rho_squared).exp()

@@ -38,11 +38,11 @@ impl<R: Real> Linear<R> {
 /// the anchor of an ordinary splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint<R> {
-    /// Form of u·w.
+    /// Linear form of u·w.
     pub u: Linear<R>,
-    /// Form of v·w.
+    /// Linear form of v·w.
     pub v: Linear<R>,
-    /// Form of w.
+    /// Linear form of w.
     pub w: Linear<R>,
 }
 

@@ -1,13 +1,13 @@
 //! The shader `matcap` (§5), which finds the point of a lit sphere that has a surface's normal.
 //!
-//! Source: Sloan, Martin, Gooch and Gooch 2001, "The Lit Sphere". Deviation: the sphere is seen along each pixel's own
-//! ray, so that a silhouette maps to the rim of the sphere also where perspective turns it.
+//! Source: Sloan, Martin, Gooch and Gooch 2001, "The Lit Sphere". Deviation: the sphere is viewed along each pixel's
+//! own ray. A silhouette therefore maps to the rim of the sphere, also where perspective turns the silhouette.
 
 use crate::{Real, V2, V3};
 
-/// Returns the position of a unit normal on the sphere as seen by the eye: (0, 0) faces the eye, x to the right and y
-/// down, 1 at the rim. A zero normal counts as facing the eye. `to_eye` is a unit vector, `down` the view's down
-/// direction; all vectors have the same axes.
+/// Returns the position of a unit normal in the sphere's image: x to the right and y down, (0, 0) where the sphere
+/// faces the eye, distance 1 at the rim. A zero normal counts as facing the eye. `to_eye` is a unit vector, `down` the
+/// view's down direction; all vectors have the same axes.
 #[inline(always)]
 pub fn coordinates<R: Real>(normal: V3<R>, to_eye: V3<R>, down: V3<R>) -> V2<R> {
     let across = to_eye.cross(down);

@@ -3,17 +3,17 @@
 use crate::projection::ProjectionKind;
 use crate::{Real, V2, V3, projection::Projection};
 
-/// Maximum |n·p|/|p| of an edge-on splat (§2), which is drawn in no pass.
+/// Edge-on threshold: splats with |n·p|/|p| up to this value are drawn in no pass (§2).
 pub const EDGE_ON: f64 = 1e-5;
 
 /// A splat in view space (x right, y down, z forward, eye at the origin), in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSplat<R> {
-    /// Centre.
+    /// Centre of the splat.
     pub p: V3<R>,
-    /// First half-axis.
+    /// First half-axis, from the centre to the rim.
     pub s: V3<R>,
-    /// Second half-axis.
+    /// Second half-axis, from the centre to the rim.
     pub t: V3<R>,
     /// Unit outward normal, along ±(s × t); the object's placement decides the sign.
     pub n: V3<R>,
@@ -52,7 +52,7 @@ impl<R: Real> Projected<R> {
         Self::with_area(splat, Area::of(splat), projection)
     }
 
-    /// Projects a splat whose area is known, as [`Projected::new`] does.
+    /// Projects a splat like [`Projected::new`], with an [`Area`] that the caller has computed.
     #[inline(always)]
     pub fn with_area(splat: &ViewSplat<R>, area: Area<R>, projection: &Projection) -> Self {
         let ViewSplat { p, s, t, n } = *splat;
@@ -109,19 +109,19 @@ fn column<R: Real>(a: V3<R>, center: V2<R>) -> V2<R> {
     V2::new((-a.z).mul_add(center.x, a.x), (-a.z).mul_add(center.y, a.y))
 }
 
-/// The product s × t = sine·k_s·k_t·n, in factors, so that nothing overflows or vanishes at 1e±15.
+/// The area vector s × t = sine·k_s·k_t·n of a splat, in factors, so that nothing overflows or vanishes at 1e±15.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area<R> {
-    /// Signed length of the product of the half-axes, each divided by its scale.
+    /// Signed length of the cross product of the half-axes, each divided by its scale.
     pub sine: R,
     /// Scale of s: its largest coordinate, or the radius of a disk.
     pub k_s: R,
-    /// Scale of t.
+    /// Scale of t: its largest coordinate, or the radius of a disk.
     pub k_t: R,
 }
 
 impl<R: Real> Area<R> {
-    /// Computes the area of any splat.
+    /// Computes the area vector of any splat in factors.
     #[inline(always)]
     pub fn of(splat: &ViewSplat<R>) -> Self {
         let ViewSplat { s, t, n, .. } = *splat;
@@ -132,7 +132,7 @@ impl<R: Real> Area<R> {
         Self { sine: R::select(zero.le(cross.dot(n)), length, -length), k_s, k_t }
     }
 
-    /// Returns the area of a disk whose s × t is along n.
+    /// Returns the area vector, in factors, of a disk whose s × t is along n.
     #[inline(always)]
     pub fn of_disk(radius: R) -> Self {
         Self { sine: radius.one(), k_s: radius, k_t: radius }
@@ -152,8 +152,8 @@ pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
-/// Size of a splat, as a multiple of its minimum distance, from which every backend sets it up in f64: the products of
-/// its projected half-axes may exceed f32's range. The effect of a filter is invisible at this size.
+/// Ratio of a splat's size to its minimum distance from which every backend sets up the splat in f64. Products of its
+/// projected half-axes may exceed f32's range. A filter's effect is invisible at this size.
 const VAST: f64 = 1e7;
 
 /// True for a splat so large that f32 may not represent its projection; `size` is the largest coordinate of its
@@ -170,9 +170,10 @@ pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
 /// Placement of a splat relative to the eye, which decides how the splat is drawn (§3, last paragraph).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
-    /// In front of the eye: filters and mapping as set.
+    /// Centre well in front of the eye: the splat is drawn with the filter and the mapping of the settings.
     Ordinary,
-    /// Centre at or beyond z_near, but e ≥ p_z/2 in perspective: the splat is drawn exactly, without a filter.
+    /// Centre at or beyond z_near, and in perspective a depth extent of at least p_z/2: drawn exactly, without a
+    /// filter.
     Close,
     /// Centre nearer than z_near: the splat is drawn exactly, without a filter. With the affine mapping it is dropped.
     CenterBeforeNear,

@@ -7,7 +7,7 @@ use crate::{Real, V2, V3};
 /// Its numbers are the same for a whole frame, so they are plain f64 and rounded where they are used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
-    /// Perspective or orthographic.
+    /// Kind of the projection: perspective or orthographic.
     pub kind: ProjectionKind,
     /// Pixels per unit of slope (perspective) or per world unit (orthographic), in x and y.
     pub focal_px: [f64; 2],
@@ -17,7 +17,7 @@ pub struct Projection {
     pub near: f64,
 }
 
-/// The kind of a projection.
+/// The kind of a projection, with the parameters that only this kind has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ProjectionKind {
     /// pixel = f·(x/z) + c; no far plane.

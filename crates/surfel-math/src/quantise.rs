@@ -1,13 +1,13 @@
-//! Numbers in 16 bits: steps of a scale, and unit vectors as two coordinates on an octahedron.
+//! Quantisation to 16 bits: numbers in steps of a scale, and unit vectors as two coordinates on an octahedron.
 //!
-//! Source: B05 §7 uses half floats; here the range is that of a few neighbours, which 16 bits divide evenly.
+//! Source: B05 §7 uses half floats. Here a few neighbouring values share a scale, and 16 bits divide its range evenly.
 //! Octahedron: Meyer et al. 2010, "On Floating-Point Normal Vectors".
 
 use crate::{Real, V3};
 
-/// Number of steps from zero to a scale.
+/// Number of quantisation steps between zero and the scale.
 pub const STEPS: f32 = 32767.0;
-/// Code of zero.
+/// 16-bit code of the number zero.
 pub const ZERO: u16 = 32768;
 
 /// Returns the code of the step nearest to a number between −1 and 1. Larger numbers are clamped, NaN becomes zero.
@@ -16,17 +16,18 @@ pub fn to_step(unit: f32) -> u16 {
     (step + i32::from(ZERO)) as u16
 }
 
-/// Returns the number of steps from zero of a code.
+/// Returns the signed number of quantisation steps, from zero, of a 16-bit code.
 pub fn steps(step: u16) -> f32 {
     (i32::from(step) - i32::from(ZERO)) as f32
 }
 
-/// Returns a number between −scale and scale after storage. The error is at most scale/65534, and rounding.
+/// Rounds a number between −scale and scale to the nearest 16-bit step. The error is at most scale/65534, plus
+/// rounding.
 pub fn quantised(value: f32, scale: f32) -> f32 {
     steps(to_step(value / scale)) * (scale / STEPS)
 }
 
-/// Encodes a direction of any length but zero as two coordinates between −1 and 1 on an octahedron.
+/// Encodes a direction of any non-zero length as two octahedral coordinates, each between −1 and 1.
 pub fn folded(v: V3<f32>) -> [f32; 2] {
     let length = v.x.abs() + v.y.abs() + v.z.abs();
     let (x, y) = (v.x / length, v.y / length);
@@ -34,7 +35,7 @@ pub fn folded(v: V3<f32>) -> [f32; 2] {
     [fold(x, y), fold(y, x)]
 }
 
-/// Decodes a direction from two coordinates. Its length is between 1/√3 and 1.
+/// Decodes a direction from two octahedral coordinates. The length of the result is between 1/√3 and 1.
 #[inline(always)]
 pub fn unfolded<R: Real>(x: R, y: R) -> V3<R> {
     let zero = x.zero();

@@ -10,12 +10,12 @@ impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask fo
 /// A real number, or several in SIMD lanes.
 ///
 /// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation is
-/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula yields the same bits in f32 and in any
-/// lane of any SIMD level.
+/// correctly rounded (IEEE 754), including the fused multiply-add. A formula therefore yields the same bits in f32 and
+/// in any lane of any SIMD level.
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
-    /// Result of a comparison.
+    /// Result of a comparison of two numbers.
     type Mask: Mask;
 
     /// Returns `value` in every lane of a number like `self`.

@@ -8,7 +8,8 @@ use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
 /// Bias of a lookup, as a fraction of the depth (orthographic: of the view's height). It is five times the relative
-/// rounding error of a depth, so that a surface that faces the light, whose slope bias is zero, doesn't shade itself.
+/// rounding error of a depth. A surface that faces the light has no slope bias, and without this bias would shade
+/// itself.
 const LOOKUP_BIAS: f64 = 5e-4;
 
 /// Returns the distance by which a point at depth `z` of a map is moved towards the light; both are in world units.
@@ -24,8 +25,8 @@ pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
 /// Number of taps along one axis of the filter.
 pub const TAPS: usize = 4;
 
-/// Returns the texels of a lookup at the position `texel` (in texels from the map's edge): the first column (or row),
-/// and the weights of four consecutive texels, which sum to 1.
+/// Returns the first column (or row) of a lookup and the weights of four consecutive texels, which sum to 1. The
+/// position `texel` is in texels from the map's edge.
 ///
 /// The filter is a box three texels wide around the point.
 pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {

@@ -3,8 +3,8 @@
 use crate::Real;
 use std::sync::OnceLock;
 
-/// The largest magnitude of a colour (rendering model §10): that of f32, with room for a few roundings, so that
-/// blending colours never exceeds f32's range.
+/// Largest magnitude of a colour channel (rendering model §10). It is slightly below the maximum of f32, so that
+/// blending colours never overflows.
 pub const LARGEST_COLOR: f64 = 3.4028e38;
 
 /// Limits a channel of a colour to ±[`LARGEST_COLOR`].
@@ -14,7 +14,8 @@ pub fn limit_color<R: Real>(channel: R) -> R {
     channel.min(largest).max(-largest)
 }
 
-/// Limits a light's colour so that `lights` of them and the ambient light together stay within [`LARGEST_COLOR`].
+/// Limits the channels of a light's colour, so that the sum of `lights` lights and the ambient light stays within
+/// ±[`LARGEST_COLOR`].
 pub fn limit_light(color: [f64; 3], lights: usize) -> [f64; 3] {
     let most = LARGEST_COLOR / (lights as f64 + 1.0);
     color.map(|channel| channel.clamp(-most, most))

@@ -15,7 +15,8 @@ pub struct Svd2<R> {
 
 impl<R: Real> Svd2<R> {
     /// Decomposes the matrix with columns `s` and `t`, from the eigenvector of JJᵀ by its double angle. The caller
-    /// supplies the determinant, which it may know more precisely: the columns cancel if the matrix is nearly singular.
+    /// supplies the determinant, because computing it from the columns loses precision if the matrix is nearly
+    /// singular.
     ///
     /// Entries between 1e-15 and 1e15 neither overflow nor underflow in f32. The larger value and its axis are precise
     /// to a few ulp; the smaller value inherits the relative error of `determinant`. For equal values the axis is (1,

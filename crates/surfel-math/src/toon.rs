@@ -7,21 +7,21 @@ use crate::{Real, V2};
 
 /// Diffuse light at which each of three steps begins; the steps have equal heights.
 const STEPS: [f64; 3] = [0.05, 0.35, 0.7];
-/// Half-width of a step's ramp.
+/// Half-width of a step's ramp, in units of diffuse light.
 const HALF_WIDTH: f64 = 0.02;
-/// Strength in the middle of a highlight's ramp; stronger highlights are drawn.
+/// Strength at the middle of a highlight's ramp; weaker highlights aren't drawn.
 const HIGHLIGHT: f64 = 0.5;
 /// |n·v| below which a line has full strength, and |n·v| from which on there is none.
 const LINE: [f64; 2] = [0.12, 0.22];
 
-/// Minimum depth step from one pixel's surface to the next at which a line is drawn, as a fraction of the depth
-/// (orthographic: of the view's height).
+/// Minimum depth step between neighbouring pixels at which a line is drawn, as a fraction of the depth (orthographic:
+/// of the view's height).
 const DEPTH_STEP: f64 = 0.02;
 /// Number of pixels over which the surface's own slope is added to the minimum step.
 const SLOPE_PX: f64 = 2.0;
 
 /// Returns the planar depth in world units beyond which a pixel's neighbour is another surface, so that this pixel is
-/// part of a line. `gradient` is that of the pixel's own plane ([`crate::depth::plane_gradient`]).
+/// part of a line. `gradient` is the depth gradient of the pixel's own plane ([`crate::depth::plane_gradient`]).
 #[inline(always)]
 pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) -> R {
     let scale = match projection.kind {

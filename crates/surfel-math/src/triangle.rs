@@ -41,7 +41,7 @@ pub fn edge<R: Real>(a: V3<R>, b: V3<R>) -> Linear<R> {
     Linear { x: n.x, y: n.y, c: n.z }
 }
 
-/// A triangle prepared for rasterisation.
+/// A triangle prepared for rasterisation: edge functions over pixels, and the depths of the vertices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle<R> {
     /// Forms of the edges opposite each vertex: the vertex's barycentric coordinate times a common positive factor that

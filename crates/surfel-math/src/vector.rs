@@ -45,7 +45,7 @@ impl<R: Real> V2<R> {
         self.dot(self).sqrt()
     }
 
-    /// Returns the product by coordinates.
+    /// Returns the coordinate-wise product.
     #[inline(always)]
     pub fn scale_by(self, o: Self) -> Self {
         Self::new(self.x * o.x, self.y * o.y)

@@ -1,4 +1,4 @@
-//! The magma colour map, in which FLIP's error maps are shown.
+//! Colour map magma, in which FLIP's error maps are shown.
 
 /// sRGB colours 0xRRGGBB from no error (black) to the largest (pale yellow).
 ///
@@ -46,8 +46,8 @@ pub fn magma(value: f32) -> [u8; 3] {
     [r, g, b]
 }
 
-/// Applies [`magma`] to every value divided by `full_scale`, the value that gets the brightest colour. If `full_scale`
-/// isn't above 0, every value above 0 gets the brightest colour.
+/// Converts values to colours by [`magma`], after division by `full_scale`, the value of the brightest colour. If
+/// `full_scale` isn't above 0, every value above 0 gets the brightest colour.
 pub fn magma_image(values: &[f32], full_scale: f32) -> Vec<[u8; 3]> {
     let shade = |&v: &f32| if full_scale > 0.0 { magma(v / full_scale) } else { magma(if v > 0.0 { 1.0 } else { v }) };
     values.iter().map(shade).collect()

@@ -1,24 +1,24 @@
-//! The comparison of two images.
+//! Comparison of two images.
 
 use crate::error::{MetricsError, check_length};
 use crate::flip::{self, FlipMap, FlipOptions};
 use crate::image::Image;
 use crate::plane::{abs_difference, check_tolerance, psnr_of_rmse, root_mean};
 
-/// Linear value of the sRGB level ½.
+/// Linear value of the sRGB level ½, a medium grey.
 pub const MID_GREY: f32 = 0.214_041_14;
 
 /// Options of [`compare`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompareOptions<'a> {
-    /// One flag per pixel, row by row from the top, true if the pixel counts. `None` counts all pixels.
+    /// Flag per pixel, row by row from the top, true if the pixel is compared. `None` compares all pixels.
     pub mask: Option<&'a [bool]>,
-    /// Tolerance (linear): a pixel *differs* if the absolute difference of a channel is larger. Default 0.
+    /// Tolerance in linear light: a pixel *differs* if the absolute difference of a channel is larger. Default 0.
     pub tolerance: f64,
-    /// Peak of the signal for PSNR (linear). Default 1.
+    /// Peak of the signal for PSNR, in linear light. Default 1.
     pub peak: f64,
-    /// Viewing conditions of FLIP, or `None` to skip FLIP. The images are linear, whatever [`FlipOptions::encoding`]
-    /// states. Default: the default of [`FlipOptions`].
+    /// Viewing conditions of FLIP, or `None` to skip FLIP. The images are always linear; [`FlipOptions::encoding`] is
+    /// ignored. Default: the default of [`FlipOptions`].
     pub flip: Option<FlipOptions>,
     /// Linear RGB behind transparent pixels for FLIP, which has no alpha. Default [`MID_GREY`]: over black (or white) a
     /// missing black (or white) shape would be invisible. Opaque images don't depend on the background.
@@ -31,7 +31,7 @@ impl Default for CompareOptions<'_> {
     }
 }
 
-/// Differences between two images. All fields but FLIP's refer to the four linear premultiplied channels.
+/// Differences between two images. All fields except FLIP's refer to the four linear premultiplied channels.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Comparison {
@@ -39,9 +39,9 @@ pub struct Comparison {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Number of compared pixels: those that the mask selects.
+    /// Number of compared pixels, which the mask selects.
     pub compared: usize,
-    /// Largest absolute difference of a channel; infinite as defined by [`abs_difference`].
+    /// Largest absolute difference of a channel; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
     /// Column and row of the first pixel with the difference `max_abs`; `None` if the images are equal.
     pub max_abs_at: Option<(u32, u32)>,
@@ -55,7 +55,8 @@ pub struct Comparison {
     pub non_finite: usize,
     /// Mean FLIP error of the compared pixels, in [0, 1]; `None` if FLIP was skipped.
     pub flip_mean: Option<f64>,
-    /// FLIP error of every pixel. It is small or 0 in pixels that the mask excludes, which FLIP's filters still reach.
+    /// FLIP error of every pixel. Pixels that the mask excludes have small errors, because FLIP's filters reach into
+    /// them.
     pub flip: Option<FlipMap>,
 }
 

@@ -1,6 +1,6 @@
 //! Errors of comparisons.
 
-/// The reason why two images can't be compared. Differences, however large, are results and never errors.
+/// Reason why two images can't be compared. Differences, however large, are results and never errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricsError {
@@ -13,7 +13,7 @@ pub enum MetricsError {
         found: usize,
         /// Expected length.
         expected: usize,
-        /// Rule that yields the expected length.
+        /// Rule from which the expected length follows.
         rule: &'static str,
     },
     /// The images have different sizes.
@@ -27,7 +27,7 @@ pub enum MetricsError {
         /// Width and height of the second image, in pixels.
         b: (u32, u32),
     },
-    /// The image's values can't be addressed on this machine.
+    /// The image has too many values to address on this machine.
     #[error("an image of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
     TooLarge {
         /// Width in pixels.
@@ -47,7 +47,8 @@ pub enum MetricsError {
     },
 }
 
-/// Returns the number of pixels of a `width`×`height` image, if it is addressable with `channels` values per pixel.
+/// Returns the number of pixels of a `width`×`height` image. An error if its values, `channels` per pixel, can't be
+/// addressed.
 pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<usize, MetricsError> {
     let count = usize::try_from(width).ok().zip(usize::try_from(height).ok()).and_then(|(w, h)| w.checked_mul(h));
     match count {

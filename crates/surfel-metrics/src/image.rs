@@ -1,8 +1,8 @@
-//! A borrowed image.
+//! Image borrowed for a comparison.
 
 use crate::error::{MetricsError, check_length, pixel_count};
 
-/// A borrowed RGBA image: linear light, premultiplied alpha, rows from the top, no padding.
+/// Borrowed RGBA image: linear light, premultiplied alpha, rows from the top, no padding.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
     width: u32,
@@ -14,8 +14,8 @@ impl<'a> Image<'a> {
     /// Creates a view of `rgba`, 4 values per pixel, row by row from the top.
     ///
     /// # Errors
-    /// [`MetricsError::Length`] if `rgba` doesn't have `width`·`height`·4 values, [`MetricsError::TooLarge`] if that
-    /// product isn't a `usize`.
+    /// [`MetricsError::Length`] if `rgba` doesn't have `width`·`height`·4 values, [`MetricsError::TooLarge`] if this
+    /// product overflows a `usize`.
     pub fn new(width: u32, height: u32, rgba: &'a [f32]) -> Result<Self, MetricsError> {
         let pixels = pixel_count(width, height, 4)?;
         check_length("the image", rgba.len(), pixels * 4, "width x height x 4")?;
@@ -37,7 +37,7 @@ impl<'a> Image<'a> {
         self.rgba
     }
 
-    /// Returns the linear RGB of every pixel over an opaque linear `background`.
+    /// Composites every pixel over an opaque linear `background`, and returns the linear RGB.
     pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         let (pixels, _) = self.rgba.as_chunks::<4>();
         pixels

@@ -3,7 +3,7 @@
 //! Main types, in reading order:
 //!
 //! 1. [`Image`]: a borrowed image of linear premultiplied RGBA;
-//! 2. [`compare()`]: compares two images as [`CompareOptions`] state, and returns a [`Comparison`];
+//! 2. [`compare()`]: compares two images with [`CompareOptions`], and returns a [`Comparison`];
 //! 3. [`compare_plane`]: compares two planes of numbers, such as depths or weights, and returns a [`PlaneComparison`];
 //! 4. [`flip`]: the perceptual metric FLIP on its own; [`colormap`] converts an error map to an image.
 //!
@@ -24,14 +24,14 @@
 //! ```
 //!
 //! # Layer
-//! The crate is at the bottom of the workspace: it depends on `surfel-math` alone, for sRGB, and has no notion of
-//! splats. `surfel-app` compares image files by it, and the conformance tests compare backends. It has no Cargo
-//! features.
+//! The crate is at the bottom of the workspace: it depends on `surfel-math` only, for sRGB, and has no terms of
+//! splatting. `surfel-app` uses it to compare image files, and the conformance tests use it to compare backends. It has
+//! no Cargo features.
 //!
 //! # Values that aren't finite
-//! [`abs_difference`] defines one rule for all metrics. Equal values differ by 0, equal infinities included: an empty
-//! pixel's depth is +∞ on both sides. An infinity on one side only, or of the other sign, is an infinite error. So is
-//! NaN on either side or both, because no renderer may write it.
+//! [`abs_difference`] defines one rule for all metrics. Equal values differ by 0, including equal infinities: the depth
+//! of an empty pixel is +∞ in both images. An infinity in one image only, or with the other sign, is an infinite error.
+//! NaN in either image is an infinite error too, because no renderer may write it.
 //!
 //! # Reproducibility
 //! Sums run in pixel order in f64, on one thread: the same input yields the same output. FLIP calls the platform's

@@ -1,9 +1,9 @@
-//! Differences of single planes.
+//! Comparison of single planes, such as depths or weights.
 
 use crate::error::{MetricsError, check_length};
 
-/// Returns |a − b| by the crate's rule: 0 for equal values, equal infinities included. The difference is infinite for
-/// an infinity on one side only, and for NaN on either side or both. The result is never NaN.
+/// Returns the absolute difference |a − b|, which is never NaN. Equal values, including equal infinities, differ by 0.
+/// The difference is infinite for an infinity on one side only, and for NaN on either side or both.
 pub fn abs_difference(a: f32, b: f32) -> f64 {
     if a == b {
         return 0.0;
@@ -15,7 +15,7 @@ pub fn abs_difference(a: f32, b: f32) -> f64 {
 /// Options of [`compare_plane`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlaneOptions<'a> {
-    /// One flag per value, true if the value counts. `None` counts all values.
+    /// Flag per value, true if the value is compared. `None` compares all values.
     pub mask: Option<&'a [bool]>,
     /// Tolerance: a value *differs* if its absolute difference is larger. At least 0.
     pub tolerance: f64,
@@ -24,9 +24,9 @@ pub struct PlaneOptions<'a> {
 /// Differences between two planes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlaneComparison {
-    /// Number of compared values: those that the mask selects.
+    /// Number of compared values, which the mask selects.
     pub compared: usize,
-    /// The largest absolute difference, 0 if nothing was compared; infinite as defined by [`abs_difference`].
+    /// Largest absolute difference, 0 if nothing was compared; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
     /// Index of the first value with the difference `max_abs`; `None` if the planes are equal.
     pub max_abs_index: Option<usize>,
@@ -39,7 +39,7 @@ pub struct PlaneComparison {
 }
 
 impl PlaneComparison {
-    /// Returns the peak signal-to-noise ratio in dB for signals that reach `peak`; see [`psnr_of_rmse`].
+    /// Returns the peak signal-to-noise ratio in dB for signals with the largest value `peak`; see [`psnr_of_rmse`].
     ///
     /// # Errors
     /// [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
@@ -79,7 +79,7 @@ pub fn compare_plane(a: &[f32], b: &[f32], options: &PlaneOptions) -> Result<Pla
     Ok(result)
 }
 
-/// Returns the largest absolute difference; `mask` and infinite results as in [`compare_plane`].
+/// Returns the largest absolute difference. The `mask` and infinite results are defined as in [`compare_plane`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long.
@@ -87,7 +87,7 @@ pub fn max_abs(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, Metri
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.max_abs)
 }
 
-/// Returns the root mean squared difference; `mask` and infinite results as in [`compare_plane`].
+/// Returns the root mean squared difference. The `mask` and infinite results are defined as in [`compare_plane`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long.
@@ -95,7 +95,8 @@ pub fn rmse(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, MetricsE
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.rmse)
 }
 
-/// Returns the peak signal-to-noise ratio in dB; `mask` as in [`compare_plane`], extremes as in [`psnr_of_rmse`].
+/// Returns the peak signal-to-noise ratio in dB. The `mask` is defined as in [`compare_plane`], and extreme results as
+/// in [`psnr_of_rmse`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long, [`MetricsError::OutOfRange`] if `peak` isn't finite and
@@ -104,7 +105,8 @@ pub fn psnr(a: &[f32], b: &[f32], mask: Option<&[bool]>, peak: f64) -> Result<f6
     psnr_of_rmse(rmse(a, b, mask)?, peak)
 }
 
-/// Returns 20·log10(`peak`/`rmse`) in dB: +∞ for an error of 0, −∞ for an infinite one.
+/// Returns the peak signal-to-noise ratio 20·log10(`peak`/`rmse`) in dB: +∞ for an error of 0, −∞ for an infinite
+/// error.
 ///
 /// # Errors
 /// [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.

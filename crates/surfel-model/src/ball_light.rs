@@ -2,13 +2,13 @@
 
 use glam::Vec3;
 
-/// Light that reaches a ball from all sides (rendering model §12): the brightness of a white surface with the unit
-/// normal n is max(0, b·n + nᵀ·Q·n), in world space.
+/// Light that reaches a ball from all sides (rendering model §12), stored as a quadratic polynomial of the direction. A
+/// white surface with the unit normal n, in world space, has the brightness max(0, b·n + nᵀ·Q·n).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BallLight {
-    /// b.
+    /// Linear coefficients b along x, y and z.
     pub linear: [f32; 3],
-    /// Q_xx, Q_yy, Q_zz, Q_xy, Q_xz and Q_yz.
+    /// Coefficients of the symmetric matrix Q: Q_xx, Q_yy, Q_zz, Q_xy, Q_xz and Q_yz.
     pub quadratic: [f32; 6],
 }
 
@@ -21,8 +21,10 @@ impl BallLight {
         (Vec3::from(self.linear).dot(n) + squares + 2.0 * products).max(0.0)
     }
 
-    /// Adds a sample: the projection on polynomials of degree 2 of the light `amount` on the unit normal `n`, where
-    /// amounts are multiplied by the weights of a mean over the sphere.
+    /// Adds a sample to the polynomial: the brightness `amount` of a white surface with the unit normal `n`.
+    ///
+    /// The sample is projected onto polynomials of degree 2. The caller multiplies `amount` by the sample's weight in a
+    /// mean over the sphere.
     pub fn add(&mut self, n: Vec3, amount: f32) {
         // Σ over the degrees l of (2l + 1)·P_l(n·m): 1 + 3·n·m + 5/2·(3·(n·m)² − 1).
         for (linear, n) in self.linear.iter_mut().zip(n.to_array()) {

@@ -14,7 +14,7 @@ pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
 /// Default up direction.
 const DEFAULT_UP: [f64; 3] = [0.0, 1.0, 0.0];
 
-/// Default near plane: depth in world units before which nothing is drawn.
+/// Default near plane: planar depth in world units; nothing nearer to the eye is drawn.
 const DEFAULT_NEAR: f64 = 0.01;
 
 /// Camera of the scene file, in world space, world units and degrees.
@@ -30,11 +30,11 @@ pub struct Camera {
     pub up: [f64; 3],
     /// Projection.
     pub projection: Projection,
-    /// Planar depth before which nothing is drawn, in world units; greater than 0.
+    /// Near plane: planar depth in world units, greater than 0. Nothing nearer to the eye is drawn.
     #[cfg_attr(feature = "serde", serde(default = "default_near"))]
     pub near: f64,
-    /// Planar depth beyond which an orthographic view draws nothing, in world units. A perspective view has no far
-    /// plane.
+    /// Far plane of an orthographic view: planar depth in world units; nothing farther from the eye is drawn. A
+    /// perspective view has no far plane.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub far: Option<f64>,
     /// Image width and height in pixels, each from 1 to [`MAX_IMAGE_SIDE`].
@@ -66,9 +66,9 @@ pub enum Projection {
         fx: f64,
         /// Focal length along y, in pixels; greater than 0.
         fy: f64,
-        /// Principal point: pixels from the image's left edge.
+        /// x of the principal point, in pixels from the image's left edge.
         cx: f64,
-        /// Principal point: pixels from the image's upper edge.
+        /// y of the principal point, in pixels from the image's upper edge.
         cy: f64,
     },
     /// Parallel projection.

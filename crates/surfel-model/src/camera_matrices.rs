@@ -1,10 +1,10 @@
-//! Cameras from the matrices of an engine.
+//! Cameras from the view and projection matrices of a graphics engine.
 
 use crate::{Camera, ModelError, Projection};
 use glam::{DMat3, DMat4, DVec3};
 
-/// Largest deviation of a matrix's numbers from those of a rotation or projection, relative to its own; matrices of
-/// f32 are off by 1e-7.
+/// Largest accepted deviation of a matrix's numbers from those of a rotation or a projection, relative to the numbers
+/// themselves. Matrices of f32 deviate by about 1e-7.
 const TOLERANCE: f64 = 1e-4;
 
 /// Expected form of a view matrix.
@@ -13,13 +13,14 @@ const VIEW: &str = "a rotation and a translation to a right-handed space in whic
 const PROJECTION: &str = "a right-handed perspective or orthographic projection without skew";
 
 impl Camera {
-    /// Creates a camera from the matrices of an engine: `view_from_world` as glam's `dcamera::rh::view` makes it, and
-    /// `clip_from_view` as a function of its `dcamera::rh::proj` does, for OpenGL, DirectX (also wgpu's) or Vulkan. The
-    /// principal point may be off the centre, and y may point down in clip space, as in Vulkan. The image has `size` =
-    /// [width, height] pixels.
+    /// Creates a camera from the matrices of a graphics engine.
     ///
-    /// Conventions of clip-space depth differ, so that the depths of the near and far planes in world units are given
-    /// as `near_far`. A perspective camera ignores the far plane.
+    /// `view_from_world` is a matrix as glam's `dcamera::rh::view` returns. `clip_from_view` is a matrix as a function
+    /// of glam's `dcamera::rh::proj` returns, for OpenGL, DirectX (also wgpu) or Vulkan. The principal point may be off
+    /// the centre, and y may point down in clip space, as in Vulkan. The image has `size` = [width, height] pixels.
+    ///
+    /// `near_far` are the depths of the near and far planes in world units. They are arguments because conventions of
+    /// clip-space depth differ. A perspective camera ignores the far plane.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] for a view matrix that scales, mirrors or isn't finite, for a projection of another

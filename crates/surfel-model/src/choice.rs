@@ -17,7 +17,8 @@ pub enum Returns {
     Single,
 }
 
-/// Selection of point classes. Written as `2,6`, `!7,18` (all but these) or `all`; scene files may also use `[2, 6]`.
+/// Selection of points by class number. Written as `2,6`, `!7,18` (all but these) or `all`; scene files may also use
+/// `[2, 6]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "ClassesKey", into = "ClassesKey"))]
 pub enum Classes {
@@ -107,12 +108,13 @@ impl From<Classes> for ClassesKey {
 pub struct Chosen {
     /// One flag per point; empty if no step was requested.
     pub keep: Vec<bool>,
-    /// Key of each requested step in the scene file, and the number of points left after it.
+    /// Requested steps, in order: the step's key in the scene file, and the number of points left after the step.
     pub left: Vec<(&'static str, usize)>,
 }
 
-/// Applies `crop`, `classes`, `returns`, `where` and `every`, in this order, to `count` points at `position(i)`, in the
-/// file's coordinates.
+/// Selects points by the options `crop`, `classes`, `returns`, `where` and `every`, in this order.
+///
+/// `count` is the number of points, and `position(i)` is the position of point `i` in the file's coordinates.
 ///
 /// # Errors
 /// A message about a missing attribute, with the available ones, or about a condition that can't be parsed.

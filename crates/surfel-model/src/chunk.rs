@@ -27,12 +27,14 @@ pub enum Storage {
 /// Maximum number of splats in a chunk.
 pub const CHUNK_SPLATS: usize = 256;
 
-/// Largest extent of a chunk, in radii of its smallest splat. An offset within the chunk is rounded to 512·2⁻²⁴ = 3e-5
-/// of a radius, which changes a weight by 7e-5 (2.4 times as much at cutoff 2). Neighbours on a surface are far below
-/// the limit; splats of very different size, and strays, get chunks of their own.
+/// Largest extent of a chunk, in radii of its smallest splat.
+///
+/// An offset within the chunk is rounded to 512·2⁻²⁴ = 3e-5 of a radius. The rounding changes a splat's weight by at
+/// most 7e-5 (2.4 times the offset's error at cutoff 2). Neighbours on a surface are far below the limit. Isolated
+/// splats and splats of very different size get chunks of their own.
 const MAX_EXTENT_RADII: f64 = 512.0;
 
-/// Maximum number of chunks cut at once, per thread: the data read for them is still in cache when they are stored.
+/// Maximum number of chunks cut at once, per thread. The limit keeps the chunks' data in cache until they are stored.
 const MOST_AHEAD: usize = 16;
 
 /// Largest ratio of radii in a quantised chunk.
@@ -117,14 +119,14 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     order.len().min(CHUNK_SPLATS)
 }
 
-/// Cosine between half-axes above which they are replaced before storing.
+/// Cosine of the angle between half-axes above which [`stored_axes`] replaces them: cos 60°.
 const SKEW: f64 = 0.5;
 
-/// Returns the half-axes of splat `i` to be stored in f32.
+/// Returns the half-axes of splat `i` as they are stored in f32, in object units.
 ///
-/// Half-axes at less than 60° are replaced by the ellipse's principal axes: otherwise coordinates depend on a small
-/// difference of large numbers, of which f32 preserves little. Clipped splats retain their half-axes, because clips are
-/// relative to them.
+/// Half-axes at less than 60° are replaced by the ellipse's principal axes. Otherwise the coordinates in the splat
+/// would be a small difference of large numbers, and lose their precision in f32. Clipped splats retain their
+/// half-axes, because clips are relative to them.
 pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     let (s, t) = cloud.axes(i);
     let is_clipped = || cloud.data().clips.as_ref().is_some_and(|c| c.clip(i, ClipPolicy::Exact).is_some());
@@ -133,7 +135,7 @@ pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     (s.as_vec3(), t.as_vec3())
 }
 
-/// A splat with the precision of its storage, for the few splats that are set up one by one.
+/// A splat with the precision of its storage. It is used for the few splats that are set up one by one in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StoredSplat {
     /// Centre in object space.

@@ -11,16 +11,16 @@ pub struct ClipCurve {
     pub theta1: f32,
     /// Angle of P3 on the unit circle, in radians.
     pub theta3: f32,
-    /// u of P2.
+    /// Coordinate u of P2.
     pub u: f32,
-    /// v of P2.
+    /// Coordinate v of P2.
     pub v: f32,
     /// Weight of P2, at least 0; NaN means that there is no curve.
     pub w: f32,
 }
 
-/// Clip line over the splat's own (u, v); the part with a·u + b·v + c ≥ 0 is visible. NaN means that the line is
-/// absent.
+/// Clip line a·u + b·v + c = 0 in the splat's own (u, v). The side with a·u + b·v + c ≥ 0 is visible. A NaN coefficient
+/// means that there is no line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the coefficients of the type's own formula")]
 pub struct ClipLine {
@@ -29,26 +29,26 @@ pub struct ClipLine {
     pub c: f32,
 }
 
-/// An absent line.
+/// Value of an absent clip line: all coefficients are NaN.
 pub const NO_LINE: ClipLine = ClipLine { a: f32::NAN, b: f32::NAN, c: f32::NAN };
 
 /// Combination of a splat's clip lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipMode {
-    /// A point is visible if every line leaves it visible (convex).
+    /// A point of the splat is visible if it is on the visible side of every line (convex).
     And,
-    /// A point is visible if any line leaves it visible (concave).
+    /// A point of the splat is visible if it is on the visible side of any line (concave).
     Or,
 }
 
-/// Clip columns of a cloud; absent columns were not in the file.
+/// Columns of a cloud with the splats' clips; `None` for columns that the file doesn't have.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClipColumns {
-    /// One curve per splat.
+    /// Clip curve of each splat.
     pub curves: Option<Vec<ClipCurve>>,
-    /// Up to four lines per splat.
+    /// Clip lines of each splat: up to four, the others are [`NO_LINE`].
     pub lines: Option<Vec<[ClipLine; 4]>>,
-    /// Combination of each splat's lines; all `And` if absent.
+    /// Combination of each splat's lines; `None` means [`ClipMode::And`] for all.
     pub modes: Option<Vec<ClipMode>>,
 }
 

@@ -4,7 +4,7 @@ use crate::column::{retain, retain_rows};
 use crate::{BallLight, ClipColumns, Column3, ExtraColumn, ModelError, Up};
 use glam::{DVec3, Vec3};
 
-/// Extent of the splats (rendering model §2).
+/// Shape of a cloud's splats, with the columns that define it (rendering model §2).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// Circular disks.
@@ -35,11 +35,11 @@ pub enum Shape {
 /// Columns from which a cloud is built, not yet validated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CloudData {
-    /// World offset of the centres, in object units (f64, to preserve the precision of georeferenced data).
+    /// Origin of the centres in object space, in object units (f64, to preserve the precision of georeferenced data).
     pub origin: DVec3,
     /// Centres relative to `origin`, in object units; one per splat.
     pub centers: Column3,
-    /// Extent and orientation of the splats.
+    /// Shape, size and orientation of the splats.
     pub shape: Shape,
     /// Linear RGB albedo, one per splat; white when absent.
     pub colors: Option<Vec<[f32; 3]>>,
@@ -47,8 +47,8 @@ pub struct CloudData {
     pub alphas: Option<Vec<f32>>,
     /// Shading normals in object space, of any length but zero, one per splat; the outward normal when absent.
     pub shading_normals: Option<Column3>,
-    /// Light stored in balls, one per ball, by which shader `unlit` multiplies their colours; other splats store light
-    /// in their colours.
+    /// Light stored in balls, one entry per ball; the shader `unlit` multiplies the balls' colours by it. Other splats
+    /// store light in their colours.
     pub ball_light: Option<Vec<BallLight>>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
@@ -58,14 +58,14 @@ pub struct CloudData {
     /// True if all normals point to the outside of the same surface, so that front and back faces are blended
     /// separately (rendering model §5).
     pub oriented: bool,
-    /// Up axis.
+    /// Up axis of the cloud's coordinates; `None` if unknown.
     pub up: Option<Up>,
-    /// Row of each splat in the input, before splats were dropped; shown in the plane `index`. `None` if a splat's row
-    /// is its own index, or if rows aren't needed. Renderers store rows that are present.
+    /// Row of each splat in the input, shown in the plane `index`. `None` if a splat's row is its own index, or if rows
+    /// aren't needed. Renderers store rows that are present, at 4 bytes per splat.
     pub rows: Option<Vec<u32>>,
     /// Label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
     pub labels: Option<Vec<u32>>,
-    /// Properties that Surfel doesn't interpret.
+    /// Columns of the file that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
@@ -93,7 +93,7 @@ impl CloudData {
         }
     }
 
-    /// Retains the splats whose flag is true, and records their rows.
+    /// Drops the splats whose flag is false, and records the input rows of the others.
     pub fn retain(&mut self, keep: &[bool]) {
         retain_rows(&mut self.rows, keep);
         if let Some(labels) = &mut self.labels {
@@ -246,10 +246,10 @@ impl CloudData {
     }
 }
 
-/// Value of the planes `index`, `object` and `label` for an absent number.
+/// Number that means "none" in the planes `index`, `object` and `label`.
 pub const NO_LABEL: u32 = u32::MAX;
 
-/// Handling of splats that break the rules (rendering model §10).
+/// Handling of invalid splats (rendering model §10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnInvalid {
     /// Reject the cloud.
@@ -281,12 +281,12 @@ pub struct SplatCloud {
     data: CloudData,
 }
 
-/// Number of splats per task, and the number above which splats are validated in parallel: fewer aren't worth starting
-/// threads.
+/// Number of splats per task when splats are validated in parallel. Smaller clouds are validated on one thread, because
+/// starting threads would take longer.
 #[cfg(feature = "rayon")]
 const CHECKED_TOGETHER: usize = 1 << 14;
 
-/// Returns the index of the first splat that breaks the rules.
+/// Returns the index of the first invalid splat, if any.
 fn first_invalid(data: &CloudData) -> Option<usize> {
     let count = data.centers.len();
     let is_invalid = |i: &usize| data.problem(*i).is_some();
@@ -298,7 +298,7 @@ fn first_invalid(data: &CloudData) -> Option<usize> {
     (0..count).find(is_invalid)
 }
 
-/// Advice for programs whose own splats are invalid.
+/// Advice in error messages for programs whose own splats are invalid.
 const ADVICE: &str = "correct them, or have SplatCloud::new drop them by OnInvalid::Drop";
 
 /// Converts vectors to an f32 column.
@@ -423,7 +423,7 @@ impl SplatCloud {
         self.data.rows.get_or_insert_with(|| (0..count).collect());
     }
 
-    /// Drops the rows, which renderers would store.
+    /// Drops the input rows, so that renderers don't store them.
     pub fn discard_rows(&mut self) {
         self.data.rows = None;
     }
@@ -521,14 +521,14 @@ impl SplatCloud {
         self.data
     }
 
-    /// Sets the Σw inside the cloud's own surface. Ignored unless finite and greater than 0.
+    /// Sets the interior weight: Σw inside the cloud's own surface. Ignored unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         if weight.is_finite() && weight > 0.0 {
             self.data.interior_weight = Some(weight);
         }
     }
 
-    /// Sets `oriented`: true if all normals point to the outside of the same surface.
+    /// Sets whether the cloud is oriented: true if all normals point to the outside of the same surface.
     pub fn set_oriented(&mut self, oriented: bool) {
         self.data.oriented = oriented;
     }
@@ -544,8 +544,9 @@ impl SplatCloud {
         self.data.origin + self.data.centers.get(i)
     }
 
-    /// Returns the half-axes of splat `i` in object space. For a disk, they are an arbitrary orthogonal pair with s × t
-    /// along its normal. For a ball in object units, they are two of its radii; for one in pixels, they are zero.
+    /// Returns the half-axes of splat `i` in object space. For a disk, the half-axes are an arbitrary orthogonal pair
+    /// with s × t along its normal. For a ball in object units, they are two of its radii; for a ball in pixels, they
+    /// are zero.
     #[inline]
     pub fn axes(&self, i: usize) -> (DVec3, DVec3) {
         match &self.data.shape {
@@ -567,7 +568,8 @@ impl SplatCloud {
         matches!(self.data.shape, Shape::Balls { .. })
     }
 
-    /// Returns half the extents of splat `i` along the axes of object space; zero for a ball in pixels.
+    /// Returns half the side lengths of the axis-aligned box around splat `i`, in object units; zero for a ball in
+    /// pixels.
     #[inline]
     pub fn half_extents(&self, i: usize) -> DVec3 {
         if self.is_balls() {
@@ -577,7 +579,7 @@ impl SplatCloud {
         (s * s + t * t).map(f64::sqrt)
     }
 
-    /// Returns the unit outward normal of splat `i` in object space; for a ball, the z axis.
+    /// Returns the unit outward normal of splat `i` in object space; +z for a ball.
     #[inline]
     pub fn normal(&self, i: usize) -> DVec3 {
         match &self.data.shape {

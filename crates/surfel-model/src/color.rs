@@ -5,12 +5,13 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// An opaque colour as sRGB levels. Written as `#rrggbb`; read also from `#rgb` and from names of CSS such as `orange`.
+/// An opaque colour as 8-bit sRGB levels. Written as `#rrggbb`; also parsed from `#rgb` and from CSS names such as
+/// `orange`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "String", into = "String"))]
 pub struct Color(pub [u8; 3]);
 
-/// Names of colours, which have their values in CSS.
+/// Supported colour names with their CSS values, as 0xrrggbb.
 const NAMES: [(&str, u32); 36] = [
     ("black", 0x00_0000),
     ("white", 0xff_ffff),
@@ -51,7 +52,7 @@ const NAMES: [(&str, u32); 36] = [
 ];
 
 impl Color {
-    /// Returns the names of colours.
+    /// Returns the supported colour names.
     pub fn names() -> impl Iterator<Item = &'static str> {
         NAMES.iter().map(|(name, _)| *name)
     }

@@ -2,7 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
-/// Column of 3-vectors in f32, and the part that f32 rounded away, if any.
+/// Column of 3-vectors in f32, with the rounding errors of f32 as an optional second column.
 ///
 /// `value = high + low`. Fast backends read [`Column3::high`]; the f64 reference reads [`Column3::get`]. A column read
 /// from f32 data has no low part, and needs 12 bytes per element.
@@ -18,8 +18,7 @@ impl Column3 {
         Self { high, low: None }
     }
 
-    /// Creates a column of f32 values and the parts that f32 rounded away, if any. A low part whose length differs is
-    /// dropped.
+    /// Creates a column from f32 values and their rounding errors, if any. A low part of another length is dropped.
     pub fn from_parts(high: Vec<Vec3>, low: Option<Vec<Vec3>>) -> Self {
         Self { low: low.filter(|low| low.len() == high.len()), high }
     }
@@ -45,7 +44,8 @@ impl Column3 {
         Self::with_origin_of(points.len(), |i| points[i])
     }
 
-    /// Same as [`Self::with_origin`] for points that needn't be in memory; `point` is called twice for each.
+    /// Splits points like [`Self::with_origin`], for points that needn't be in memory. `point(i)` returns point `i` and
+    /// is called twice for each.
     pub fn with_origin_of(count: usize, point: impl Fn(usize) -> DVec3) -> (DVec3, Self) {
         let split = |p: DVec3| {
             let high = p.as_vec3();
@@ -71,11 +71,12 @@ impl Column3 {
         (origin, Self { high, low: (!exact).then_some(low) })
     }
 
-    /// Returns a suitable origin for points within bounds: the centre, rounded to a whole power of two no finer than
-    /// the extent needs; zero if the bounds are close to zero or empty.
+    /// Returns a suitable origin for points within bounds, in the units of the bounds. The origin is the centre,
+    /// rounded to a whole power of two no finer than the extent needs. It is zero if the bounds are close to zero or
+    /// empty.
     pub fn origin_of(min: DVec3, max: DVec3) -> DVec3 {
         let extent = (max - min).max_element();
-        // Close to the coordinate origin, an offset gains nothing.
+        // Near zero, f32 is precise enough without an origin.
         let largest = min.abs().max(max.abs()).max_element();
         if min.x > max.x || largest <= 4.0 * extent {
             return DVec3::ZERO;
@@ -95,7 +96,7 @@ impl Column3 {
         self.high.is_empty()
     }
 
-    /// Returns an element with all stored precision.
+    /// Returns the element at `index` with all stored precision.
     #[inline]
     pub fn get(&self, index: usize) -> DVec3 {
         let high = self.high[index].as_dvec3();
@@ -110,12 +111,12 @@ impl Column3 {
         &self.high
     }
 
-    /// Returns the part that f32 rounded away, if any.
+    /// Returns the rounding errors of the f32 part, if any are stored.
     pub fn low(&self) -> Option<&[Vec3]> {
         self.low.as_deref()
     }
 
-    /// Drops the low part.
+    /// Drops the rounding errors; values then have the precision of f32.
     pub fn discard_low(&mut self) {
         self.low = None;
     }
@@ -125,7 +126,7 @@ impl Column3 {
         (self.high.len() + self.low.as_ref().map_or(0, Vec::len)) * size_of::<Vec3>()
     }
 
-    /// Retains the elements whose flag is true.
+    /// Drops the elements whose flag is false.
     pub fn retain(&mut self, keep: &[bool]) {
         retain(&mut self.high, keep);
         if let Some(low) = &mut self.low {
@@ -140,13 +141,13 @@ impl Column3 {
     }
 }
 
-/// Retains the elements of `values` whose flag is true.
+/// Drops the elements of `values` whose flag is false.
 pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
     let mut flags = keep.iter();
     values.retain(|_| *flags.next().unwrap_or(&true));
 }
 
-/// Retains the rows whose flag is true. Without rows, an element's row is its index.
+/// Drops the rows whose flag is false. Without rows, an element's row is its index.
 pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
     match rows {
         Some(rows) => retain(rows, keep),
@@ -154,18 +155,18 @@ pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
     }
 }
 
-/// Property that Surfel doesn't interpret, stored so that a round trip loses nothing.
+/// A column of a file that Surfel doesn't interpret. It is stored so that a round trip loses nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtraColumn {
-    /// Name of the property in its file.
+    /// Name of the column in its file.
     pub name: String,
     /// Values, one per element.
     pub values: ExtraValues,
 }
 
 impl ExtraColumn {
-    /// Returns the column with this name. If there is none, case, underscores and the prefix `scalar_` are ignored:
-    /// `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
+    /// Returns the column with this name. If there is no exact match, case, underscores and the prefix `scalar_` are
+    /// ignored: `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
     pub fn find<'a>(extras: &'a [Self], name: &str) -> Option<&'a Self> {
         let plain = |name: &str| {
             let lower = name.to_ascii_lowercase();
@@ -231,7 +232,7 @@ impl ExtraValues {
         each_extra!(self, v => size_of_val(v.as_slice()))
     }
 
-    /// Returns a value; f64 represents every type exactly.
+    /// Returns the value at `index`; f64 represents every type exactly.
     #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn get(&self, index: usize) -> f64 {
         each_extra!(self, v => f64::from(v[index]))
@@ -285,7 +286,7 @@ impl ExtraValues {
         selected!(I8, U8, I16, U16, I32, U32, F32, F64)
     }
 
-    /// Retains the values whose flag is true.
+    /// Drops the values whose flag is false.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));
     }

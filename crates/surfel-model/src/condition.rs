@@ -9,11 +9,11 @@
 //!
 //! A name is one or several words, or any text in double quotes.
 
-/// Deepest nesting of parentheses and `not`.
+/// Maximum nesting depth of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
-/// Characters of the text that a message quotes.
+/// Maximum number of characters of the text that an error message quotes.
 const QUOTED: usize = 24;
-/// Example that messages give.
+/// Example of a condition in error messages.
 const EXAMPLE: &str = "such as intensity>100 and not (z<=5 or classification=7)";
 
 /// Comparison operator of a condition.
@@ -29,7 +29,7 @@ pub enum Comparison {
 }
 
 impl Comparison {
-    /// True if the comparison of `a` with `b` holds. No comparison holds for NaN.
+    /// True if the comparison of `a` with `b` is true. Every comparison with NaN is false.
     pub fn holds(self, a: f64, b: f64) -> bool {
         match self {
             Self::Less => a < b,
@@ -60,10 +60,10 @@ pub struct Condition {
     root: Node,
 }
 
-/// Node of a condition's tree.
+/// Node of a condition's syntax tree.
 #[derive(Clone, Debug, PartialEq)]
 enum Node {
-    /// Term, by its index.
+    /// Index of a comparison in [`Condition::terms`].
     Term(usize),
     Not(Box<Node>),
     All(Vec<Node>),
@@ -71,8 +71,8 @@ enum Node {
 }
 
 impl Condition {
-    /// Parses a condition such as `intensity>100 and not (z<=5 or classification=7)`. `not` binds most tightly, then
-    /// `and`, then `or`.
+    /// Parses a condition such as `intensity>100 and not (z<=5 or classification=7)`. `not` has the highest precedence,
+    /// then `and`, then `or`.
     ///
     /// # Errors
     /// A message that states what was found, at which character (counted from 1), and what is expected.
@@ -85,7 +85,7 @@ impl Condition {
         }
     }
 
-    /// Joins conditions that must all hold into the text of one.
+    /// Returns the text of a condition that is true where all of these conditions are.
     pub fn all<S: AsRef<str>>(texts: &[S]) -> String {
         match texts {
             [one] => one.as_ref().trim().to_owned(),
@@ -98,7 +98,7 @@ impl Condition {
         &self.terms
     }
 
-    /// True if the condition holds. `value` returns the attribute's value for a term, by its index in
+    /// True if the condition is true of a point. `value(i)` returns the point's value of the attribute in term `i` of
     /// [`Self::terms`].
     pub fn holds(&self, value: &dyn Fn(usize) -> f64) -> bool {
         self.node_holds(&self.root, value)
@@ -132,7 +132,7 @@ enum Token<'a> {
 
 struct Parser<'a> {
     text: &'a str,
-    /// Byte of the text that is read next.
+    /// Byte offset of the next token in the text.
     at: usize,
     terms: Vec<ConditionTerm>,
 }
@@ -252,7 +252,7 @@ impl<'a> Parser<'a> {
         Ok((keyword.map_or(Token::Word(word), |(_, token)| token), start))
     }
 
-    /// Formats a message about the text at a byte.
+    /// Formats an error message about the text at the byte offset `at`.
     fn wrong(&self, at: usize, expected: &str) -> String {
         let rest = self.text[at..].trim_end();
         let character = self.text[..at].chars().count() + 1;

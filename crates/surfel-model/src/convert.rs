@@ -6,9 +6,10 @@ use crate::{Classes, Condition, ModelError, PointsAs, Returns, TableColumns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Options of the conversion of an object's file to splats. The keys are the long flags of `surfel convert`. Absent
-/// options are chosen by the file's content, and options that don't apply to it (`splats` for a splat file) have no
-/// effect.
+/// Options of the conversion of an object's file to splats. The keys are the long flags of `surfel convert`.
+///
+/// Absent options are chosen by the file's content. Options that don't apply to the file, such as `splats` for a splat
+/// file, have no effect.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct ConvertOptions {
@@ -33,13 +34,15 @@ pub struct ConvertOptions {
     /// Factor for every radius; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub radius_scale: Option<f64>,
-    /// True to clip splats along creases.
+    /// True to clip splats along the sharp edges (creases) of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub sharp: bool,
-    /// Angle from which an edge is a crease, in degrees from 0 to 180; with `sharp`.
+    /// Smallest angle between adjacent triangles at which their edge is a crease, in degrees from 0 to 180; with
+    /// `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crease_angle: Option<f64>,
-    /// Largest distance from the mesh due to simplification, in object units, greater than 0; with `sharp`.
+    /// Simplification tolerance: largest distance of the splats from the mesh, in object units, greater than 0; with
+    /// `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub error: Option<f64>,
     /// Attribute by which points and splats are coloured: `rgb`, `height`, `normal`, or a property of the file.
@@ -48,7 +51,7 @@ pub struct ConvertOptions {
     /// Colour map of the values, with `color_by`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colormap: Option<Colormap>,
-    /// File with the colours of a colour map, from the least value to the largest, with `color_by`.
+    /// File with the colours of a colour map, from the smallest value to the largest, with `color_by`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colormap_file: Option<PathBuf>,
     /// File with the names, and optionally the colours, of categories, with `color_by`.
@@ -57,7 +60,7 @@ pub struct ConvertOptions {
     /// Values at the two ends of the colour map, with `color_by`; the first is less than the second.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub range: Option<[f64; 2]>,
-    /// Colours of the splats made of points.
+    /// Colours of the splats made of points: as stored, or fitted.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colors: Option<PointColors>,
     /// Kind of splat that each point is drawn as; estimated from the points if absent.
@@ -69,7 +72,7 @@ pub struct ConvertOptions {
     /// Classes of the selected points; `None` selects all classes.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub classes: Option<Classes>,
-    /// Returns of a pulse that are selected.
+    /// Returns of a laser pulse that are selected; `None` selects all.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub returns: Option<Returns>,
     /// [`Condition`] for the selected points, such as `intensity>100 and not z<5`. Scene files may use a list of
@@ -82,10 +85,10 @@ pub struct ConvertOptions {
     /// Interval of selected points: every n-th point, starting with the first; at least 1.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub every: Option<u32>,
-    /// True to select also points at exactly (0, 0, 0), and more than 16 points in one place.
+    /// True to select all points, even points at exactly (0, 0, 0) and more than 16 points in one place.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_points: bool,
-    /// Handling of isolated points; dropping them requires reading a COPC file completely.
+    /// Handling of isolated points. Dropping them requires reading a COPC file completely.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub outliers: Option<Outliers>,
     /// True to draw all levels of detail of a COPC file, not only those that the view needs.
@@ -229,7 +232,7 @@ impl From<TextureOption> for TextureKey {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "kebab-case"))]
 pub enum PointColors {
-    /// The points' own colours: the surface, which blends them, is smoother than the points.
+    /// The points' own colours. The surface blends neighbouring colours, so it is smoother than the points.
     #[default]
     AsIs,
     /// Colours fitted so that the blended surface matches the points' colours, without fitting noise.
@@ -293,11 +296,11 @@ pub enum Colormap {
     Plasma,
     RdBu,
     Jet,
-    /// Ten colours for categories.
+    /// Ten colours for categories (matplotlib's `tab10`).
     Tab10,
-    /// Twenty colours for categories.
+    /// Twenty colours for categories (matplotlib's `tab20`).
     Tab20,
-    /// Nine colours for categories.
+    /// Nine colours for categories (ColorBrewer's `Set1`).
     Set1,
     Grey,
 }

@@ -17,17 +17,17 @@ pub enum ModelError {
         count: usize,
         /// Number of all elements.
         total: usize,
-        /// Advice for the user.
+        /// Advice for the user that ends the message.
         advice: &'static str,
     },
     /// Columns have different lengths.
     #[error("column '{column}' has {found} values, expected {expected}: one for each element")]
     ColumnLength {
-        /// The column's name.
+        /// Name of the column.
         column: &'static str,
-        /// Its length.
+        /// Length of the column.
         found: usize,
-        /// The number of elements.
+        /// Number of elements, which the length must equal.
         expected: usize,
     },
     /// A number of a scene, camera, light, material or setting is out of its range.
@@ -40,7 +40,7 @@ pub enum ModelError {
         /// The range or condition expected.
         expected: &'static str,
     },
-    /// The combination isn't allowed.
+    /// Values that are valid alone contradict each other.
     #[error("{0}")]
     Conflict(String),
 }

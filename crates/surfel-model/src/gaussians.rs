@@ -12,16 +12,18 @@ pub enum GaussianKind {
     Solid,
 }
 
-/// Columns of a cloud of Gaussians, one value each, after the activations of their file format.
+/// Columns of a cloud of Gaussians, one entry per Gaussian. Values are those after the activation functions of the file
+/// format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaussianData {
     /// Origin of `centers`, in object units.
     pub origin: DVec3,
     /// Centres relative to `origin`, in object units.
     pub centers: Column3,
-    /// Flat or solid.
+    /// Kind of the Gaussians: flat or solid.
     pub kind: GaussianKind,
-    /// Standard deviations along the rotated axes, in object units, at least 0. The third is unused for flat Gaussians.
+    /// Standard deviations along the three rotated axes, in object units, at least 0. The third is unused for flat
+    /// Gaussians.
     pub sigmas: Vec<[f32; 3]>,
     /// Rotations as quaternions x, y, z, w of any length but zero.
     pub rotations: Vec<[f32; 4]>,
@@ -31,15 +33,14 @@ pub struct GaussianData {
     pub degree: u32,
     /// Spherical harmonics: (degree + 1)² RGB coefficients per Gaussian, the constant one first.
     pub harmonics: Vec<[f32; 3]>,
-    /// True if colours are linear light, else they are as displayed (sRGB-encoded). They are blended without
-    /// conversion.
+    /// True if colours are linear; false if they are sRGB-encoded, as displayed. Both are blended without conversion.
     pub linear_colors: bool,
     /// Up axis, if the file states it.
     pub up: Option<Up>,
 }
 
 impl GaussianData {
-    /// Returns the number of coefficients per Gaussian.
+    /// Returns the number of spherical-harmonics coefficients per Gaussian, per colour channel.
     pub fn coefficients(&self) -> usize {
         (self.degree as usize + 1).pow(2)
     }
@@ -110,7 +111,7 @@ pub struct GaussianCloud {
 }
 
 impl GaussianCloud {
-    /// Opacity below which a Gaussian is haze: it is neither part of a surface nor framed.
+    /// Opacity below which a Gaussian is haze: it isn't part of a surface, and the camera needn't frame it.
     pub const FAINT: f32 = 0.05;
 
     /// Validates `data` and creates a cloud.
@@ -185,8 +186,8 @@ impl GaussianCloud {
         &self.data.harmonics[i * each..(i + 1) * each]
     }
 
-    /// Returns the half-axes, in object space, of the ellipse at two standard deviations along the larger two axes of
-    /// Gaussian `i`. It represents the Gaussian wherever a splat is needed.
+    /// Returns the half-axes, in object space, of the ellipse that represents Gaussian `i` wherever a splat is needed.
+    /// They have a length of two standard deviations along the larger two axes of the Gaussian.
     pub fn ellipse(&self, i: usize) -> (DVec3, DVec3) {
         let (axes, sigmas) = (self.axes(i), self.sigmas(i));
         let least = (0..3).reduce(|a, b| if sigmas[b] < sigmas[a] { b } else { a }).unwrap_or(2);

@@ -3,7 +3,7 @@
 use crate::{ModelError, Texture};
 use std::sync::{Arc, LazyLock};
 
-/// Largest side of a matcap, in texels: 50 MB in the GPU backends.
+/// Largest side of a matcap, in texels: an image of this size takes 50 MB in the GPU backends.
 const MAX_SIDE: u32 = 2048;
 /// Side of the built-in matcap, in texels.
 const BUILTIN_SIDE: u32 = 256;
@@ -52,7 +52,8 @@ impl Matcap {
         &self.texels
     }
 
-    /// Renders a lit ball, only with functions whose results are the same on every machine.
+    /// Renders the built-in matcap of `side` × `side` texels. It uses only functions whose results are the same on
+    /// every machine.
     fn clay(side: u32) -> Self {
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         // Directions toward the lights, and halfway between the first and the eye: x to the right, y down, z toward the

@@ -21,7 +21,7 @@ pub enum AlphaMode {
 }
 
 impl AlphaMode {
-    /// Returns the opacity at a place with this alpha; 0 where the surface is cut.
+    /// Returns the opacity of a surface point with this alpha; 0 where a mask cuts the surface away.
     pub fn opacity(self, alpha: f32) -> f32 {
         match self {
             Self::Opaque => 1.0,
@@ -36,50 +36,51 @@ impl AlphaMode {
 pub struct MeshMaterial {
     /// Base-colour texture for the mesh's `uvs`, multiplied with its colours and alphas.
     pub texture: Option<Arc<Texture>>,
-    /// Meaning of the product of alphas.
+    /// Meaning of the alpha, which is the product of texture, colour and vertex alphas.
     pub alpha: AlphaMode,
-    /// Shading normals with more detail than the mesh's.
+    /// Normal map: shading normals with more detail than the mesh's own.
     pub normal_map: Option<NormalMap>,
 }
 
-/// Image of shading normals in a triangle's own axes: right and up in the image, and out of the surface.
+/// Normal map: an image of shading normals in a triangle's own axes, which are right and up in the image, and out of
+/// the surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormalMap {
     /// Image for the mesh's `uvs`; a component is 2·level/255 − 1.
     pub image: Arc<Texture>,
-    /// Factor for the components right and up.
+    /// Factor for the components along right and up.
     pub scale: f32,
 }
 
 impl NormalMap {
-    /// Returns the normal at `uv` along right, up and out, of about unit length.
+    /// Returns the normal at the texture coordinates `uv`, with the components right, up and out, of about unit length.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 3] {
         let [x, y, z, _] = self.image.sample_numbers(uv).map(|v| 2.0 * v - 1.0);
         [x * self.scale, y * self.scale, z]
     }
 }
 
-/// Materials of a mesh, and the material of each triangle.
+/// Materials of a mesh, and the assignment of a material to each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriangleMaterials {
     /// The materials.
     pub materials: Vec<MeshMaterial>,
-    /// Index of the material of each triangle.
+    /// Index of each triangle's material in `materials`.
     pub of_triangle: Vec<u32>,
 }
 
 /// An indexed triangle mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
-    /// World offset of the positions, in object units.
+    /// Origin of the positions in object space, in object units.
     pub origin: DVec3,
-    /// Vertex positions relative to `origin`.
+    /// Vertex positions relative to `origin`, in object units.
     pub positions: Column3,
     /// Corners of the triangles as indices of vertices, counter-clockwise when seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Normals in object space, of any length, one per vertex.
     pub normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB, one per vertex.
+    /// Linear RGB colours, one per vertex.
     pub colors: Option<Vec<[f32; 3]>>,
     /// Alpha in [0, 1], one per vertex.
     pub alphas: Option<Vec<f32>>,
@@ -87,7 +88,7 @@ pub struct Mesh {
     pub uvs: Option<Vec<[f32; 2]>>,
     /// Base-colour texture for `uvs` shared by all triangles, multiplied with `colors`.
     pub texture: Option<Arc<Texture>>,
-    /// Materials of the triangles, if one texture isn't enough; they override `texture`.
+    /// Materials of the triangles; `None` if all share `texture`. Materials override `texture`.
     pub materials: Option<TriangleMaterials>,
     /// Properties of the vertices that Surfel doesn't interpret.
     pub vertex_extras: Vec<ExtraColumn>,
@@ -183,7 +184,7 @@ impl Mesh {
         self.uvs.is_some() && self.textures().next().is_some()
     }
 
-    /// True if a triangle may be see-through: its material cuts or blends it, and some alpha is below 1.
+    /// True if a triangle may be transparent: its material masks or blends it, and some alpha is below 1.
     pub fn is_see_through(&self) -> bool {
         let below_one = |alphas: &Vec<f32>| alphas.iter().any(|&a| a < 1.0);
         let of_vertices = self.alphas.as_ref().is_some_and(below_one);
@@ -246,7 +247,7 @@ impl Mesh {
         parts.into_iter().map(part).collect()
     }
 
-    /// Replaces the vertices by those at `indices`, in that order and possibly repeated. Triangles don't change.
+    /// Replaces the vertices by the vertices at `indices`, in that order; indices may repeat. Triangles don't change.
     pub fn select_vertices(&mut self, indices: &[u32]) {
         fn select<T: Copy>(column: &mut Option<Vec<T>>, indices: &[u32]) {
             if let Some(values) = column {
@@ -270,7 +271,7 @@ impl Mesh {
             used.len() as u32 - 1
         };
         let corners = triangles.iter().map(|i| self.triangles[*i as usize]);
-        // A table of all vertices is worthwhile if the part has a fair share of them.
+        // A table of all vertices is worthwhile if the triangles are numerous enough.
         let chosen = if triangles.len() >= self.positions.len() / 64 {
             let mut new_index = vec![u32::MAX; self.positions.len()];
             let mut place = |i: u32| {

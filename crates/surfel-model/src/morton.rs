@@ -7,13 +7,14 @@ use rayon::prelude::*;
 
 impl SplatCloud {
     /// Returns the indices of the splats in Morton order of their centres; equal codes stay in index order. With the
-    /// feature `rayon`, it runs in the pool that the caller installed, and the result doesn't depend on the pool.
+    /// feature `rayon`, the sort runs in the caller's thread pool, and the result doesn't depend on the number of
+    /// threads.
     pub fn morton_order(&self) -> Vec<u32> {
         order(self.len(), |i| self.center(i))
     }
 }
 
-/// Number of points in a task.
+/// Number of points per task.
 #[cfg(feature = "rayon")]
 const BLOCK: usize = 1 << 14;
 

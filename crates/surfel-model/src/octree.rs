@@ -5,22 +5,22 @@ use glam::DVec3;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Octree node: part of the surface, as polygons and as splats in their place.
+/// Octree node: a region of the surface, stored both as polygons and as splats that replace them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OctreeNode {
     /// Centre of a sphere around the node's splats and polygons, relative to the mesh's origin, in object units.
     pub center: [f64; 3],
     /// Radius of the sphere, in object units.
     pub radius: f64,
-    /// Larger semi-axis of the node's splats, in object units: the largest error of drawing them instead of the
-    /// surface.
+    /// Larger semi-axis of the node's splats, in object units. It is also the largest error of drawing the splats
+    /// instead of the surface.
     pub splat_radius: f64,
     /// Axis of a cone that contains the outward normals of the node's splats and polygons; a unit vector in object
     /// space.
     pub cone_axis: [f64; 3],
     /// Cosine of the cone's half-angle; −1 for all directions.
     pub cone_cosine: f64,
-    /// Children, as indices of nodes; none for a leaf, at most 8.
+    /// Indices of the node's children, at most 8; empty for a leaf.
     pub children: Range<u32>,
     /// Splats of the node, as indices into the cloud.
     pub splats: Range<u32>,
@@ -38,13 +38,13 @@ impl OctreeNode {
 /// Splats centred on the edges that two leaves share.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transition {
-    /// Leaves, as indices of nodes.
+    /// Indices of the two leaves in the octree's nodes.
     pub leaves: [u32; 2],
-    /// Splats, as indices into the cloud.
+    /// Indices of the splats in the cloud.
     pub splats: Range<u32>,
 }
 
-/// Validated octree of splats and polygons: its ranges fit, and it is a tree.
+/// Validated octree of splats and polygons: its nodes form a tree, and all its index ranges are within bounds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     cloud: Arc<SplatCloud>,
@@ -143,7 +143,8 @@ impl Octree {
         &self.mesh
     }
 
-    /// Sets the Σw of the octree's splats inside the surface. Ignored unless finite and greater than 0.
+    /// Sets the interior weight: Σw of the octree's splats inside the surface. Ignored unless finite and greater than
+    /// 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         Arc::make_mut(&mut self.cloud).set_interior_weight(weight);
     }
@@ -163,19 +164,19 @@ impl Octree {
         &self.nodes
     }
 
-    /// Returns the splats on the edges between leaves.
+    /// Returns the transitions: the splats on the edges between leaves.
     pub fn transitions(&self) -> &[Transition] {
         &self.transitions
     }
 
-    /// Returns the ranges of splats that are drawn together or not at all: those of each node, then those of each
-    /// transition, as consecutive indices into the cloud.
+    /// Returns the ranges of splats that are always selected together, as consecutive indices into the cloud. The
+    /// ranges of the nodes precede those of the transitions.
     pub fn parts(&self) -> impl Iterator<Item = Range<u32>> + '_ {
         let of_nodes = self.nodes.iter().map(|node| node.splats.clone());
         of_nodes.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
     }
 
-    /// Returns the finest splats: those of leaves and of transitions, as indices into the cloud.
+    /// Returns the ranges of the finest splats, which are those of leaves and transitions, as indices into the cloud.
     pub fn finest(&self) -> impl Iterator<Item = Range<u32>> + '_ {
         let of_leaves = self.nodes.iter().filter(|node| node.is_leaf()).map(|node| node.splats.clone());
         of_leaves.chain(self.transitions.iter().map(|transition| transition.splats.clone()))

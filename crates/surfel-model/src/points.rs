@@ -11,25 +11,25 @@ use std::collections::HashMap;
 /// Points with the attributes that a scanner or a file provided.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
-    /// World offset of the positions, in object units.
+    /// Origin of the positions in object space, in object units.
     pub origin: DVec3,
-    /// Positions relative to `origin`, in object units.
+    /// Positions relative to `origin`, in object units, one per point.
     pub positions: Column3,
     /// Normals, one per point, not necessarily of unit length; zero or non-finite means unknown.
     pub normals: Option<Column3>,
-    /// Linear RGB, one per point.
+    /// Linear RGB colours, one per point.
     pub colors: Option<Vec<[f32; 3]>>,
     /// Alpha in [0, 1], one per point.
     pub alphas: Option<Vec<f32>>,
-    /// Radii stored in the file, in object units, one per point; values that aren't positive and finite mean unknown.
+    /// Radii stored in the file, in object units, one per point. A value that isn't positive and finite means unknown.
     pub radii: Option<Vec<f32>>,
-    /// Row of each point in the input, before points were dropped; `None` if none was dropped.
+    /// Row of each point in the input; `None` if no point was dropped.
     pub rows: Option<Vec<u32>>,
-    /// Properties that Surfel doesn't interpret.
+    /// Columns of the file that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
     /// Up axis stated in the file.
     pub up: Option<Up>,
-    /// Position of the scanner for all points, in world coordinates.
+    /// Position of the scanner that measured the points, in world coordinates; `None` if unknown.
     pub viewpoint: Option<DVec3>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
@@ -99,8 +99,9 @@ impl PointCloud {
         dropped
     }
 
-    /// Drops the points at exactly (0, 0, 0) if they are more than `most` and not all points: depth cameras and
-    /// scanners write such points for "no return". Returns the number of dropped points.
+    /// Drops the points at exactly (0, 0, 0), which depth cameras and scanners write for "no return". Points are
+    /// dropped only if there are more than `most` of them and other points remain. Returns the number of dropped
+    /// points.
     pub fn drop_at_origin(&mut self, most: usize) -> usize {
         let keep: Vec<bool> = (0..self.len()).map(|i| self.origin + self.positions.get(i) != DVec3::ZERO).collect();
         let dropped = keep.iter().filter(|k| !**k).count();
@@ -111,11 +112,13 @@ impl PointCloud {
         dropped
     }
 
-    /// Drops points that share their exact position with `most` points before them, and returns their number.
+    /// Drops points that have the exact position of at least `most` points before them, and returns the number of
+    /// dropped points.
     pub fn drop_coincident(&mut self, most: usize) -> usize {
         // Adding zero makes both zeros equal.
         let place = |i: usize| (self.positions.get(i) + 0.0).to_array().map(f64::to_bits);
-        // Most clouds have no such points; a few one-byte counters shared by places prove it.
+        // Most clouds have no such points. An array of one-byte counters, indexed by a hash of the position, detects
+        // this quickly.
         let slots = self.len().next_power_of_two().clamp(1 << 10, 1 << 24);
         let slot = |place: [u64; 3]| {
             let mix = |sum: u64, bits: u64| (sum ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31);
@@ -170,7 +173,7 @@ impl PointCloud {
         n - most
     }
 
-    /// Retains the points whose flag is true, and records their rows.
+    /// Drops the points whose flag is false, and records the input rows of the others.
     pub fn retain(&mut self, keep: &[bool]) {
         retain_rows(&mut self.rows, keep);
         self.positions.retain(keep);

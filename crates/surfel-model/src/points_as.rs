@@ -10,15 +10,16 @@ use serde::{Deserialize, Serialize};
 pub enum PointsAs {
     /// Splats whose radii and normals cover the surface that the points sample.
     Surface,
-    /// Balls (rendering model §11); by default of half the spacing of the points.
+    /// Balls (rendering model §11); by default the radius is half the spacing of the points.
     Balls(Option<PointRadius>),
-    /// Disks of one radius, perpendicular to the estimated normals; by default of half the spacing of the points.
+    /// Disks of equal radius, perpendicular to the estimated normals; by default the radius is half the spacing of the
+    /// points.
     Disks(Option<PointRadius>),
-    /// Dots (rendering model §11): disks that face the screen; by default of 1.5 pixels.
+    /// Dots (rendering model §11): disks parallel to the image; by default the radius is 1.5 pixels.
     Dots(Option<PointRadius>),
 }
 
-/// Radius of every point.
+/// Radius of all points of a cloud.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointRadius {
     /// Radius in the units of the file, greater than 0.
@@ -27,10 +28,10 @@ pub enum PointRadius {
     Pixels(f64),
 }
 
-/// Radius of a dot, in pixels, where none is given.
+/// Default radius of a dot, in pixels.
 pub const DOT_PX: f64 = 1.5;
 
-/// Largest radius in pixels: that of the largest image.
+/// Largest radius in pixels: the side of the largest square image ([`crate::MAX_IMAGE_PIXELS`]).
 const MOST_PX: f64 = 16_384.0;
 
 impl std::fmt::Display for PointRadius {

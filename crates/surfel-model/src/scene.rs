@@ -22,7 +22,7 @@ pub enum Cull {
     Back,
 }
 
-/// Reflection of light by an object, and the handling of its splats.
+/// Shading factors of an object, and the handling of its splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
@@ -45,7 +45,7 @@ pub struct Material {
     /// cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub oriented: Option<bool>,
-    /// Colour of the whole object, instead of those of its file.
+    /// Colour of the whole object, which replaces the colours of its file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub color: Option<Color>,
 }
@@ -82,12 +82,13 @@ impl Material {
         }
     }
 
-    /// True if the front and back faces of a cloud with this material are distinguished.
+    /// True if a cloud with this material is oriented, so that its front and back faces are blended separately.
     pub fn is_oriented(&self, cloud: &SplatCloud) -> bool {
         self.oriented.unwrap_or(cloud.data().oriented)
     }
 
-    /// Returns the four shading factors, as they are averaged between objects.
+    /// Returns the four shading factors (ambient, diffuse, specular, shininess), which are averaged where objects are
+    /// blended.
     pub fn factors(&self) -> [f64; 4] {
         [self.ambient, self.diffuse, self.specular, self.shininess]
     }
@@ -100,9 +101,10 @@ pub enum Geometry {
     Splats(Arc<SplatCloud>),
     /// Polygons.
     Mesh(Arc<Mesh>),
-    /// Splats of several sizes and polygons, from which each view selects what it needs.
+    /// Splats of several sizes and polygons, from which each view selects the level of detail that it needs.
     Octree(Arc<Octree>),
-    /// Trained Gaussians, drawn one over another, not as a surface; the scene then has nothing else.
+    /// Trained Gaussians, blended one over another instead of as a surface. A scene with Gaussians has no other
+    /// geometry.
     Gaussians(Arc<GaussianCloud>),
 }
 
@@ -111,7 +113,7 @@ pub enum Geometry {
 pub struct Object {
     /// Geometry of the object.
     pub geometry: Geometry,
-    /// Placement: any invertible affine map.
+    /// Placement of the object: any invertible affine map from object to world space.
     pub world_from_object: DAffine3,
     /// Material of the object.
     pub material: Material,
@@ -128,14 +130,14 @@ pub struct Scene {
     pub ambient: [f64; 3],
     /// Lights; `None` means one white directional light along the view.
     pub lights: Option<Vec<Light>>,
-    /// Light from all around, which replaces the lights. It must be stored before a backend can draw the scene
-    /// (package `surfel-light`; the facade's `Backend` stores it by itself).
+    /// Light from all around, which replaces the lights. It must be stored in the splats before a backend can draw the
+    /// scene. The package `surfel-light` stores it; the facade's `Backend` calls that package.
     pub sky: Option<Sky>,
     /// Ground that receives the shadows of the sky.
     pub ground: Option<Ground>,
     /// Image for the shader `matcap`; `None` means the built-in one.
     pub matcap: Option<Arc<Matcap>>,
-    /// Objects in drawing order, which affects only rounding.
+    /// Objects in drawing order. The order affects only rounding.
     pub objects: Vec<Object>,
 }
 
@@ -218,7 +220,7 @@ impl From<GaussianCloud> for Geometry {
     }
 }
 
-/// Creates an object at its geometry's own place, with the default material.
+/// Creates an object at its geometry's own position, with the default material.
 impl<G: Into<Geometry>> From<G> for Object {
     fn from(geometry: G) -> Self {
         Self { geometry: geometry.into(), world_from_object: DAffine3::IDENTITY, material: Material::default() }

@@ -1,4 +1,4 @@
-//! Setters of structs that other crates can't write as literals.
+//! Macro for the setters of `#[non_exhaustive]` structs, which other crates can't write as literals.
 
 /// Defines a setter for each field, inside an `impl`, from `with_name name: Type`. Only for this workspace's crates.
 #[doc(hidden)]

@@ -36,11 +36,11 @@ pub struct Settings {
     /// Method of drawing files of trained Gaussians.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_surface"))]
     pub composite: Composite,
-    /// Order in which trained Gaussians are drawn one over another.
+    /// Order in which trained Gaussians are blended one over another.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_by_center"))]
     pub sort: Sort,
-    /// Screen-space filter of trained Gaussians drawn one over another. `clamp` is the filter of their training;
-    /// `principal` is described at [`Self::filter`].
+    /// Screen-space filter of trained Gaussians that are blended one over another. `clamp` is the filter of their
+    /// training; for `principal` see [`Filter::Principal`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
     pub gaussian_filter: Filter,
     /// Largest radius, in pixels, of the splats selected from an octree; greater than 0, at most [`MOST_LOD_ERROR_PX`].
@@ -96,12 +96,14 @@ impl Default for Settings {
     }
 }
 
-/// Largest cutoff: e^−50 is 2e-22, which f32 can represent even times a tiny splat's fraction of a pixel.
+/// Largest cutoff: e^−50 is 2e-22. f32 can still represent this weight when it is multiplied by a tiny splat's fraction
+/// of a pixel.
 const MOST_CUTOFF: f64 = 50.0;
 /// Largest value of [`Settings::lod_error_px`].
 pub const MOST_LOD_ERROR_PX: f64 = 1e6;
 
-/// Maximum number of layers of transparent splats: nothing is visible behind so many, and a plan has a pass for each.
+/// Maximum number of layers of transparent splats. Nothing is visible behind so many layers, and a plan has a pass for
+/// each.
 const MOST_LAYERS: u32 = 64;
 
 impl Settings {
@@ -227,13 +229,13 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Filter {
-    /// No filter: the object kernel alone.
+    /// No filter: only the object kernel.
     None,
     /// Botsch 2005 §5: the larger of the object kernel and a disk of radius h.
     Clamp,
-    /// Guennebaud 2006 §4.1: tangent vectors lengthened independently.
+    /// Guennebaud 2006 §4.1: each tangent vector lengthened independently.
     Adjust,
-    /// Projected ellipse lengthened along its own principal axes, weighted by area (our own method).
+    /// Projected ellipse lengthened along its own principal axes, weighted by area (Surfel's own method).
     Principal,
     /// Zwicker 2001: affine projection convolved with a Gaussian.
     Ewa,
@@ -374,14 +376,14 @@ pub enum Transparency {
     Off,
     /// Depth peeling (Guennebaud 2006 §6).
     Peel {
-        /// Number of layers, the last one included; 1 to 64.
+        /// Number of layers including the last; 1 to 64.
         layers: u32,
-        /// True to omit the last layer, which blends everything that remains.
+        /// True to omit the last layer, which blends all fragments that remain.
         drop_last: bool,
     },
     /// A-buffer (Zwicker 2001 §6).
     ABuffer {
-        /// Number of fragments per pixel, 1 to 64.
+        /// Maximum number of fragments per pixel, 1 to 64.
         layers: u32,
     },
 }
@@ -434,11 +436,11 @@ impl From<Transparency> for String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum ClipPolicy {
-    /// Implicit form of the curve.
+    /// Clipping by the implicit form of each curve, which is exact.
     Exact,
-    /// Equation 7 of the 2012 paper, numerically repaired.
+    /// Clipping by equation 7 of the 2012 paper on Bézier clips (C12), numerically repaired.
     Paper,
-    /// Chord of each curve.
+    /// Clipping by the chord of each curve.
     Line,
     /// No clipping.
     Off,
@@ -449,19 +451,19 @@ pub enum ClipPolicy {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Composite {
-    /// Opaque surface splats of two standard deviations.
+    /// Gaussians drawn as opaque surface splats with half-axes of two standard deviations.
     #[default]
     Surface,
     /// Gaussians blended one over another, as in their training ([`crate::Geometry::Gaussians`]).
     Over,
 }
 
-/// Order in which trained Gaussians are drawn one over another.
+/// Order in which trained Gaussians are blended one over another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Sort {
-    /// Order of the centres' depths, the same in all pixels, as in their training.
+    /// Order of the centres' depths, which is the same in all pixels, as in the training of the Gaussians.
     #[default]
     Center,
     /// Order of the depths at which each pixel's ray meets the Gaussians: nothing pops when the camera turns.

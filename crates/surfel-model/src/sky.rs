@@ -5,15 +5,15 @@ use crate::range::finite;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// Number of directions of a sky, by default.
+/// Default number of directions of a sky.
 const DIRECTIONS: u32 = 128;
 /// Largest number of directions of a sky.
 const MOST_DIRECTIONS: u32 = 65_536;
 
 /// Light from all around (rendering model §12): a sky, and areas of it that shine more strongly. It is computed once
-/// for a scene and stored in the colours of its splats, so that images from further cameras cost no more for it.
+/// per scene and stored in the colours of the splats, so that later images of the scene are as fast as without it.
 ///
-/// All strengths are relative: a white surface that faces up below a sky with `above` = 1 is as bright as its colour.
+/// All strengths are relative: a white surface that faces up below a sky with `above` = 1 has brightness 1.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Sky {
@@ -34,8 +34,8 @@ pub struct Sky {
     /// True if light that surfaces reflect to each other is added, by the closed form of Jimenez et al. 2016.
     #[cfg_attr(feature = "serde", serde(default))]
     pub bounce: bool,
-    /// Share of light that is the same everywhere, 0 to 1; the rest is the sky's. With much of it colours can be read
-    /// against a colour bar.
+    /// Fraction of the light that is constant everywhere, 0 to 1; the rest comes from the sky. With a fraction near 1,
+    /// colours can be compared with a colour bar.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "is_zero"))]
     pub even: f64,
 }
@@ -57,7 +57,7 @@ pub struct SkyArea {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Ground {
-    /// Look of the plane.
+    /// Appearance of the plane.
     pub style: GroundStyle,
     /// Point of the plane, in world space.
     pub point: [f64; 3],
@@ -65,7 +65,7 @@ pub struct Ground {
     pub normal: [f64; 3],
 }
 
-/// Look of a [`Ground`].
+/// Appearance of a [`Ground`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum GroundStyle {

@@ -4,17 +4,19 @@ use crate::Mesh;
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
 
-/// Mipmaps by the address of their texture. The mipmaps own the texture, so the address stays valid.
+/// Mipmaps that were already computed, by the address of their texture. The mipmaps own the texture, so the address
+/// stays valid.
 pub type KnownMipmaps = HashMap<*const Texture, Arc<Mipmaps>>;
 
-/// Base-colour image in linear RGB with straight alpha, or an image of other numbers ([`crate::NormalMap`]).
+/// Texture image of 8-bit RGBA: a base colour with straight alpha, or other numbers such as normals
+/// ([`crate::NormalMap`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Width in texels.
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// Texels as in the file (sRGB-encoded RGBA, straight alpha), row by row from the top: `width`·`height` of them.
+    /// Texels as in the file (sRGB-encoded RGBA, straight alpha), row by row from the top; `width`·`height` entries.
     pub srgba8: Vec<[u8; 4]>,
 }
 
@@ -29,7 +31,8 @@ impl Texture {
         bilinear(uv, self.width as usize, self.height as usize, |i| linear_by(decoded, self.srgba8[i]))
     }
 
-    /// Same as [`Self::sample`] for images of numbers from 0 to 1, without colour decoding.
+    /// Returns a bilinear sample like [`Self::sample`], for images of numbers from 0 to 1: levels are not decoded from
+    /// sRGB.
     pub fn sample_numbers(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -39,8 +42,8 @@ impl Texture {
         })
     }
 
-    /// Same as [`Self::sample`], with each texel's colour weighted by its alpha, so that invisible texels don't change
-    /// the colour of those beside them.
+    /// Returns a bilinear sample like [`Self::sample`], with each texel's colour weighted by its alpha. Transparent
+    /// texels thus don't change the colour of visible neighbours.
     pub fn sample_by_alpha(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -54,10 +57,10 @@ impl Texture {
     }
 }
 
-/// Cache of which textures have an alpha below 1. A texture is examined once, however many materials share it.
+/// Cache of the textures that have an alpha below 1. Each texture is examined only once, even if materials share it.
 #[derive(Debug, Default)]
 pub struct SeeThroughTextures {
-    /// Result of each texture examined, by the texture's address.
+    /// Result for each texture examined, by the texture's address: true if some alpha is below 1.
     known: HashMap<*const Texture, bool>,
     examined: usize,
 }
@@ -81,7 +84,8 @@ fn wrap(t: f32) -> f32 {
     if t.is_finite() { t - t.floor() } else { 0.0 }
 }
 
-/// Linear value of every 8-bit level: decoding each channel of each texel would dominate a textured image's time.
+/// Linear value of every 8-bit sRGB level. Decoding each channel of each texel would dominate the time of a textured
+/// image.
 static DECODED: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
 
@@ -94,15 +98,15 @@ fn linear_by(decoded: &[f32; 256], [r, g, b, a]: [u8; 4]) -> [f32; 4] {
     [decoded[usize::from(r)], decoded[usize::from(g)], decoded[usize::from(b)], f32::from(a) / 255.0]
 }
 
-/// Texture at half, a quarter … of its size, for surfaces that appear smaller (rendering model §6).
+/// Mipmaps of a texture: its image at 1/2, 1/4, … of its size, for surfaces that appear smaller (rendering model §6).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mipmaps {
     texture: Arc<Texture>,
-    /// Level 1 and up.
+    /// Reduced images, from level 1 on; level 0 is the texture itself.
     levels: Vec<Level>,
 }
 
-/// Texture at a reduced size: linear RGB and alpha.
+/// One mipmap level: a reduced image in linear RGB and alpha.
 #[derive(Clone, Debug, PartialEq)]
 struct Level {
     width: usize,
@@ -130,8 +134,8 @@ impl Mipmaps {
         Self { texture, levels }
     }
 
-    /// Returns the mipmaps of a mesh's texture, if the mesh shows one. Meshes that share a texture share its mipmaps by
-    /// `known`.
+    /// Returns the mipmaps of a mesh's texture; `None` if the mesh isn't textured. `known` has the mipmaps computed so
+    /// far, so that meshes that share a texture share its mipmaps.
     pub fn of_mesh(mesh: &Mesh, known: &mut KnownMipmaps) -> Option<Arc<Self>> {
         let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some())?;
         let made = known.entry(Arc::as_ptr(texture)).or_insert_with(|| Arc::new(Self::new(texture.clone())));

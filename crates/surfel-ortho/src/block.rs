@@ -1,8 +1,8 @@
-//! Drawing of one block of an orthoimage, by parallel projection from above.
+//! Drawing of one block of an orthoimage, by orthographic projection from above.
 //!
-//! Splats extend past the edge of a surface by up to a radius, so the nearest surface alone would make every roof too
-//! large. Each pixel is therefore drawn twice: with all splats, and with those behind the surface found. At pixels that
-//! both cover, the points around the pixel determine which side of the edge it is on (`sides.rs`).
+//! Splats extend beyond the edge of a surface by up to a radius, so that the nearest surface alone would make each roof
+//! too large. Each pixel is therefore drawn twice: with all splats, and with the splats behind the nearest surface. At
+//! pixels that both surfaces cover, the points around the pixel determine the position of the edge (`sides.rs`).
 
 use super::edge::Edge;
 use super::grid::Grid;
@@ -18,51 +18,51 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Geometry, Material, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// Σw inside a surface, if its cloud states no interior weight.
+/// Default of Σw inside a surface, for clouds that state no interior weight.
 const WEIGHT: f64 = 4.0;
-/// Σw of a pixel, in units of the interior Σw, from which nothing behind the surface contributes. The contribution
-/// would be below 1 %, since the weights of two surfaces that meet at an edge sum to about 1 there.
+/// Σw of a pixel, relative to the interior Σw, above which surfaces behind the nearest one are ignored. Their
+/// contribution would be below 1 %, since the weights of two surfaces that meet at an edge sum to about 1 there.
 const FULL: f64 = 1.5;
-/// Side in pixels of the squares that share one edge search.
+/// Side in pixels of the squares of pixels that share one edge.
 const SQUARE_PX: usize = 4;
-/// Radii of the rings of points at which a splat is compared with the surface, in radii of the splat.
+/// Radii of the rings of points at which a splat's depth is compared with the nearest surface's, in radii of the splat.
 const RINGS: [f64; 2] = [0.5, 0.95];
-/// Number of directions on each ring.
+/// Number of points on each ring.
 const DIRECTIONS: usize = 8;
-/// Least |n_z| for the depth tolerance, as in the rendering model.
+/// Minimum |n_z| in the depth tolerance, as in the rendering model.
 const LEAST_SLOPE: f64 = 0.02;
-/// Width in pixels over which a slope adds to the depth tolerance.
+/// Horizontal distance, in pixels, over which a splat's slope adds to the depth tolerance.
 const SLOPE_PX: f64 = 1.4;
 
-/// Pixels of a block with its margin, row by row from the top.
+/// Pixels of a block and its margin, in rows from the top.
 pub(crate) struct BlockPixels {
-    /// Pixels along a side.
+    /// Number of pixels along each side.
     pub(crate) side: usize,
-    /// Premultiplied linear RGBA; alpha 0 at empty pixels. The list is empty if colours aren't needed.
+    /// Premultiplied linear RGBA, with alpha 0 at empty pixels. Empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
     /// Height z; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Unit normals, turned upward; NaN at empty pixels. The list is empty if normals aren't needed.
+    /// Unit normals that face up; NaN at empty pixels. Empty if normals aren't needed.
     pub(crate) normal: Vec<[f32; 3]>,
 }
 
-/// Splats drawn in a block.
+/// Splats of a block.
 #[derive(Default)]
 pub(crate) struct BlockSplats {
     pub(crate) clouds: Vec<SplatCloud>,
-    /// Flag per splat of the last cloud, true if it was made from a foliage point. Empty if the cloud wasn't made from
-    /// points.
+    /// Flags of the last cloud, one per splat, true if the splat was made from a foliage point. Empty if the cloud
+    /// wasn't made from points.
     pub(crate) leaves: Vec<bool>,
 }
 
-/// Frames reused from block to block.
+/// Frame buffers that are reused from block to block.
 #[derive(Default)]
 pub(crate) struct Frames {
     nearest: Frame,
     behind: Frame,
 }
 
-/// Draws a block.
+/// Draws a block, and returns its pixels with a margin.
 pub(crate) fn draw(
     splats: BlockSplats,
     grid: &Grid,
@@ -88,11 +88,11 @@ pub(crate) fn draw(
     let mut behind = None;
     if keep.iter().any(|keep| keep.contains(&true)) {
         let within = layout.drawn(block, layout.halo);
-        // Splats that are certainly beneath a surface aren't visible at its edges.
+        // Splats that are certainly beneath a surface are excluded, since they aren't visible at its edges.
         let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
         let of_block = clouds.iter().map(|cloud| &**cloud);
         let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
-        // Foliage isn't a surface: the lower foliage of a crown belongs to the upper foliage.
+        // Foliage isn't a surface: lower foliage of a crown counts as part of the foliage above it.
         for (cloud, keep) in clouds.iter().zip(&mut keep) {
             let is_behind = |(i, keep): (usize, &mut bool)| {
                 if *keep {
@@ -123,7 +123,7 @@ fn render(
     backend: &mut Backend,
     frame: &mut Frame,
 ) -> Result<(), Error> {
-    // Surfaces never show their backs from above, so both sides of a splat count as front.
+    // From above, the back of a surface is never visible, so that both sides of a splat count as front.
     let material = Material { oriented: Some(false), ..Material::default() };
     let object = |cloud: &Arc<SplatCloud>| Object {
         geometry: Geometry::Splats(cloud.clone()),
@@ -136,7 +136,7 @@ fn render(
     Ok(())
 }
 
-/// Returns the block's view: north up, with the eye above the highest splat.
+/// Returns the view of a block: north up, with the eye above the highest splat.
 fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) -> View {
     let side = (layout.block_px + 2 * layout.margin_px) as u32;
     let [x0, y0, ..] = layout.drawn(block, 0.0);
@@ -146,7 +146,7 @@ fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) ->
         .filter_map(SplatCloud::bounds)
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), (min, max)| (lo.min(min.z), hi.max(max.z)));
     let height = f64::from(side) * grid.gsd;
-    // Splats extend past their centres by less than a block's side.
+    // A splat's radius is less than a block's side, so that this margin contains all splats.
     let above = 1.0 + height;
     let kind = ProjectionKind::Orthographic { height, far: highest - lowest + 2.0 * above };
     View {
@@ -158,17 +158,17 @@ fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) ->
     }
 }
 
-/// The nearest surface of a block.
+/// Nearest surface of a block, as drawn with all splats.
 struct Surface<'a> {
     frame: &'a Frame,
     view: &'a View,
     gsd: f64,
-    /// Σw from which on nothing behind the surface contributes.
+    /// Σw above which surfaces behind the nearest one are ignored.
     full_weight: f32,
 }
 
 impl Surface<'_> {
-    /// True if a tested point of a splat is behind the surface at a pixel where the surface may end.
+    /// True if a test point of the splat is behind the nearest surface, at a pixel where this surface may end.
     fn hides(&self, cloud: &SplatCloud, i: usize) -> bool {
         let ((s, t), center) = (cloud.axes(i), cloud.center(i));
         let n = s.cross(t);
@@ -199,15 +199,15 @@ impl Surface<'_> {
     }
 }
 
-/// The second surface, behind the nearest one.
+/// Second surface, drawn with the splats behind the nearest one.
 struct Behind<'a> {
     frame: &'a Frame,
     sides: Sides,
-    /// x of the left edge and y of the upper edge.
+    /// x of the left edge and y of the upper edge of the frame.
     left_top: [f64; 2],
 }
 
-/// Returns the fraction of each pixel that the nearest surface covers; `None` at empty pixels.
+/// Returns the coverage of each pixel by the nearest surface, 0 to 1; `None` at empty pixels.
 fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>> {
     let (frame, side) = (surface.frame, surface.frame.width() as usize);
     let is_there = |i: usize| frame.weight()[i] > 0.0 && frame.depth()[i].is_finite();
@@ -225,7 +225,7 @@ fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>
     shares
 }
 
-/// A rectangle of pixels.
+/// Rectangle of pixels.
 #[derive(Clone, Copy)]
 struct Square {
     left: usize,
@@ -241,7 +241,8 @@ impl Square {
         (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// Splits the rectangle into squares with a side of `px` pixels; those at the right and bottom may be smaller.
+    /// Splits the rectangle into squares with a side of `px` pixels. Those at the right and at the bottom may be
+    /// smaller.
     fn parts(self, px: usize) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.left + self.width, self.top + self.height);
         (self.top..bottom).step_by(px).flat_map(move |top| {
@@ -252,7 +253,7 @@ impl Square {
 }
 
 impl Behind<'_> {
-    /// Calls `each` with column, row and the nearest surface's fraction, for every pixel of a square that both surfaces
+    /// Calls `each` with column, row and coverage by the nearest surface, for each pixel of a square that both surfaces
     /// cover.
     fn each_share(
         &self,
@@ -309,14 +310,14 @@ impl Behind<'_> {
         }
     }
 
-    /// Returns x and y of a position in the image.
+    /// Returns the x and y coordinates of a position in the frame.
     fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
         let [left, top] = self.left_top;
         [left + x * surface.gsd, top - y * surface.gsd]
     }
 }
 
-/// Flags of the planes stored beside the heights.
+/// Planes that are stored in addition to heights.
 #[derive(Clone, Copy)]
 pub(crate) struct Has {
     pub(crate) color: bool,
@@ -324,13 +325,13 @@ pub(crate) struct Has {
 }
 
 impl Has {
-    /// Returns the number of floats stored per pixel.
+    /// Returns the number of f32 values per pixel.
     pub(super) fn numbers(self) -> usize {
         1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
     }
 }
 
-/// Blends both surfaces at each pixel by their fractions.
+/// Blends both surfaces at each pixel, weighted by coverage.
 fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
@@ -347,7 +348,7 @@ fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockP
         share.map_or(f32::NAN, |share| (eye - mix(share, &|f| f64::from(f.depth()[i]))) as f32)
     };
     let normal = |(i, share): (usize, &Option<f32>)| {
-        // Normals of two surfaces aren't blended: the larger fraction determines the normal.
+        // Normals of two surfaces aren't blended. The normal is that of the surface with the larger coverage.
         let of = |share: f32| if share < 0.5 { behind.map_or(frame, |b| b.frame) } else { frame }.normal()[i];
         share.map_or([f32::NAN; 3], |share| {
             let n = of(share);

@@ -1,27 +1,28 @@
-//! Canonical coordinates: identical numbers for the same points, regardless of file format.
+//! Canonical coordinates: identical numbers for the same points, whatever the file format.
 //!
-//! LAS stores multiples of a scale, text has decimals, PLY and NPY hold floats of 32 or 64 bits. Each reader rounds in
-//! its own way, by at most 2⁻²⁴ of the distance from an origin. A surface model is identical to the last bit only if
-//! its points are. Coordinates that are multiples of a decimal step within the rounding error are therefore replaced by
-//! these multiples. Other coordinates near the origin are rounded to 32-bit floats. No coordinate moves by more than
-//! its rounding error.
+//! LAS files store multiples of a scale, text files store decimals, and PLY and NPY files store 32-bit or 64-bit
+//! floats. Each reader has its own rounding error, at most 2⁻²⁴ of the distance from an origin. But a surface model is
+//! identical to the last bit only if its points are. Therefore, coordinates that are multiples of a decimal step to
+//! within the rounding error are replaced by these multiples. Other coordinates near the origin are rounded to 32-bit
+//! floats. No coordinate moves by more than its rounding error.
 
 use glam::DVec3;
 use rayon::prelude::*;
 use surfel_model::PointCloud;
 
-/// Number of decimal digits of the finest step.
+/// Number of decimal digits of the finest decade of steps.
 const MOST_DIGITS: i32 = 8;
-/// Steps (numerator, denominator) tried in each decade 1, 0.1, ….
+/// Steps that are tried in each decade 1, 0.1, …, as numerator and denominator: 1, 0.5, 0.25 and 0.2.
 const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
-/// Largest ratio of rounding error to step.
+/// Maximum ratio of rounding error to step.
 const MOST_OF_A_STEP: f64 = 0.3;
-/// Rounding step of coordinates in COPC files, as a fraction of the extent: COPC stores multiples of 2⁻³⁰ of it.
+/// Rounding step of coordinates in COPC files, as a fraction of the extent, since COPC stores multiples of 2⁻³⁰ of the
+/// extent.
 const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
-/// Distance from the coordinate origin, in extents, up to which readers store measured numbers in 32 bits.
+/// Distance from the coordinate origin, in extents, up to which coordinates may have been stored as 32-bit floats.
 const NEAR: f64 = 32.0;
 
-/// Rounding of one coordinate axis.
+/// Rounding of the coordinates along one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axis {
     /// Rounds to the nearest multiple of `numerator / denominator`.
@@ -32,14 +33,15 @@ enum Axis {
     Exact,
 }
 
-/// Rounding of a file's coordinates.
+/// Rounding of the coordinates of a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Canonical([Axis; 3]);
 
 impl Axis {
     fn of(self, value: f64) -> f64 {
         match self {
-            // A quotient of integers is correctly rounded, so all steps that divide the value give the same number.
+            // The quotient of integers is correctly rounded, so that all steps that divide the value give the same
+            // number.
             Self::Decimal { numerator, denominator } => {
                 (value * denominator / numerator).round() * numerator / denominator
             }
@@ -50,7 +52,7 @@ impl Axis {
 }
 
 impl Canonical {
-    /// Determines the rounding for a file's points, which lie between `lo` and `hi`.
+    /// Determines the rounding for the points of a file, whose bounds are `lo` and `hi`.
     pub(crate) fn new(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> Self {
         let from_origin = (lo - points.origin).abs().max((hi - points.origin).abs());
         let largest = lo.abs().max(hi.abs());
@@ -59,8 +61,8 @@ impl Canonical {
         let is_near = largest.max_element() <= NEAR * extent;
         Self([0, 1, 2].map(|axis| {
             let lost = in_f32 * from_origin[axis] + COUNTED * extent + 4.0 * f64::EPSILON * largest[axis];
-            // The step must be coarser than the resolution of 32-bit floats there, so that such floats are multiples of
-            // it too.
+            // The step must be coarser than the resolution of 32-bit floats, so that coordinates in this form are
+            // multiples of it, too.
             let least = if is_near { 4.0 * f64::from(f32::EPSILON) * largest[axis] } else { 0.0 };
             let step = |(numerator, denominator): &(f64, f64)| numerator / denominator;
             let is_usable = |s: &(f64, f64)| step(s) >= least && lost <= MOST_OF_A_STEP * step(s);
@@ -84,18 +86,18 @@ impl Canonical {
         }))
     }
 
-    /// Returns a point's rounded position.
+    /// Returns the rounded position of a point.
     pub(crate) fn position(&self, points: &PointCloud, i: usize) -> DVec3 {
         let p = points.origin + points.positions.get(i);
         DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))
     }
 
-    /// Rounds the least and largest coordinates.
+    /// Returns rounded bounds.
     pub(crate) fn bounds(&self, (lo, hi): (DVec3, DVec3)) -> (DVec3, DVec3) {
         [lo, hi].map(|p| DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))).into()
     }
 
-    /// Returns the steps that x, y and z are multiples of; `None` for an axis without a step.
+    /// Returns the steps of which x, y and z are multiples; `None` for an axis without a step.
     pub(crate) fn steps(&self) -> [Option<f64>; 3] {
         self.0.map(|axis| match axis {
             Axis::Decimal { numerator, denominator } => Some(numerator / denominator),

@@ -1,12 +1,12 @@
-//! Fraction of a pixel that the upper of two surfaces covers, near their edge.
+//! Coverage of pixels by the upper of two surfaces, near the edge between them.
 
-/// Fraction of the upper surface near an edge, as a function of the position.
+/// Coverage by the upper surface near an edge, as a function of the position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge {
     value: f64,
     slopes: [f64; 2],
-    /// True if the fraction is the logistic function of `value` + `slopes`·offset. Otherwise the fraction is that
-    /// linear function plus ½, clamped to the range from 0 to 1.
+    /// True if coverage is the logistic function of `value` + `slopes`·offset. Otherwise, coverage is ½ plus this
+    /// linear function, clamped to [0, 1].
     pub(crate) is_logistic: bool,
 }
 
@@ -23,7 +23,7 @@ impl Edge {
         Self::linear([share - 0.5, 0.0, 0.0])
     }
 
-    /// Returns the fraction at an offset from the position for which the edge was located.
+    /// Returns the coverage, 0 to 1, at an offset from the position for which the edge was located.
     pub(crate) fn share(&self, dx: f64, dy: f64) -> f64 {
         let linear = self.value + self.slopes[0] * dx + self.slopes[1] * dy;
         if self.is_logistic { 1.0 / (1.0 + (-linear).exp()) } else { (0.5 + linear).clamp(0.0, 1.0) }

@@ -1,4 +1,5 @@
-//! Checks of the extent: coordinates in degrees, and strays that make an image excessively large.
+//! Checks of the extent of the input: refuses coordinates in degrees, and strays that would make an image excessively
+//! large.
 
 use super::OrthoOptions;
 use super::grid::Grid;
@@ -10,25 +11,25 @@ use surfel_load::Error;
 use surfel_load::paths::display;
 use surfel_model::Outliers;
 
-/// Score from which coordinates without a stated reference system count as degrees.
+/// Score above or at which coordinates without a stated reference system count as degrees.
 const ENOUGH: u32 = 3;
-/// Largest extent of a file in degrees. Files with larger extents are rare, and local coordinates are mostly wider.
+/// Maximum extent of a file in degrees. Larger files are rare, and local coordinates usually have larger extents.
 const WIDEST_DEG: f64 = 5.0;
-/// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre. Coordinates that are lengths usually
-/// have coarser steps.
+/// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre. Coordinates in metres usually have
+/// coarser steps.
 const FINE: f64 = 1e-5;
 /// Number of pixels up to which an image is never excessively large.
 const ABSURD_PX: f64 = 4e6;
-/// Largest factor by which strays may enlarge an image's area.
+/// Maximum factor by which strays may enlarge an image's area.
 const ABSURD_TIMES: f64 = 100.0;
-/// Divisor of the point count that gives the largest number of strays.
+/// N, where at most one point in N may be a stray.
 const STRAY_OF: usize = 1000;
-/// Number of strays that is allowed in any case.
+/// Number of strays that are allowed in any case.
 const FEW: usize = 3;
-/// Largest number of points from which the middle of a cloud is estimated.
+/// Maximum number of points from which the core of a cloud is estimated.
 const SAMPLE: usize = 1 << 16;
 
-/// Refuses files whose x and y are degrees according to their reference system, column names or numbers.
+/// Returns an error for files whose x and y are degrees, according to their reference system, column names or numbers.
 pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
     let (lo, hi) = source.bounds;
     let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
@@ -51,7 +52,7 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
 
-/// Returns the score of the evidence that coordinates without a reference system are degrees.
+/// Returns a score for the evidence that coordinates without a reference system are degrees.
 fn score(source: &Source) -> u32 {
     let Holds::Points(points) = &source.holds else { return 0 };
     let (lo, hi) = source.bounds;
@@ -60,7 +61,7 @@ fn score(source: &Source) -> u32 {
     if widest >= WIDEST_DEG || widest <= 0.0 {
         return 0;
     }
-    // Steps of lengths are equal on all axes; steps of degrees are a hundred thousand times finer.
+    // Lengths have equal steps on all axes. Steps of degrees are a hundred thousand times finer than those of heights.
     let [x, y, z] = points.canonical.steps();
     let is_fine = |step: Option<f64>| step.is_none_or(|step| step <= FINE);
     let is_coarse = |step: Option<f64>| step.is_some_and(|z| z >= 100.0 * FINE && z >= 100.0 * x.unwrap_or(FINE));
@@ -68,9 +69,9 @@ fn score(source: &Source) -> u32 {
         return 0;
     }
     let steps = if is_coarse(z) { 2 } else { 0 };
-    // Degrees make heights look steep: a metre of height beside 0.001 degrees of width.
+    // With x and y in degrees, heights in metres look steep: a metre of height for 0.001 degrees of width.
     let steep = u32::from(extent.z >= 10.0 * widest) + u32::from(extent.z >= 1000.0 * widest);
-    // Local coordinates begin near 0.
+    // Local coordinates usually begin near 0; degrees don't.
     let far = u32::from(middle.abs().truncate().min_element() >= 20.0 * widest);
     steps + steep + far
 }
@@ -79,15 +80,15 @@ fn score(source: &Source) -> u32 {
 struct Strays {
     count: usize,
     farthest: DVec3,
-    /// Distance of the farthest stray from the bounds of the other points.
+    /// Distance of the farthest stray from the bounds of the other points, in x and y.
     distance: f64,
     path: PathBuf,
-    /// Bounds of the other points in the plane.
+    /// Bounds of the other points: minimum x, minimum y, maximum x, maximum y.
     others: [f64; 4],
 }
 
-/// Returns the grid for the points' own bounds. Refuses an image that is too large for a file, or that a few strays
-/// make excessively large.
+/// Returns the grid for the bounds of the points. Returns an error if the image is too large for a file, or if a few
+/// strays make it excessively large.
 pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
     let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
     let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);
@@ -118,7 +119,8 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
     Grid::of_bounds(gsd, origin, bounds).map_err(|fault| fault.of_points(bounds))
 }
 
-/// Finds the few points that are farther from the middle of all points than their extent, in the plane.
+/// Finds stray points, if there are only a few. Strays are farther from the core of the points, in x and y, than its
+/// extent.
 fn strays(sources: &[Source]) -> Option<Strays> {
     let clouds = || sources.iter().filter_map(|source| Some((source, source.positions()?)));
     let total: usize = clouds().map(|(_, (count, _))| count).sum();
@@ -130,7 +132,7 @@ fn strays(sources: &[Source]) -> Option<Strays> {
             sample[1].push(p.y);
         }
     }
-    // Extent of the middle 96 % of points, enlarged by its own size on all sides.
+    // The core is the range of the middle 96 % of the points.
     let core = sample.map(|mut values| {
         values.sort_unstable_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
@@ -148,7 +150,7 @@ fn strays(sources: &[Source]) -> Option<Strays> {
             } else {
                 out.push((p, source));
             }
-            // If there are many, they aren't strays.
+            // Many such points aren't strays.
             if out.len() > (total / STRAY_OF).max(FEW) {
                 return None;
             }

@@ -1,15 +1,15 @@
-//! Filling of gaps in an image.
+//! Filling of gaps in an image by interpolation.
 //!
-//! An empty pixel is filled unless some circle of the given radius covers it without meeting a pixel with data. This is
-//! morphological closing by a disk, with exact distances (Felzenszwalb and Huttenlocher 2012). Wider gaps remain, and
-//! nothing extends beyond the outer border.
+//! An empty pixel is filled unless a circle of the given radius that covers the pixel contains no pixel with data. This
+//! is morphological closing by a disk, with exact distances (Felzenszwalb and Huttenlocher 2012). Wider gaps remain,
+//! and the outer border doesn't move.
 //!
-//! Each filled pixel finds the nearest data along 32 directions. Its height is that of the plane that fits their
-//! heights best, weighted by the inverse squared distance and clamped to their range. Colours and normals are means
-//! weighted by the inverse distance.
+//! For each filled pixel, the nearest data in 32 directions are used. Its height is that of the best-fitting plane
+//! through their heights, weighted by the inverse squared distance and clamped to their range. Colours and normals are
+//! means weighted by the inverse distance.
 //!
-//! Pixels are stored in an unnamed file, block by block, so that a gap may extend over several blocks. Pixels with data
-//! are the same as without filling.
+//! Pixels are stored block by block in an unnamed file, because a gap may extend over several blocks. Filling doesn't
+//! change pixels with data.
 
 use super::block::{BlockPixels, Has};
 use rayon::prelude::*;
@@ -18,30 +18,30 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Largest radius of a gap in pixels.
+/// Maximum radius in pixels by which gaps are limited.
 pub(crate) const MOST_PX: u32 = 512;
-/// Number of directions in which a pixel searches for data.
+/// Number of directions in which data are searched for from a pixel.
 const DIRECTIONS: usize = 32;
-/// Weight of a horizontal plane, relative to the mean squared weighted distance. It is needed if all data is on one
-/// line, which determines no slope across it.
+/// Weight of a horizontal plane in the fit, relative to the mean squared weighted distance. Without it, data on one
+/// line wouldn't determine the slope across the line.
 const LEVEL: f64 = 2e-3;
 
-/// Planes of a rectangle of pixels, in rows from the top.
+/// Planes of values for a rectangle of pixels, in rows from the top.
 #[derive(Clone, Default)]
 pub(crate) struct Planes {
     pub(crate) width: usize,
     /// Height z; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Premultiplied linear RGBA; empty if colours aren't needed.
+    /// Premultiplied linear RGBA. Empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
-    /// Unit normals; empty if normals aren't needed.
+    /// Unit normals. Empty if normals aren't needed.
     pub(crate) normal: Vec<[f32; 3]>,
-    /// True at filled pixels; empty if nothing was filled.
+    /// True at pixels that were filled. Empty if gaps weren't filled.
     pub(crate) filled: Vec<bool>,
 }
 
 impl Planes {
-    /// Copies a part of a drawn block: columns from `left` on, and these rows.
+    /// Copies a part of a drawn block: the columns from `left` on, and the given rows.
     pub(crate) fn cut(pixels: &BlockPixels, left: usize, width: usize, rows: impl Iterator<Item = usize>) -> Self {
         fn of<T: Copy>(plane: &[T], starts: &[usize], width: usize) -> Vec<T> {
             starts.iter().flat_map(|at| plane.get(*at..at + width).unwrap_or_default()).copied().collect()
@@ -68,30 +68,30 @@ impl Planes {
     }
 }
 
-/// Temporary file that stores drawn blocks.
+/// Temporary file in which drawn blocks are stored.
 pub(crate) struct BlockStore {
     file: BufWriter<File>,
     bytes: u64,
     has: Has,
-    /// Offset of each block's first row in the temporary file, by the block's row and column in the plane.
+    /// Offset of each block in the file, by the block's row and column in the plane.
     places: BTreeMap<(i64, i64), u64>,
     block_px: usize,
 }
 
 impl BlockStore {
-    /// Creates an empty store in the folder of `path`.
+    /// Creates an empty store, in the folder of the image file `path`.
     pub(crate) fn beside(path: &Path, block_px: usize, has: Has) -> io::Result<Self> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let file = BufWriter::with_capacity(1 << 20, surfel_io::atomic::unnamed_in(folder)?);
         Ok(Self { file, bytes: 0, has, places: BTreeMap::new(), block_px })
     }
 
-    /// Returns the flags of the stored planes.
+    /// Returns which planes are stored.
     pub(crate) fn has(&self) -> Has {
         self.has
     }
 
-    /// Stores a block's own pixels, without its margin.
+    /// Stores the pixels of a block, without its margin.
     pub(crate) fn put(&mut self, [column, row]: [i64; 2], planes: &Planes) -> io::Result<()> {
         self.places.insert((row, column), self.bytes);
         for i in 0..planes.height.len() {
@@ -105,8 +105,8 @@ impl BlockStore {
         Ok(())
     }
 
-    /// Reads the pixels of a rectangle: columns from `west` on, rows from `north` down. Both are counted from the
-    /// plane's origin, rows to the north.
+    /// Reads a rectangle of pixels: the columns from `west` to the east, and the rows from `north` to the south. Both
+    /// are counted from the plane's origin, rows to the north.
     pub(crate) fn get(&mut self, [west, north]: [i64; 2], width: usize, height: usize) -> io::Result<Planes> {
         self.file.flush()?;
         let (side, has) = (self.block_px as i64, self.has);
@@ -148,13 +148,13 @@ impl BlockStore {
     }
 }
 
-/// Returns the width in pixels of the margin around a pixel that its filled value depends on.
+/// Returns the width in pixels of the surroundings on which the value of a filled pixel depends.
 pub(crate) fn margin_px(radius_px: f64) -> u32 {
     2 * radius_px.ceil() as u32 + 2
 }
 
-/// Fills gaps, and returns the pixels without a margin of `margin` pixels on each side. `radius_px` is the radius of
-/// the largest circle, in pixels, that fits into a gap to be filled.
+/// Fills the gaps into which no circle of `radius_px` pixels fits. Returns the pixels without a margin of `margin`
+/// pixels on each side.
 pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes {
     let width = planes.width;
     let height = planes.height.len() / width.max(1);
@@ -196,7 +196,8 @@ pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes
     }
 }
 
-/// Interpolates a pixel of a gap from the nearest data in all directions, at most `reach` pixels away.
+/// Interpolates a pixel of a gap from the nearest data in all directions, at most `reach` pixels away. Returns height,
+/// colour and normal.
 fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Option<(f32, [f32; 4], [f32; 3])> {
     let width = planes.width;
     let height = is_data.len() / width;
@@ -243,7 +244,7 @@ fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Opt
     }
     let [m0, mx, my, mxx, mxy, myy, v0, vx, vy] = sums;
     let (mxx, myy) = (mxx + LEVEL * spread, myy + LEVEL * spread);
-    // Value at this pixel of the best-fitting plane, by cofactors.
+    // This is the value of the best-fitting plane at this pixel, by cofactors.
     let [c00, c01, c02] = [mxx * myy - mxy * mxy, mxy * my - mx * myy, mx * mxy - mxx * my];
     let plane = (c00 * v0 + c01 * vx + c02 * vy) / (m0 * c00 + mx * c01 + my * c02);
     let z = if plane.is_finite() { plane } else { v0 / m0 };
@@ -252,10 +253,10 @@ fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Opt
     Some(((z as f32).clamp(least, largest), color.map(|c| (c / total) as f32), normal))
 }
 
-/// Returns each pixel's squared distance to the nearest pixel that is set; infinite if none is.
+/// Returns the squared distance of each pixel to the nearest pixel whose flag is set; infinite if there is none.
 fn distances(is_set: &[bool], width: usize) -> Vec<f64> {
     let height = is_set.len() / width;
-    // Distances along columns first, then along rows by lower envelopes of parabolas.
+    // Distances are first computed along columns, and then along rows by lower envelopes of parabolas.
     let mut vertical = vec![f64::INFINITY; is_set.len()];
     for rows in [(0..height).collect::<Vec<_>>(), (0..height).rev().collect()] {
         let mut last = vec![f64::INFINITY; width];

@@ -1,14 +1,14 @@
-//! The grid of an orthoimage: pixel edges at whole multiples of the ground sampling distance from the origin.
+//! Grid of an orthoimage: the edges of pixels are whole multiples of the ground sampling distance from the origin.
 
 use surfel_load::Error;
 use surfel_model::ModelError;
 
-/// Largest number of columns or rows of an image.
+/// Maximum number of columns or rows of an image.
 const MAX_SIDE: f64 = 16_777_216.0;
-/// Largest number of pixels of an image.
+/// Maximum number of pixels of an image.
 const MAX_PIXELS: f64 = 1e11;
-/// Fraction of a pixel by which bounds may exceed a pixel's edge without including the next pixel. It absorbs the
-/// binary rounding of decimal numbers such as 0.1.
+/// Fraction of a pixel by which bounds may extend beyond a pixel's edge without including the next pixel. It absorbs
+/// the binary rounding errors of decimal numbers such as 0.1.
 const SLACK_PX: f64 = 1e-6;
 
 /// Pixel grid of an image.
@@ -16,7 +16,7 @@ const SLACK_PX: f64 = 1e-6;
 pub(crate) struct Grid {
     /// Ground sampling distance: side of a pixel, in the units of x and y.
     pub(crate) gsd: f64,
-    /// Position (x, y) of a corner of the pixel grid.
+    /// Position (x, y) of a corner of a pixel, from which columns and rows are counted.
     pub(crate) origin: [f64; 2],
     /// Column and row of the image's lower left pixel, counted from the origin to the east and to the north.
     pub(crate) first: [i64; 2],
@@ -31,7 +31,8 @@ pub(crate) enum GridFault {
     Gsd(f64),
     /// The bounds have no area or aren't finite.
     Empty,
-    /// The grid has too many columns, rows or pixels, or is too far from the origin for f64 to count pixels.
+    /// The grid has too many columns, rows or pixels. Or it is so far from the origin that f64 can't distinguish
+    /// pixels.
     Large { gsd: f64, size: [f64; 2] },
 }
 
@@ -85,7 +86,7 @@ fn gsd_error(gsd: f64) -> Error {
 }
 
 impl Grid {
-    /// Creates the grid of the pixels that meet `bounds` (least x and y, then largest).
+    /// Creates the grid of the pixels that overlap `bounds`: minimum x, minimum y, maximum x, maximum y.
     pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, GridFault> {
         if !(gsd > 0.0 && gsd.is_finite()) {
             return Err(GridFault::Gsd(gsd));
@@ -99,30 +100,30 @@ impl Grid {
         let (first, end) = ([low(x0, 0), low(y0, 1)], [high(x1, 0), high(y1, 1)]);
         let size = [0, 1].map(|k| (end[k] - first[k]).max(1.0));
         let fits = size[0] <= MAX_SIDE && size[1] <= MAX_SIDE && size[0] * size[1] <= MAX_PIXELS;
-        // Farther out, neighbouring pixels have the same coordinates in f64.
+        // Farther from the origin, neighbouring pixels would have the same coordinates in f64.
         if !fits || first.iter().chain(&end).any(|v| v.abs() > 2f64.powi(40)) {
             return Err(GridFault::Large { gsd, size });
         }
         Ok(Self { gsd, origin, first: first.map(|v| v as i64), size: size.map(|v| v as u32) })
     }
 
-    /// Returns the grid with `by_px` more pixels on every side.
+    /// Returns the grid with a margin of `by_px` pixels on each side.
     pub(crate) fn grown(&self, by_px: u32) -> Self {
         let size = self.size.map(|side| side.saturating_add(2 * by_px));
         Self { first: self.first.map(|v| v - i64::from(by_px)), size, ..*self }
     }
 
-    /// Returns x or y (`axis` 0 or 1) of the lower edge of the pixel `index`.
+    /// Returns the coordinate of the lower edge of the pixel `index` along an axis (0: x, 1: y).
     pub(crate) fn edge(&self, axis: usize, index: i64) -> f64 {
         self.origin[axis] + index as f64 * self.gsd
     }
 
-    /// Returns x of the left edge and y of the upper edge.
+    /// Returns x of the image's left edge and y of its upper edge.
     pub(crate) fn left_top(&self) -> [f64; 2] {
         [self.edge(0, self.first[0]), self.edge(1, self.first[1] + i64::from(self.size[1]))]
     }
 
-    /// Returns the bounds: least x and y, then largest.
+    /// Returns the bounds of the image: minimum x, minimum y, maximum x, maximum y.
     pub(crate) fn bounds(&self) -> [f64; 4] {
         let ([left, top], right) = (self.left_top(), self.edge(0, self.first[0] + i64::from(self.size[0])));
         [left, self.edge(1, self.first[1]), right, top]

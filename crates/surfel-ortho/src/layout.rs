@@ -1,55 +1,56 @@
-//! Division of the plane into blocks of pixels for drawing.
+//! Division of the plane into blocks of pixels, which are drawn one after another.
 //!
-//! Blocks depend only on the files and the grid, not on the bounds of the image. Any two images of the same files
-//! therefore agree where they overlap.
+//! Blocks depend only on the files and the grid, not on the bounds of the image. Images of the same files therefore
+//! agree where they overlap.
 
 use super::grid::Grid;
 use std::ops::RangeInclusive;
 
-/// Largest and smallest side of a block, in pixels.
+/// Maximum and minimum side of a block, in pixels.
 const BLOCK_PX: (i64, i64) = (2048, 16);
-/// Largest average number of points in a block, including the points around it.
+/// Maximum average number of points of a block, including the points in its halo.
 const BLOCK_POINTS: f64 = 3e6;
-/// Width of the halo of points used around a drawn area, in point spacings. A splat's radius is at most 4 spacings, and
-/// it is estimated from points within as many again.
+/// Width of the halo around a drawn area from which points are used, in point spacings. A splat's radius is at most 4
+/// spacings, and it is estimated from points within further spacings.
 const HALO_SPACINGS: f64 = 12.0;
-/// Width, in point spacings, of the margin around a block that is drawn too. Surfaces behind an edge are searched for
-/// there.
+/// Width of the margin that is drawn around a block, in point spacings. Edges near the block are located with the
+/// pixels and points of the margin.
 const MARGIN_SPACINGS: f64 = 6.0;
-/// Largest margin in pixels.
+/// Maximum width of the margin in pixels.
 const MOST_MARGIN_PX: i64 = 1024;
-/// Number of bins along a block's side.
+/// Number of bins of points along a block's side.
 const BINS: i64 = 4;
 
-/// Sampling of the plane by the points and splats of all files, in the units of x and y.
+/// Density of the points and splats of all files, in the units of x and y.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampling {
-    /// Largest number of points per square unit.
+    /// Largest number of points per unit of area.
     pub(crate) density: f64,
-    /// Largest mean distance between the points of a file; 0 without points.
+    /// Largest mean distance between the points of one file; 0 without points.
     pub(crate) spacing: f64,
-    /// Largest radius of a splat.
+    /// Largest radius of a splat from a splat file.
     pub(crate) reach: f64,
 }
 
-/// Blocks of an image, and bins of points.
+/// Size of blocks and their surroundings, and bins for sorting points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
     grid: Grid,
     /// Side of a block in pixels.
     pub(crate) block_px: i64,
-    /// Width in pixels of the margin that is drawn around a block.
+    /// Width of the margin that is drawn around a block, in pixels.
     pub(crate) margin_px: i64,
-    /// Width of the halo of points around the drawn area, in the units of x and y.
+    /// Width of the halo around the drawn area from which points are used, in the units of x and y.
     pub(crate) halo: f64,
-    /// Mean distance between points; 0 without points.
+    /// Mean distance between points, in the units of x and y; 0 without points.
     pub(crate) spacing: f64,
 }
 
 impl Layout {
     pub(crate) fn new(grid: Grid, sampling: Sampling) -> Self {
         let (gsd, Sampling { density, mut spacing, reach }) = (grid.gsd, sampling);
-        // Rounded to steps, so that the same points divided into other files get the same layout.
+        // The spacing is rounded up to a power of √2, so that the layout doesn't depend on how points are divided into
+        // files.
         if spacing > 0.0 {
             spacing = ((2.0 * spacing.log2()).ceil() / 2.0).exp2();
         }
@@ -64,26 +65,26 @@ impl Layout {
         Self { grid, block_px, margin_px, halo, spacing }
     }
 
-    /// Returns the bin of a coordinate along an axis (0: x, 1: y).
+    /// Returns the index of the bin that contains a coordinate along an axis (0: x, 1: y).
     pub(crate) fn bin(&self, axis: usize, value: f64) -> i64 {
         let side = self.block_px as f64 * self.grid.gsd / BINS as f64;
         ((value - self.grid.origin[axis]) / side).floor() as i64
     }
 
-    /// Returns the blocks along an axis that contain pixels of `grid`.
+    /// Returns the indices of the blocks along an axis that contain pixels of `grid`.
     pub(crate) fn blocks(&self, grid: &Grid, axis: usize) -> RangeInclusive<i64> {
         let (first, count) = (grid.first[axis], i64::from(grid.size[axis]));
         first.div_euclid(self.block_px)..=(first + count - 1).div_euclid(self.block_px)
     }
 
-    /// Returns the block's own area in the plane: least x and y, then largest.
+    /// Returns the area of a block without its margin: minimum x, minimum y, maximum x, maximum y.
     pub(crate) fn own(&self, block: [i64; 2]) -> [f64; 4] {
         let edge = |axis: usize, index: i64| self.grid.edge(axis, index * self.block_px);
         [edge(0, block[0]), edge(1, block[1]), edge(0, block[0] + 1), edge(1, block[1] + 1)]
     }
 
-    /// Returns the area of a block with its margin in the plane, enlarged by `by` on every side: least x and y, then
-    /// largest.
+    /// Returns the area of a block with its margin, enlarged by `by` on each side: minimum x, minimum y, maximum x,
+    /// maximum y.
     pub(crate) fn drawn(&self, block: [i64; 2], by: f64) -> [f64; 4] {
         let edge = |axis: usize, index: i64| self.grid.edge(axis, index);
         let start = |axis: usize| edge(axis, block[axis] * self.block_px - self.margin_px) - by;

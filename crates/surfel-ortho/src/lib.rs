@@ -1,15 +1,15 @@
-//! Orthoimages: points and splats drawn from above, north up, on an exact grid, with their heights.
+//! Orthoimages: images of points and splats straight from above, north up, on an exact grid, with heights and normals.
 //!
-//! [`Ortho::open`] loads the files and determines the grid; [`Ortho::draw`] writes GeoTIFF images. The plane is drawn
-//! in blocks. Each block's splats are made from the points in and around it, so memory doesn't grow with the image.
-//! Images of the same files with other bounds have the same pixels.
+//! [`Ortho::open`] loads the files and determines the grid; [`Ortho::draw`] writes GeoTIFF images. The image is drawn
+//! block by block. The splats of a block are made from the points in and around it, so that memory doesn't grow with
+//! the image. Images of the same files with other bounds have the same pixels.
 //!
 //! Main types, in reading order:
 //!
-//! 1. [`OrthoOptions`]: ground sampling distance, bounds and content of the image;
-//! 2. [`Ortho`]: the opened files on their grid;
+//! 1. [`OrthoOptions`]: ground sampling distance, bounds and content of an image;
+//! 2. [`Ortho`]: opened files, and the grid of their image;
 //! 3. [`OrthoFiles`]: the images to write: colours, heights and normals;
-//! 4. [`OrthoStats`]: what was drawn, and how long each step took.
+//! 4. [`OrthoStats`]: statistics of an image, and the time of each step.
 //!
 //! ```no_run
 //! use surfel_backend::Backend;
@@ -24,11 +24,11 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above `surfel-load`, which reads the points, and `surfel-backend`, which draws. `surfel-io` writes
-//! the GeoTIFF.
+//! The crate is above `surfel-load`, which reads the points, and `surfel-backend`, which draws. `surfel-io` writes
+//! GeoTIFF.
 //!
 //! # Features
-//! `cpu`, on by default, builds the CPU backend; any other backend of `surfel-backend` does as well.
+//! `cpu`, on by default, enables the CPU backend. Any other backend of `surfel-backend` suffices as well.
 
 mod block;
 mod canonical;
@@ -67,14 +67,14 @@ use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
 use system::crs_of;
 
-/// Largest number of bytes of points that stay in memory between blocks; other files are loaded again when needed.
+/// Memory limit in bytes for points that are retained between blocks. Other files are loaded again when needed.
 const KEPT_BYTES: usize = 2 << 30;
-/// Least side in pixels of the windows in which gaps are filled.
+/// Minimum side in pixels of the windows in which gaps are filled.
 const WINDOW_PX: u32 = 512;
-/// Height of the viewpoint that the points' normals face, above a block, in units of the block's side.
+/// Height above a block of the viewpoint that normals of points face, in units of the block's side.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
-/// Content and grid of an orthoimage.
+/// Options for the grid and the content of an orthoimage.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct OrthoOptions {
@@ -82,25 +82,24 @@ pub struct OrthoOptions {
     pub gsd: f64,
     /// Position (x, y) of a corner of the pixel grid, in the units of x and y.
     pub origin: [f64; 2],
-    /// Bounds of the image in the units of x and y: least x and y, then largest; enlarged to whole pixels. `None`:
-    /// bounds of the points.
+    /// Bounds of the image in the units of x and y: minimum x, minimum y, maximum x, maximum y. They are enlarged to
+    /// whole pixels. `None` uses the bounds of the points.
     pub bounds: Option<[f64; 4]>,
-    /// Number of columns and rows, at least 1, as an alternative to bounds; the lower left corner is then `origin`.
+    /// Number of columns and rows, at least 1, as an alternative to `bounds`. The lower left corner is then `origin`.
     pub size: Option<[u32; 2]>,
-    /// EPSG code of the coordinate reference system, 1024 to 32,766; `None`: as the files state.
+    /// EPSG code of the coordinate reference system, 1024 to 32,766; `None` uses the system that the files state.
     pub epsg: Option<u16>,
-    /// Radius of the largest circle that fits into gaps to be filled by interpolation, in the units of x and y: more
-    /// than 0, at most 512 pixels. `None`: gaps aren't filled.
+    /// Limit on the gaps that are filled by interpolation: no circle of this radius, in the units of x and y, fits into
+    /// them. It is more than 0 and at most 512 pixels. `None` fills no gaps.
     pub fill: Option<f64>,
-    /// True if points that are isolated in height, such as birds and reflections, are drawn. Otherwise they are
-    /// dropped.
+    /// True if points that are isolated in height are drawn, such as birds and reflections. False if they are dropped.
     pub lone: bool,
     /// Options for loading files and converting them to splats.
     pub load: LoadOptions,
 }
 
 impl OrthoOptions {
-    /// Creates options for all of the files' area, with this ground sampling distance.
+    /// Creates options with a ground sampling distance, for the whole area of the files.
     pub fn new(gsd: f64) -> Self {
         let load = LoadOptions::default().with_surface(true);
         Self { gsd, origin: [0.0; 2], bounds: None, size: None, epsg: None, fill: None, lone: false, load }
@@ -118,34 +117,34 @@ impl OrthoOptions {
     }
 }
 
-/// Image files to write; at least one.
+/// Paths of the image files to write, at least one.
 ///
-/// With [`OrthoOptions::fill`] each file has one more band that marks interpolated pixels: 255 in 8-bit files, 1 in f32
-/// files, else 0.
+/// With [`OrthoOptions::fill`], each file has an additional band that marks interpolated pixels. Its value there is 255
+/// in 8-bit files and 1 in f32 files; elsewhere it is 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OrthoFiles {
-    /// Colour image: 8-bit RGBA, sRGB-encoded; alpha is 255 at pixels with data, else 0.
+    /// Colour image: 8-bit RGBA, sRGB-encoded. Alpha is 255 at pixels with data, else 0.
     pub color: Option<PathBuf>,
-    /// Height image: z as f32; −9999 at empty pixels.
+    /// Height image: z as f32, −9999 at empty pixels.
     pub dsm: Option<PathBuf>,
-    /// Normal image: upward unit normals as three f32; −9999 at empty pixels.
+    /// Normal image: unit normals that face up, as three f32; −9999 at empty pixels.
     pub normals: Option<PathBuf>,
     /// True if existing files are replaced.
     pub overwrite: bool,
 }
 
-/// Statistics of a drawn orthoimage.
+/// Statistics of an orthoimage that was drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OrthoStats {
     /// Number of pixels with data.
     pub covered: u64,
     /// Number of interpolated pixels among them.
     pub filled: u64,
-    /// Number of points dropped because they are isolated in height.
+    /// Number of points that were dropped because they are isolated in height.
     pub lone: u64,
     /// Number of pixels of the image.
     pub pixels: u64,
-    /// Number of splats drawn; splats in blocks' margins count once per block.
+    /// Number of splats that were drawn. Splats in the margins of blocks count once per block.
     pub splats: u64,
     /// Time for reloading files and converting points to splats.
     pub preparing: Duration,
@@ -155,31 +154,33 @@ pub struct OrthoStats {
     pub writing: Duration,
 }
 
-/// Loaded files, and the grid of their orthoimage.
+/// Opened files, and the grid of their orthoimage.
 pub struct Ortho {
     sources: Vec<Source>,
     grid: Grid,
     layout: Layout,
     options: OrthoOptions,
-    /// Colouring of points by an attribute.
+    /// Colouring of points by an attribute; `None` if points have their own colours.
     color_by: Option<FixedColor>,
-    /// The coordinate reference system of the image.
+    /// Coordinate reference system of the image, if it is known.
     pub crs: Option<Crs>,
-    /// Notes for the user, as sentences without a full stop, with the file that each is about; `None` for the image.
+    /// Notes for the user, as sentences without a full stop. Each has the path of a file, or `None` for notes about the
+    /// image.
     pub notes: Vec<(Option<PathBuf>, String)>,
-    /// Loading options that have no effect on a file's content, with the path of the file.
+    /// Loading options that don't affect a file's content, with the path of the file.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// Colouring by an attribute, and the first file that it colours; `None` if no file is coloured by one.
+    /// Colouring by an attribute, with the path of the first coloured file; `None` if no file is coloured by an
+    /// attribute.
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
-/// Colours of all files of an orthoimage, and their legend with the file that it is named after.
+/// Colouring of all files of an orthoimage, and its legend with the path of the first coloured file.
 type SharedColors = (Option<FixedColor>, Option<(PathBuf, Coloring)>);
 
-/// A colouring shared by all files and blocks.
+/// Colouring that all files and blocks share.
 struct FixedColor {
     attribute: String,
-    /// True if some file has a column named `attribute`.
+    /// True if some file has a column with the name `attribute`.
     is_column: bool,
     scale: ColorScale,
 }
@@ -191,12 +192,11 @@ impl FixedColor {
 }
 
 impl Ortho {
-    /// Loads files of points, splats and meshes; z is up.
+    /// Opens files of points, splats and meshes, in which z is up. Files are loaded, and checked for consistency.
     ///
     /// # Errors
-    /// Errors of [`surfel_load::load()`]; also [`Error::Model`] for a grid that is out of range, and
-    /// [`Error::Unsuitable`] for files in degrees, files with different coordinate reference systems, and bounds
-    /// without data.
+    /// Errors of [`surfel_load::load()`]; [`Error::Model`] for a grid that is out of range. [`Error::Unsuitable`] for
+    /// files in degrees, for files with different coordinate reference systems, and for bounds without data.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
         let asked = asked(&options)?;
@@ -210,7 +210,7 @@ impl Ortho {
             }
         }
         let (mut sources, mut notes, mut unused) = (Vec::<Source>::new(), Vec::new(), Vec::new());
-        // Height is z, as in the surface model.
+        // Height is measured along z, as in surface models.
         options.load.up = Some(Up::PlusZ);
         let mut colors = ColorChoice::default();
         let mut kept = 0;
@@ -253,17 +253,17 @@ impl Ortho {
         Ok(Self { sources, grid, layout, options, color_by, crs, notes, unused, coloring })
     }
 
-    /// Returns the number of columns and rows.
+    /// Returns the number of columns and rows of the image.
     pub fn size(&self) -> [u32; 2] {
         self.grid.size
     }
 
-    /// Returns the bounds of the image: least x and y, then largest.
+    /// Returns the bounds of the image: minimum x, minimum y, maximum x, maximum y.
     pub fn bounds(&self) -> [f64; 4] {
         self.grid.bounds()
     }
 
-    /// Returns the bounds rounded to decimals, since binary sums are slightly off.
+    /// Returns the bounds rounded to six decimals, which removes binary rounding errors.
     pub fn rounded_bounds(&self) -> [f64; 4] {
         self.bounds().map(|v| (v * 1e6).round() / 1e6)
     }
@@ -273,11 +273,12 @@ impl Ortho {
         self.options.gsd
     }
 
-    /// Draws the images; `software` is the program name stored in them. The files appear when all are complete.
+    /// Draws the images, and writes their files. `software` is the program name stored in the files. The files appear
+    /// when all are complete.
     ///
     /// # Errors
-    /// [`Error::Usage`] if `files` names no image, [`Error::Io`] if a file exists already or can't be written. Files
-    /// are loaded again, which fails as in [`Ortho::open`]; [`Error::Render`] if a block can't be drawn.
+    /// [`Error::Usage`] if `files` names no image, [`Error::Io`] if a file exists already or can't be written.
+    /// [`Error::Render`] if a block can't be drawn. Files are loaded again, with the errors of [`Ortho::open`].
     pub fn draw(
         &mut self,
         files: &OrthoFiles,
@@ -324,7 +325,7 @@ impl Ortho {
         Ok(stats)
     }
 
-    /// Draws the image with the margin that filling its gaps needs, fills the gaps, and writes the image.
+    /// Draws the image with the margin that filling of gaps needs, fills the gaps, and writes the image.
     fn draw_filled(
         &mut self,
         distance: f64,
@@ -362,8 +363,8 @@ impl Ortho {
         Ok(())
     }
 
-    /// Draws the blocks that contain pixels of `grid`, from north to south, so that few tiles of a file are in progress
-    /// at a time.
+    /// Draws the blocks that contain pixels of `grid`. Blocks are drawn from north to south, so that few tiles of an
+    /// image file are incomplete at a time.
     fn draw_blocks(
         &mut self,
         grid: &Grid,
@@ -406,7 +407,7 @@ impl Ortho {
         self.sources.iter().any(|source| source.meets(within))
     }
 
-    /// Returns the splats of a block and its surroundings.
+    /// Returns the splats of a block and its surroundings, made from points and splats of all files.
     fn splats_of(&mut self, block: [i64; 2], time: u64, stats: &mut OrthoStats) -> Result<BlockSplats, Error> {
         let Self { sources, grid, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
@@ -457,8 +458,8 @@ impl Ortho {
     }
 }
 
-/// Returns the bounds that the options state by bounds or size; `None` if they state neither. Checks the grid before
-/// anything is loaded.
+/// Returns the bounds that the options state, either directly or by a size; `None` if they state neither. Checks the
+/// grid before files are loaded.
 fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     let asked = match (options.bounds, options.size) {
         (Some(bounds), _) => Some(bounds),
@@ -472,27 +473,27 @@ fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     Ok(asked)
 }
 
-/// Returns the grid of bounds that the options give.
+/// Returns the grid for bounds that the options state.
 fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     let size = options.size.filter(|_| options.bounds.is_none());
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))
 }
 
-/// Attributes that colour points without colours by default; the first one that all files have is used.
+/// Attributes by which points without colours are coloured by default. The first one that all files have is used.
 const OWN_COLORS: [&str; 2] = ["intensity", "height"];
 
-/// Notes on files, or on the image (`None`).
+/// Notes, each with the path of a file, or `None` for notes about the image.
 type Notes = Vec<(Option<PathBuf>, String)>;
-/// Options without effect, by file.
+/// Options without effect, each with the path of a file.
 type Unused = Vec<(PathBuf, UnusedOption)>;
 
-/// Choice of one colouring for all files, and the values collected for it.
+/// Collector of attribute values, from which one colouring for all files is derived.
 #[derive(Default)]
 struct ColorChoice {
     tallies: Tallies,
-    /// Colouring requests of splat files and of point files, and whether they lack the attribute.
+    /// Colouring requests of splat files and point files, with a report if the file lacks the attribute.
     jobs: Vec<(ColorJob, Option<Lacking>)>,
-    /// True if some points have no colours of their own.
+    /// True if some files of points have no colours.
     has_uncolored: bool,
     lacks_intensity: bool,
     is_column: bool,
@@ -535,7 +536,7 @@ impl ColorChoice {
         Ok(())
     }
 
-    /// Determines one scale for all files, and colours the splats of splat files by it.
+    /// Determines one colour scale for all files, and applies it to the splats of splat files.
     fn finish(
         self,
         sources: &mut [Source],
@@ -575,8 +576,8 @@ impl ColorChoice {
     }
 }
 
-/// Frees the points that were used least recently, until the others leave enough room. Points of the current block
-/// aren't freed.
+/// Frees the least recently used points until the others take at most half of the memory limit. Points that the current
+/// block uses aren't freed.
 fn make_room(sources: &mut [Source], time: u64) {
     loop {
         let mut loaded: Vec<_> = sources
@@ -594,7 +595,7 @@ fn make_room(sources: &mut [Source], time: u64) {
     }
 }
 
-/// Returns the bounds of all files in the plane, slightly enlarged along an axis without extent.
+/// Returns the bounds of all files in x and y. An axis without extent is enlarged slightly.
 fn bounds_of(sources: &[Source]) -> [f64; 4] {
     let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     let [x0, y0, x1, y1] = sources.iter().fold(start, |[x0, y0, x1, y1], source| {

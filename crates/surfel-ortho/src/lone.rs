@@ -1,23 +1,23 @@
-//! Detection of points that are isolated in height: birds, and reflections in the air and below the ground.
+//! Detection of points that are isolated in height: birds, and reflections in the air or below the ground.
 //!
-//! Such a point has many neighbours in the plane but few at its height. A point is isolated if fewer than two others
-//! are within eight spacings of it, while at least sixteen are within that distance in the plane, at any height. The
-//! few ground points under a tree have other ground points beside them, and a wire has more of the wire. Sparse
-//! returns, such as from water, have few neighbours at any height and aren't isolated.
+//! An isolated point has many neighbours in the plane, but few at its height. It has fewer than two neighbours within
+//! eight point spacings. Within the same distance in the plane, at any height, there are at least sixteen. The few
+//! ground points under a tree aren't isolated, since other ground points are near, and neither are points on a wire.
+//! Sparse points, such as from water, have few neighbours at any height and aren't isolated either.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 /// Radius of a point's neighbourhood, in point spacings.
 const REACH: f64 = 8.0;
-/// Number of neighbours from which a point isn't isolated.
+/// Number of neighbours above or at which a point isn't isolated.
 const COMPANIONS: usize = 2;
-/// Least number of neighbours in the plane, at any height, for a point to be classified.
+/// Minimum number of neighbours in the plane, at any height, that an isolated point has.
 const LEAST_AROUND: usize = 16;
-/// Number of cells along the neighbourhood's radius; points in the same cell are neighbours.
+/// Number of grid cells along the neighbourhood's radius. Points in the same cell are always neighbours.
 const CELLS: f64 = 2.0;
 
-/// Returns a flag per point, true if the point is isolated in height; `spacing` is the mean distance between points.
+/// Returns one flag per point, true if the point is isolated in height. `spacing` is the mean distance between points.
 pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
         return vec![false; positions.len()];
@@ -55,7 +55,7 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
         }
         around > LEAST_AROUND
     };
-    // Most cells contain enough neighbours, so their points needn't be tested.
+    // Points in cells with enough points needn't be tested. This holds for most cells.
     let runs: Vec<&[([u32; 3], u32)]> =
         sorted.chunk_by(|a, b| a.0 == b.0).filter(|run| run.len() <= COMPANIONS).collect();
     let found: Vec<u32> = runs

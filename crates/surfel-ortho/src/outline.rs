@@ -1,48 +1,50 @@
-//! Edge localisation from the upper surface's points alone: the probability that a place is beneath the surface.
+//! Edge localisation from the points of the upper surface alone: estimates the probability that a position is beneath
+//! the surface.
 //!
-//! The lower of two surfaces may continue beneath the upper one, as a road under a bridge or ground under a tree. Its
-//! points then don't show where the upper surface ends, and the upper points have random gaps.
+//! The lower of two surfaces may continue beneath the upper one, such as a road under a bridge or ground under a tree.
+//! Its points then give no evidence of the position of the upper surface's edge, and the upper points have random gaps.
 //!
-//! The module weights every edge that the surface may have in a window around the place: parabolas of 32 directions, 5
-//! curvatures and any offset. An edge is possible if all upper points are inside it. The points form a Poisson process,
-//! so the likelihood of an edge is exp(−density × area inside), in proportion to exp(density × rest of the window). The
-//! result is the weighted fraction of edges that have the place inside. As a mean over all possible edges it has the
-//! least mean square error. A hole that fits into a window is tested with a smaller window.
+//! The module considers all edges that the surface may have in a window around the position: parabolas with 32
+//! directions, 5 curvatures and any offset. An edge is possible if all upper points are inside of it. The points are
+//! modelled as a Poisson process. The likelihood of an edge is then exp(−density × area inside), which is proportional
+//! to exp(density × rest of the window). The result is the weighted fraction of edges that have the position inside. As
+//! the mean over all possible edges, it has the smallest mean squared error. A hole that fits into a window is tested
+//! with a smaller window.
 
 use super::edge::Edge;
 use std::sync::LazyLock;
 
-/// Radius of the window, in radii of the splats in it. It is wide enough that half a window is never empty by chance,
+/// Radius of the window, in radii of the splats in it. Wide enough that half a window is almost never empty by chance,
 /// and narrow enough that few holes of a canopy fit into it.
 pub(crate) const WINDOW: f64 = 1.8;
-/// Window sizes relative to the whole window. If points enclose the place in the whole window, the smaller one shows
-/// whether they enclose a hole.
+/// Sizes of the two windows, relative to the whole window. If points enclose the position in the whole window, the
+/// smaller window determines whether they enclose a hole.
 const SIZES: [f64; 2] = [1.0, 0.8];
-/// Logarithm of the odds by which an edge is more likely than an enclosed hole: chance also produces holes of this
-/// size.
+/// Logarithm of the prior odds against an enclosed hole, since chance also produces holes of this size.
 const RARER: f64 = 2.0;
-/// Number of points in a window that is entirely inside the surface, over π. A splat's radius is 1.65 spacings
-/// (`surfel-sample`).
+/// Expected number of points in a window that is entirely inside of the surface, divided by π. A splat's radius is 1.65
+/// point spacings (`surfel-sample`).
 const DENSITY: f64 = (1.65 * WINDOW) * (1.65 * WINDOW);
 /// Number of edge directions.
 const DIRECTIONS: usize = 32;
-/// Curvatures of edges in windows, up to 1 over the splats' radius, and their assumed frequencies. Straight edges are
-/// more frequent because of decks; a much higher frequency would harm canopies.
+/// Curvatures of edges, in units of 1/window (at most 1 over the splats' radius), with prior weights. Straight edges
+/// have a higher weight because of bridge decks. A much higher weight would reduce accuracy at canopies.
 const CURVATURES: [(f32, f64); 5] = [(0.0, 2.0), (-1.8, 1.0), (-0.9, 1.0), (0.9, 1.0), (1.8, 1.0)];
-/// Largest offset of an edge from the middle of its window, in windows; such an edge lies outside the window.
+/// Largest offset of an edge from the window's centre, in window radii. At this offset, an edge is outside of the
+/// window.
 const FARTHEST: f64 = 2.0;
-/// Number of tabulated offsets per window.
+/// Number of tabulated offsets per window radius.
 const STEPS: f64 = 64.0;
-/// Number of strips for integrating the area inside an edge.
+/// Number of strips by which the area inside of an edge is integrated.
 const STRIPS: usize = 256;
 
-/// Tabulated likelihoods per curvature: for each offset, that of the edge itself and the integral over all larger
-/// offsets.
+/// Tabulated likelihoods for each curvature and offset: likelihood of the edge, and integral of the likelihood over all
+/// larger offsets.
 struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
 
 static LIKELIHOODS: LazyLock<[Likelihoods; 2]> = LazyLock::new(|| SIZES.map(likelihoods));
 
-/// Tabulates the likelihoods in a window of this relative size.
+/// Tabulates the likelihoods for a window of a relative size.
 fn likelihoods(size: f64) -> Likelihoods {
     Likelihoods(CURVATURES.map(|(curvature, frequency)| {
         let area = |offset: f64| {
@@ -65,7 +67,8 @@ fn likelihoods(size: f64) -> Likelihoods {
 }
 
 impl Likelihoods {
-    /// Interpolates the likelihood of an edge with this curvature and offset, and the integral over all larger offsets.
+    /// Interpolates the likelihood of an edge, and the integral over all larger offsets, for a curvature's index and an
+    /// offset.
     fn at(&self, curvature: usize, offset: f64) -> [f64; 2] {
         let all = &self.0[curvature];
         let step = ((offset + FARTHEST) * STEPS).clamp(0.0, (all.len() - 1) as f64);
@@ -81,24 +84,26 @@ static UNITS: LazyLock<[[f32; DIRECTIONS]; 2]> = LazyLock::new(|| {
     [std::array::from_fn(|i| angle(i).cos() as f32), std::array::from_fn(|i| angle(i).sin() as f32)]
 });
 
-/// Radius within which points enclose a place, in windows: less than 2 spacings, so that pits two points wide remain.
+/// Radius within which points may enclose a position, in window radii. It is less than 2 point spacings, so that pits
+/// two points wide remain.
 const ENCLOSING: f64 = 1.2 / WINDOW;
-/// Least offset of an enclosing point in every direction, in windows.
+/// Minimum offset, in window radii, that enclosing points have in each direction.
 const ENCLOSED: f32 = 0.01;
 
-/// Returns the probability that a place is beneath a surface, and true if near points enclose the place. `around`
-/// returns the surface's points within a distance, relative to the place; `whole` is the window's radius.
+/// Returns the probability that a position is beneath a surface, as an [`Edge`]. The flag is true if nearby points
+/// enclose the position. `around` returns the surface's points within a distance, relative to the position. `whole` is
+/// the radius of the whole window.
 pub(crate) fn chance<I: Iterator<Item = [f64; 2]>>(whole: f64, around: impl Fn(f64) -> I) -> (Edge, bool) {
     let outline = Outline::new(0, whole, &around);
     let edge = outline.chance().or_else(|| Outline::new(1, whole, &around).chance());
     (edge.unwrap_or(Edge::constant(1.0)), outline.encloses())
 }
 
-/// Extents of the upper points in a window.
+/// Support of the upper points in a window, for each direction.
 struct Outline {
-    /// Largest offset per direction of the points near enough to enclose the place.
+    /// Largest offset, for each direction, of the points that are near enough to enclose the position.
     near: [f32; DIRECTIONS],
-    /// Least offset of an edge that has all points inside, by curvature and direction.
+    /// Smallest offset, for each curvature and direction, of an edge that has all points inside.
     least: [[f32; DIRECTIONS]; CURVATURES.len()],
     is_empty: bool,
     /// Radius of the window, in the units of x and y.
@@ -108,7 +113,7 @@ struct Outline {
 }
 
 impl Outline {
-    /// Collects the points around a place, relative to it; `whole` is the radius of the whole window.
+    /// Collects the points around a position, relative to it. `whole` is the radius of the whole window.
     fn new<I: Iterator<Item = [f64; 2]>>(size: usize, whole: f64, around: impl Fn(f64) -> I) -> Self {
         let window = SIZES[size] * whole;
         let mut outline = Self {
@@ -122,7 +127,7 @@ impl Outline {
         outline
     }
 
-    /// Adds a point of the upper surface, relative to the place, in windows.
+    /// Adds a point of the upper surface, relative to the position, in window radii.
     fn add(&mut self, [x, y]: [f64; 2]) {
         let is_near = x * x + y * y < ENCLOSING * ENCLOSING;
         let (x, y) = (x as f32, y as f32);
@@ -145,18 +150,19 @@ impl Outline {
         }
     }
 
-    /// True if near points lie on all sides of the place.
+    /// True if there are nearby points in all directions from the position.
     fn encloses(&self) -> bool {
         self.near.iter().all(|offset| *offset > ENCLOSED)
     }
 
-    /// Returns the probability that the place is inside, as a function of the place; `None` if no edge has it outside.
+    /// Returns the probability that the position is inside of the edge, as a function of the position. Returns `None`
+    /// if all possible edges have it inside.
     fn chance(&self) -> Option<Edge> {
         if self.is_empty {
             return Some(Edge::constant(0.0));
         }
         let (table, [cos, sin]) = (&LIKELIHOODS[self.size], &*UNITS);
-        // Likelihoods of edges with the place inside and outside, and their derivatives by x and y.
+        // These are the likelihoods of edges with the position inside and outside, and their derivatives by x and y.
         let (mut inside, mut outside) = ([0.0; 3], [0.0; 3]);
         for (curvature, least) in self.least.iter().enumerate() {
             let at_place = table.at(curvature, 0.0)[1];

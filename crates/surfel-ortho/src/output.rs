@@ -1,4 +1,4 @@
-//! Output of drawn pixels to image files.
+//! Writing of drawn pixels to image files.
 
 use super::OrthoStats;
 use super::block::BlockPixels;
@@ -9,7 +9,7 @@ use super::layout::Layout;
 use std::path::Path;
 use surfel_io::{GeoSamples, GeoTiles, IoError};
 
-/// Content of an image file.
+/// Kind of values in an image file.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Shown {
     Color,
@@ -17,7 +17,7 @@ pub(super) enum Shown {
     Normal,
 }
 
-/// Image files that pixels are written to.
+/// Image files to which pixels are written.
 pub(super) struct Sink<'a, 'b> {
     pub(super) grid: Grid,
     pub(super) shown: Vec<Shown>,
@@ -58,9 +58,9 @@ impl Sink<'_, '_> {
 
 /// Destination of drawn blocks.
 pub(super) enum Out<'a, 'b, 'c> {
-    /// The image files; only pixels within the image are written.
+    /// Image files. Only pixels within the image are written.
     Image(&'a mut Sink<'b, 'c>),
-    /// A store of whole blocks, and the image file that it is beside.
+    /// Store for whole blocks, and path of an image file in the same folder, for messages.
     Store(&'a mut BlockStore, &'a Path),
 }
 
@@ -89,7 +89,7 @@ impl Out<'_, '_, '_> {
                     (start.max(first), (start + block_px).min(first + count))
                 };
                 let ((x0, x1), (y0, y1)) = (overlap(0), overlap(1));
-                // Rows count from the top here, and from the south in the grid.
+                // Rows of a block are counted from the top, rows of the grid from the south.
                 let top = (block[1] + 1) * block_px + margin_px;
                 let rows = (y0..y1).rev().map(|y| (top - 1 - y) as usize);
                 let left = (x0 - block[0] * block_px + margin_px) as usize;
@@ -105,7 +105,7 @@ impl Out<'_, '_, '_> {
         }
     }
 
-    /// Reports that a row of blocks is complete.
+    /// Reports that a row of blocks is complete, so that finished tiles can be written.
     pub(super) fn done(&mut self, layout: &Layout, row: i64) -> Result<(), IoError> {
         let Self::Image(sink) = self else { return Ok(()) };
         let end = sink.grid.first[1] + i64::from(sink.grid.size[1]) - row * layout.block_px;

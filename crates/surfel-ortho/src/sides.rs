@@ -1,50 +1,49 @@
-//! Edge localisation between two surfaces, from the points around the edge.
+//! Localisation of the edge between two surfaces, from the points around it.
 //!
-//! The weights of splats locate an edge well only if the points' density is even. The points themselves locate it
-//! better. Each point is on the upper or the lower surface, and has the value +1 or −1. The linear function of x and y
-//! that fits these values best around a pixel is zero at the edge. It is fitted by moving least squares (Lancaster and
+//! The weights of splats locate an edge well only if the density of points is even. The points themselves locate it
+//! better. Each point is on the upper or the lower surface, and gets the value +1 or −1. The linear function of x and y
+//! that best fits these values around a pixel is zero at the edge. It is fitted by moving least squares (Lancaster and
 //! Šalkauskas 1981) with Gaussian weights. Wide weights locate a straight edge more precisely but lose small details.
-//! The chosen scale is the widest at which the points are on their own sides of the function.
+//! So the widest scale is chosen at which the function has the right sign at nearly all points.
 //!
-//! Points beneath a surface, such as a road under a bridge, carry no information about its edges. There the upper
-//! points alone locate the edge (`outline.rs`).
+//! Points beneath a surface, such as a road under a bridge, give no evidence of its edges. There, the edge is located
+//! by the upper points alone (`outline.rs`).
 
 use super::edge::Edge;
 use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Standard deviations of the weights, in radii of the splats nearby; a radius is about 1.6 spacings.
+/// Standard deviations of the Gaussian weights, in radii of nearby splats. A radius is about 1.6 point spacings.
 const SCALES: [f64; 4] = [1.3, 0.8, 0.5, 0.3];
-/// Distance in standard deviations beyond which a point has no weight.
+/// Distance, in standard deviations, beyond which a point has no weight.
 const REACH: f64 = 2.5;
-/// Largest fraction of the squared weights that points on the wrong side of the function may have.
+/// Maximum fraction of the squared weights that is due to points at which the function has the wrong sign.
 const WRONG: f64 = 0.05;
-/// Factor, per unit of the scale, from the function's value to a fraction. A step between points that are evenly
-/// distributed on both sides is fitted by a function that rises more slowly than the step, the more so the wider the
-/// weights.
+/// Factor from the function's value to coverage, per unit of the scale. A step between evenly distributed points is
+/// fitted by a function that rises more slowly than the step. Its slope decreases with the width of the weights.
 const STEEPNESS: f64 = 4.4;
-/// Weight of a constant function, relative to the points' weight at their standard deviation. It is needed for few
-/// points or points on a line, which determine no slope.
+/// Weight of a constant function in the fit, relative to the points' weight at their standard deviation. Without it,
+/// the slope would be undetermined for few points and for points on a line.
 const LEVEL: f64 = 2e-3;
-/// Largest side of a square of pixels that share one function, in splat radii. Sharing changes a surface model's RMSE
-/// by 1 %.
+/// Maximum side of a square of pixels that share one function, in splat radii. Sharing changes the RMSE of surface
+/// models by 1 %.
 const SQUARE: f64 = 0.8;
-/// Limit like [`SQUARE`] for edges located by the upper points alone, whose function isn't linear.
+/// Limit like [`SQUARE`] for edges that are located by the upper points alone, whose function isn't linear.
 const OUTLINE_SQUARE: f64 = 0.4;
-/// Largest average number of points in a cell.
+/// Maximum average number of points per cell.
 const CELL_POINTS: f64 = 2.0;
 /// Maximum number of points used to locate the edge at one pixel (plus one row of grid cells).
 const MOST_POINTS: usize = 1024;
-/// Largest number of cells along a side.
+/// Maximum number of cells along a side.
 const MOST_CELLS: f64 = 4096.0;
-/// Probability from which a point counts as beneath a surface.
+/// Probability above which a point counts as beneath a surface.
 const BENEATH: f32 = 0.5;
-/// Probability from which a point shows that the lower surface continues there, if upper points enclose it. In a pit
-/// two points wide in a single surface, they don't.
+/// Probability above which a point is evidence that the lower surface continues there, if upper points enclose it. They
+/// don't enclose points in a pit that is two points wide.
 const WELL_BENEATH: f32 = 0.97;
-/// Largest gap in a layer of foliage, in splat radii. If leaf heights vary by two spacings, gaps of one radius are
-/// common and gaps of two are rare.
+/// Maximum gap in height within a layer of foliage, in splat radii. If the heights of leaves vary by two spacings, gaps
+/// of one radius are common, and gaps of two are rare.
 const LINKED: f64 = 3.0;
 
 #[derive(Clone, Copy)]
@@ -56,27 +55,28 @@ struct Point {
     cloud: u32,
     /// Index of the splat in its cloud.
     splat: u32,
-    /// True if the splat is foliage.
+    /// True if the splat was made from a foliage point.
     is_leaf: bool,
 }
 
-/// Centres of a block's splats, sorted into square cells.
+/// Centres of a block's splats, sorted into square cells, for locating edges between surfaces.
 pub(crate) struct Sides {
     points: Vec<Point>,
-    /// Index of each cell's first point, followed by the number of points.
+    /// Index of each cell's first point. A last entry is the number of points.
     starts: Vec<u32>,
-    /// True for points beneath a surface.
+    /// Flags, one per point, true if the point is probably beneath a surface.
     beneath: Vec<bool>,
     least: [f64; 2],
     cell: f64,
     cells: [usize; 2],
-    /// Largest distance at which any splat has weight.
+    /// Largest distance at which a point may have weight.
     reach: f64,
 }
 
 impl Sides {
-    /// Collects the splats within `bounds` (least x and y, then largest). `is_leaf` returns whether a cloud's splat is
-    /// foliage. `beneath` is called with cloud and splat index of each splat that is certainly beneath a surface.
+    /// Collects the splats within `bounds`: minimum x, minimum y, maximum x, maximum y. `is_leaf` returns true if a
+    /// cloud's splat is foliage. `beneath` is called with the indices of cloud and splat, for each splat that is almost
+    /// certainly beneath a surface.
     pub(crate) fn new<'a>(
         clouds: impl Iterator<Item = &'a SplatCloud>,
         is_leaf: impl Fn(usize, usize) -> bool + Sync,
@@ -106,7 +106,8 @@ impl Sides {
     fn sorted(points: Vec<Point>, [x0, y0, x1, y1]: [f64; 4]) -> Self {
         let [width, height] = [x1 - x0, y1 - y0];
         let even = (width * height * CELL_POINTS / points.len().max(1) as f64).sqrt();
-        // If most of the bounds is empty, points are denser than this estimate.
+        // If large parts of the bounds are empty, points are denser than this estimate, and the mean radius limits the
+        // cells.
         let mean_radius = points.iter().map(|p| f64::from(p.radius)).sum::<f64>() / points.len().max(1) as f64;
         let cell = even.min(mean_radius).max(width.max(height) / MOST_CELLS);
         let cells = [width, height].map(|side| (side / cell).floor() as usize + 1);
@@ -120,7 +121,7 @@ impl Sides {
         for i in 1..starts.len() {
             starts[i] += starts[i - 1];
         }
-        // Within each cell, points stay in the order of the splats, and so do sums.
+        // Within a cell, points retain the order of the splats, so that sums are deterministic.
         let (mut next, mut order) = (starts.clone(), vec![0_u32; keys.len()]);
         for (&key, i) in keys.iter().zip(0..) {
             order[next[key] as usize] = i;
@@ -131,8 +132,8 @@ impl Sides {
         all
     }
 
-    /// Returns the probability per point that it is beneath a surface. It is 0 if that is unlikely, or if no point
-    /// nearby is almost certainly beneath a surface.
+    /// Returns the probability of each point that it is beneath a surface. The probability is 0 if it is low, or if no
+    /// nearby point of the same surface is almost certainly beneath another one.
     fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;
@@ -157,8 +158,8 @@ impl Sides {
         (0..self.points.len()).into_par_iter().with_min_len(1024).map(beneath).collect()
     }
 
-    /// True if height z is within a layer of foliage at a place where splats have about this radius. Most points above
-    /// it must be foliage, with no gap larger than `LINKED` radii between them.
+    /// True if the height `z` is within a layer of foliage at a position. `radius` is the radius of splats there. In a
+    /// layer, most points above `z` are foliage, and no gap in height is larger than `LINKED` radii.
     pub(crate) fn is_among_leaves(&self, [x, y]: [f64; 2], z: f32, radius: f64) -> bool {
         let half = WINDOW * radius;
         let is_near = |p: &&Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2) < half * half && p.z > z;
@@ -173,8 +174,9 @@ impl Sides {
         heights.windows(2).all(|pair| f64::from(pair[1] - pair[0]) <= LINKED * radius)
     }
 
-    /// Returns the probability that (x, y) is beneath the surface of the points for which `is_above` holds, and true if
-    /// near ones enclose it. Splats there have about this radius. `None` if no such point is near.
+    /// Returns the probability that (x, y) is beneath the surface of the points for which `is_above` is true. The flag
+    /// is true if nearby points of this surface enclose the position. `radius` is the radius of splats there. Returns
+    /// `None` if no such point is nearby.
     fn chance(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Edge, bool)> {
         let within = |reach: f64| {
             let from_here = self.around(x, y, reach).map(move |p| (p, [p.at[0] - x, p.at[1] - y]));
@@ -196,8 +198,8 @@ impl Sides {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// Returns the points of the cells that meet a square around (x, y). If there are very many, such as on a wall
-    /// viewed from above, only some of them are returned.
+    /// Returns the points in the cells that overlap a square around (x, y). If there are very many, as on a wall seen
+    /// from above, only some of them are returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -214,7 +216,8 @@ impl Sides {
         rows.flat_map(move |row| of_row(row).step_by(step))
     }
 
-    /// Returns the radius of the splats around (x, y), from the mean density of those within the nearest one's radius.
+    /// Returns the typical radius of the splats around (x, y). It is that of the mean density within the nearest
+    /// splat's radius.
     fn radius_at(&self, x: f64, y: f64) -> Option<f64> {
         let squared = |p: &Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2);
         let mut half = self.cell;
@@ -235,16 +238,16 @@ impl Sides {
         Some((count / sum).sqrt())
     }
 
-    /// Returns the side in pixels, 4, 2 or 1, of a square around (x, y) that can share one edge. Pixels are `gsd`
-    /// apart; `found` is an edge there, if one is known.
+    /// Returns the side in pixels (4, 2 or 1) of a square around (x, y) that can share one edge. `gsd` is the side of a
+    /// pixel. `found` is the edge there, if it has been located.
     pub(crate) fn square_px(&self, x: f64, y: f64, gsd: f64, found: Option<Edge>) -> usize {
         let over_radius = if found.is_some_and(|edge| edge.is_logistic) { OUTLINE_SQUARE } else { SQUARE };
         let most = self.radius_at(x, y).unwrap_or(0.0) * over_radius;
         [4, 2].into_iter().find(|px| *px as f64 * gsd <= most).unwrap_or(1)
     }
 
-    /// Locates the edge near (x, y) between an upper surface of height `upper` and a lower one of height `lower`.
-    /// `None` if no point is near.
+    /// Locates the edge near (x, y) between an upper surface with the height `upper` and a lower one with the height
+    /// `lower`. Returns `None` if there are no points nearby.
     pub(crate) fn edge(&self, x: f64, y: f64, upper: f64, lower: f64, near: &mut Near) -> Option<Edge> {
         let middle = 0.5 * (upper + lower);
         let radius = self.radius_at(x, y)?;
@@ -287,11 +290,11 @@ impl Sides {
     }
 }
 
-/// Number of values computed at a time.
+/// Number of values that are computed together.
 const LANES: usize = 4;
 
-/// Points around a pixel: their offsets from the pixel, their sides (+1, −1), and their weights. Points without weight
-/// pad their number to a multiple of `LANES`.
+/// Points around a pixel: their offsets from the pixel, their values (+1 above, −1 below), and their weights. Points
+/// without weight pad their number to a multiple of `LANES`.
 #[derive(Default)]
 pub(crate) struct Near {
     columns: [Vec<f64>; 3],
@@ -307,18 +310,18 @@ impl Near {
         self.columns.iter_mut().zip([dx, dy, side]).for_each(|(column, value)| column.push(value));
     }
 
-    /// Returns offsets, sides and weights, `LANES` at a time.
+    /// Returns offsets, values and weights of `LANES` points at a time.
     fn lanes(&self) -> impl Iterator<Item = [&[f64; LANES]; 4]> {
         let [dx, dy, side] = [0, 1, 2].map(|k| self.columns[k].as_chunks().0);
         let weights = self.weights.as_chunks().0;
         dx.iter().zip(dy).zip(side).zip(weights).map(|(((dx, dy), side), w)| [dx, dy, side, w])
     }
 
-    /// Fits the linear function to the sides of points: its value at the pixel, and its slopes along x and y. `None`
-    /// without points.
+    /// Fits the linear function to the values of the points, and returns its value and its slopes along x and y at the
+    /// pixel. Returns `None` without points.
     fn fit(&mut self, variance: f64) -> Option<[f64; 3]> {
         let whole = self.columns[0].len().next_multiple_of(LANES);
-        // Padding points are too far away to have weight.
+        // Padding points are so far away that they have no weight.
         self.columns.iter_mut().zip([f64::MAX.sqrt(), 0.0, 0.0]).for_each(|(column, far)| column.resize(whole, far));
         let [dx, dy, _] = &self.columns;
         self.weights.clear();
@@ -328,7 +331,7 @@ impl Near {
         for [dx, dy, side, w] in self.lanes() {
             for k in 0..LANES {
                 let (dx, dy, side, w) = (dx[k], dy[k], side[k], w[k]);
-                // The squares of padding offsets would overflow.
+                // Squares of the padding points' offsets would overflow.
                 let (dx, dy) = if w > 0.0 { (dx, dy) } else { (0.0, 0.0) };
                 let terms = [1.0, dx, dy, dx * dx, dx * dy, dy * dy, side, side * dx, side * dy];
                 (0..9).for_each(|i| sums[i][k] += w * terms[i]);
@@ -347,8 +350,8 @@ impl Near {
         found.iter().all(|v| v.is_finite()).then_some(found)
     }
 
-    /// Returns the squared weights of the points on the wrong side of a linear function, and of all points, for the
-    /// last fit.
+    /// Returns the sum of squared weights of the points at which a linear function has the wrong sign, and the sum over
+    /// all points. The weights are those of the last fit.
     fn wrong(&self, [value, along_x, along_y]: [f64; 3]) -> [f64; 2] {
         let mut sums = [[0.0; LANES]; 2];
         for [dx, dy, side, w] in self.lanes() {
@@ -363,10 +366,10 @@ impl Near {
     }
 }
 
-/// Returns the Gaussian of a squared distance, 0 beyond its reach.
+/// Returns the Gaussian weight for a squared distance; 0 beyond [`REACH`] standard deviations.
 fn weight(squared: f64, variance: f64) -> f64 {
-    // Eighth power of the series of an eighth of the exponent, which is at most 0.4: within 6e-5 of the Gaussian where
-    // it is smallest. It takes a tenth of the time of `exp`.
+    // The Gaussian is computed as the eighth power of a series for an eighth of the exponent, which is at most 0.4. It
+    // is within 6e-5 of the Gaussian where this is smallest, and takes a tenth of the time of `exp`.
     let y = squared / (-16.0 * variance);
     let series = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y / 120.0))));
     let fourth = (series * series) * (series * series);

@@ -1,4 +1,4 @@
-//! Points and splats that an orthoimage is drawn from, sorted into bins by position.
+//! Input files of an orthoimage: their points and splats, sorted into bins by position.
 
 use super::canonical::Canonical;
 use super::layout::{Layout, Sampling};
@@ -20,23 +20,23 @@ use surfel_load::{LoadedCloud, steps};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
 use surfel_sample::{NoProgress, Progress};
 
-/// Largest number of points from which the density of a cloud is estimated.
+/// Maximum number of points from which the density of a cloud is estimated.
 const SAMPLE: usize = 1 << 17;
-/// Average number of sample points per cell for that estimate.
+/// Average number of sampled points per cell for estimating the density.
 const IN_A_CELL: f64 = 16.0;
 
-/// An input file of an orthoimage.
+/// Input file of an orthoimage.
 pub(crate) struct Source {
     pub(crate) path: PathBuf,
     pub(crate) holds: Holds,
-    /// Bounds of the points, or of the splats.
+    /// Bounds of the points or splats.
     pub(crate) bounds: (DVec3, DVec3),
     pub(crate) crs: Option<Crs>,
-    /// True if the names or the steps of x and y indicate degrees.
+    /// True if the names or the steps of the columns x and y indicate degrees.
     pub(crate) is_named_degrees: bool,
 }
 
-/// Returns the sampling of the plane by all files.
+/// Returns the density of points and splats of all files.
 pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
     let mut sampling = Sampling::default();
     let own_density = |source: &Source| match &source.holds {
@@ -51,9 +51,9 @@ pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
         if own > 0.0 {
             let middle = 0.5 * (source.bounds.0 + source.bounds.1);
             let at = [middle.x, middle.y, middle.x, middle.y];
-            // Overlapping files have the sum of their densities; adjacent files don't.
+            // Overlapping files have the sum of their densities, whereas adjacent files don't.
             let mut all: Vec<f64> = sources.iter().filter(|other| other.meets(at)).map(own_density).collect();
-            // Sorted, so that the sum doesn't depend on the order of files.
+            // The densities are sorted, so that the sum doesn't depend on the order of files.
             all.sort_unstable_by(f64::total_cmp);
             sampling.density = sampling.density.max(all.iter().sum());
             sampling.spacing = sampling.spacing.max(own.sqrt().recip());
@@ -67,41 +67,41 @@ pub(crate) type PositionOf<'a> = Box<dyn Fn(usize) -> DVec3 + 'a>;
 
 /// Content of a file.
 pub(crate) enum Holds {
-    /// Points, which are converted per block.
+    /// Points, which are converted to splats block by block.
     Points(Box<Points>),
-    /// Splats, or splats made from a mesh.
+    /// Splats from a splat file, or made from a mesh.
     Splats(Arc<SplatCloud>),
 }
 
-/// Points of a file; they are freed and loaded again as needed.
+/// Points of a file. They may be freed, and are then loaded again when they are needed.
 pub(crate) struct Points {
-    /// Points per square unit of the covered area.
+    /// Number of points per unit of the covered area.
     pub(crate) density: f64,
     pub(crate) bytes: usize,
     pub(crate) has_colors: bool,
     pub(crate) has_intensity: bool,
-    /// Rounding that makes positions identical in any file format.
+    /// Rounding by which positions become identical for all file formats.
     pub(crate) canonical: Canonical,
     cloud: Option<PointCloud>,
-    /// Water flag of each row; empty if no point is water.
+    /// Flags, one per point, true if the point is water. Empty if no point is water.
     water: Vec<bool>,
-    /// Rows of the cloud in each bin; set when the points are sorted into bins.
+    /// Range of points in each bin; `None` until the points are sorted into bins.
     bins: Option<Bins>,
-    /// Number of the block that used the points last.
+    /// Number of the block that used the points most recently.
     used: u64,
 }
 
-/// Notes, unused options and colouring request of a loaded file.
+/// Notes, unused options and colouring request of a file that is being loaded.
 #[derive(Default)]
 pub(crate) struct Told {
     pub(crate) notes: Vec<String>,
     pub(crate) unused: Vec<UnusedOption>,
-    /// Colouring request for the file's splats.
+    /// Colouring request for the splats of a splat file.
     pub(crate) color_job: Option<ColorJob>,
 }
 
 impl Source {
-    /// Loads a file, and adds its notes to `told`.
+    /// Loads a file, and adds notes and unused options to `told`.
     pub(crate) fn load(
         path: &Path,
         options: &LoadOptions,
@@ -145,7 +145,8 @@ impl Source {
         Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
     }
 
-    /// Returns the number of points or splats in memory, and a function for their positions.
+    /// Returns the number of points or splats in memory, and a function for their positions. `None` if the points were
+    /// freed.
     pub(crate) fn positions(&self) -> Option<(usize, PositionOf<'_>)> {
         match &self.holds {
             Holds::Points(points) => {
@@ -156,15 +157,15 @@ impl Source {
         }
     }
 
-    /// True if bounds in the plane (least x and y, then largest) meet this file's bounds.
+    /// True if the file's bounds overlap a rectangle: minimum x, minimum y, maximum x, maximum y.
     pub(crate) fn meets(&self, [x0, y0, x1, y1]: [f64; 4]) -> bool {
         let (lo, hi) = self.bounds;
         lo.x <= x1 && hi.x >= x0 && lo.y <= y1 && hi.y >= y0
     }
 }
 
-/// Returns the points of a file that the options select. Normals that Surfel itself added to a COPC file are dropped,
-/// since the COPC file and its source file must give the same surface.
+/// Returns the points of a file that the options select. Normals that Surfel added to a COPC file are removed, because
+/// a COPC file must give the same surface as its source file.
 fn chosen(
     mut points: PointCloud,
     path: &Path,
@@ -179,7 +180,7 @@ fn chosen(
     steps::chosen_points(points, path, options, notes, progress)
 }
 
-/// True for normals in steps of 1/127, as Surfel adds them to COPC files.
+/// True if all components of the normals are multiples of 1/127, as Surfel stores estimated normals in COPC files.
 fn are_estimated(normals: &Column3) -> bool {
     let is_step = |v: f64| (v * 127.0 - (v * 127.0).round()).abs() < 1e-4;
     (0..normals.len()).all(|i| normals.get(i).to_array().into_iter().all(is_step))
@@ -191,12 +192,12 @@ fn empty(path: &Path) -> Error {
 }
 
 impl Points {
-    /// Returns the cloud as loaded, before it is sorted into bins.
+    /// Returns the points as they were loaded, before they are sorted into bins; `None` if they were freed.
     pub(crate) fn as_loaded(&self) -> Option<&PointCloud> {
         self.cloud.as_ref()
     }
 
-    /// Frees the points and returns their size in bytes; they are loaded again when needed.
+    /// Frees the points, and returns their size in bytes. They are loaded again when they are needed.
     pub(crate) fn free(&mut self) -> usize {
         (self.cloud, self.bins, self.water) = (None, None, Vec::new());
         self.bytes
@@ -210,7 +211,7 @@ impl Points {
         self.used
     }
 
-    /// Sorts the points into bins, loading them first if necessary.
+    /// Sorts the points into bins, after loading them again if they were freed. Only the column `column` is retained.
     pub(crate) fn prepare(
         &mut self,
         path: &Path,
@@ -232,7 +233,7 @@ impl Points {
             },
         };
         let is_water = water(&cloud.extras, cloud.len());
-        // Files may spell the column's name differently.
+        // Files may spell the name of the column differently.
         let named = column.and_then(|name| ExtraColumn::find(&cloud.extras, name)).map(|extra| extra.name.clone());
         cloud.extras.retain(|extra| Some(&extra.name) == named.as_ref());
         let (cloud, order, bins) = binned(&cloud, &self.canonical, layout);
@@ -242,7 +243,7 @@ impl Points {
         Ok(())
     }
 
-    /// Appends the points within bounds in the plane to a block's points.
+    /// Appends the points within a rectangle to a block's points.
     pub(crate) fn gather(&self, within: [f64; 4], layout: &Layout, into: &mut Gathered) {
         let (Some(cloud), Some(bins)) = (&self.cloud, &self.bins) else { return };
         let [x0, y0, x1, y1] = within;
@@ -260,7 +261,7 @@ impl Points {
     }
 }
 
-/// Points of a block, from all files.
+/// Points of a block, collected from all files.
 #[derive(Default)]
 pub(crate) struct Gathered {
     positions: Vec<DVec3>,
@@ -276,7 +277,7 @@ impl Gathered {
     fn push(&mut self, cloud: &PointCloud, i: usize, p: DVec3, is_water: bool) {
         self.positions.push(p);
         self.water.push(is_water);
-        // A zero normal is estimated later.
+        // Normals that are missing are zero here, and are estimated later.
         self.normals.push(cloud.normals.as_ref().map_or(glam::Vec3::ZERO, |n| n.get(i).as_vec3()));
         self.has_normals |= cloud.normals.is_some();
         self.colors.push(cloud.colors.as_ref().and_then(|c| c.get(i)).copied().unwrap_or([1.0; 3]));
@@ -284,8 +285,9 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// Returns the points as one cloud, in an order that depends only on the points, and the positions of points
-    /// dropped as isolated in height. `column` is the name of their values. Without a `spacing` no point is dropped.
+    /// Returns the points as one cloud, in an order that depends only on the points. Also returns the positions of
+    /// points that were dropped because they are isolated in height; without a `spacing`, none are. `column` is the
+    /// name of the points' values.
     pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
@@ -311,7 +313,7 @@ impl Gathered {
 }
 
 impl Gathered {
-    /// Orders points by position, then by the other properties that distinguish them.
+    /// Compares points by position, and then by the other properties that distinguish them.
     fn compare(&self, a: usize, b: usize) -> Ordering {
         let three =
             |a: [f64; 3], b: [f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
@@ -323,7 +325,7 @@ impl Gathered {
     }
 }
 
-/// Returns the splats whose centres are within bounds in the plane; `None` if there are none.
+/// Returns the splats whose centres are within a rectangle, or `None` if there are none.
 pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Option<SplatCloud>, Error> {
     let [x0, y0, x1, y1] = within;
     let inside = |p: DVec3| p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1;
@@ -331,7 +333,7 @@ pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Opti
     splats_kept(cloud, &keep)
 }
 
-/// Returns the splats whose flag is set; `None` if there are none.
+/// Returns the splats whose flag is set, or `None` if there are none.
 pub(crate) fn splats_kept(cloud: &SplatCloud, keep: &[bool]) -> Result<Option<SplatCloud>, Error> {
     if !keep.contains(&true) {
         return Ok(None);
@@ -349,11 +351,11 @@ fn bytes(points: &PointCloud) -> usize {
         + points.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
 }
 
-/// Rows of each bin, by the bin's row and column.
+/// Range of points in each bin, by the bin's row and column.
 type Bins = BTreeMap<(i64, i64), Range<usize>>;
 
-/// Sorts points by their bins, preserving the order within a bin. Returns the points, their previous rows, and the rows
-/// of each bin.
+/// Sorts points by their bins, and preserves their order within a bin. Returns the sorted points, their previous
+/// indices, and the range of each bin.
 fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointCloud, Vec<u32>, Bins) {
     let bin = |i: usize| {
         let p = canonical.position(cloud, i);
@@ -361,7 +363,7 @@ fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointC
     };
     let mut counts: BTreeMap<(i64, i64), usize> = BTreeMap::new();
     let mut last = None;
-    // Points mostly come in runs of one bin.
+    // Successive points are mostly in the same bin, so that runs are counted.
     let mut run = 0;
     for key in (0..cloud.len()).map(bin) {
         if last != Some(key) {
@@ -400,8 +402,9 @@ fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointC
     (sorted, order, bins)
 }
 
-/// Estimates the points per square unit of the area they cover, from the cells of a square grid that contain points of
-/// a sample. Infinite if all points lie above each other. The result doesn't depend on the order of the points.
+/// Estimates the number of points per unit of the covered area. The area is that of the cells of a square grid that
+/// contain sampled points. Infinite if all points have the same x and y. The result doesn't depend on the order of the
+/// points.
 fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3)) -> f64 {
     let share = if points.len() <= SAMPLE { u64::MAX } else { u64::MAX / points.len() as u64 * SAMPLE as u64 };
     let plane = |i: usize| canonical.position(points, i).truncate();
@@ -417,7 +420,7 @@ fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3))
     loop {
         let cell = |p: &DVec2| (((p.x - lo.x) / side) as i64, ((p.y - lo.y) / side) as i64);
         let cells = sample.iter().map(cell).collect::<HashSet<_>>().len();
-        // Distant strays make the first cells too large.
+        // If there are distant strays, the first cells are too large and are refined.
         if cells as f64 * IN_A_CELL * 2.0 >= count as f64 || cells > count / 4 || side < longest * 1e-9 {
             return points.len() as f64 / (cells as f64 * side * side);
         }
@@ -425,7 +428,7 @@ fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3))
     }
 }
 
-/// Hashes bits (the finaliser of SplitMix64).
+/// Returns a hash of bits (the finaliser of SplitMix64).
 fn mixed(bits: u64) -> u64 {
     let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

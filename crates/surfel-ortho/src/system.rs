@@ -1,4 +1,4 @@
-//! The coordinate reference system of an image.
+//! Coordinate reference system of an image.
 
 use super::source::Source;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use surfel_io::ShowPath as _;
 use surfel_load::Error;
 use surfel_model::ModelError;
 
-/// Returns the coordinate reference system given by an EPSG code, or else shared by all files.
+/// Returns the coordinate reference system with the given EPSG code, or else the system that all files share.
 pub(super) fn crs_of(
     sources: &[Source],
     epsg: Option<u16>,

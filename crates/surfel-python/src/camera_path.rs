@@ -4,10 +4,10 @@ use std::path::PathBuf;
 use surfel_app::film::CameraPath;
 use surfel_app::request::RenderOptions;
 
-/// Cameras of a path: a file, or its content.
+/// Keys of a camera path: the path of a file, or the content of one.
 pub(crate) type Keys = (Option<PathBuf>, Option<String>);
 
-/// Reads a camera path.
+/// Reads the camera path of these keys; `None` without keys.
 pub(crate) fn camera_path(keys: Keys, options: &RenderOptions) -> Result<Option<CameraPath>, surfel_load::Error> {
     match keys {
         (Some(path), _) => CameraPath::read(&path, options).map(Some),

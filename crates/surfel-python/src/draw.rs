@@ -22,19 +22,19 @@ use surfel_render::{Capabilities, SceneSummary, unsupported};
 use surfel_render::{Frame, Planes, Renderer, Stats};
 use surfel_sample::Progress;
 
-/// Number of scenes that stay ready to be drawn, in addition to the last one.
+/// Maximum number of scenes that stay prepared, in addition to the last one.
 const KEPT: usize = 1;
 
-/// Input of images, with cached results of loading and preparing.
+/// Inputs of a scene, with cached results of loading and preparing.
 pub(crate) struct Input {
     pub(crate) paths: Vec<PathBuf>,
-    /// Contents of the file that arrays were converted to; the name `-` among the paths refers to it.
+    /// Contents of the file that arrays were converted to. The name `-` among the paths stands for this file.
     pub(crate) bytes: Option<Arc<[u8]>>,
-    /// Number of points in the arrays; 0 if it is unknown.
+    /// Number of points in the arrays; 0 if unknown.
     pub(crate) points: u64,
     /// Notes about the arrays.
     pub(crate) notes: Vec<String>,
-    /// Scene file embedded in an image; the image is the first of the paths.
+    /// Scene file embedded in an image. The image is the first of the paths.
     carried: Option<String>,
     cache: Mutex<Cache>,
     level_store: Arc<LevelStore>,
@@ -42,74 +42,74 @@ pub(crate) struct Input {
 
 #[derive(Default)]
 struct Cache {
-    /// Loaded objects, with the key of the options that they were loaded with.
+    /// Loaded objects, with a key of the options that they were loaded with.
     loaded: Option<(String, LoadedObjects)>,
     prepared: Vec<Arc<Prepared>>,
 }
 
-/// A scene in a backend: the backend's name, true if splats are stored in 16 bits, and the scene.
+/// Uploaded scene, with its key: the name of the backend, and true if splats are stored in 16 bits.
 type Resident = ((&'static str, bool), Arc<BackendScene>);
 
-/// A scene, framed and lit.
+/// Scene with its camera and lights, ready to be drawn.
 pub(crate) struct Prepared {
     options: RenderOptions,
-    /// The images whose views decided which parts of files were read, if views decided.
+    /// Images whose views decided which parts of files were read; `None` if everything was read.
     read_for: Option<Arc<Pictures>>,
     pub(crate) resolved: Resolved,
     summary: SceneSummary,
     pub(crate) notes: Arc<[String]>,
-    /// The scene in the backend that last drew it.
+    /// The scene as uploaded to the backend that last drew it.
     resident: Mutex<Option<Resident>>,
     files: Arc<Files>,
 }
 
-/// Files of a scene.
+/// Files that a scene was loaded from.
 #[derive(Default)]
 pub(crate) struct Files {
-    /// Files that others refer to.
+    /// Files that the inputs refer to, such as textures.
     beside: BTreeSet<PathBuf>,
     /// Contents of the file named `-`.
     bytes: Option<Arc<[u8]>>,
-    /// All files and their hashes; set once an image was written.
+    /// All files with their hashes; set when the first image is written.
     known: Mutex<Option<Vec<metadata::Input>>>,
 }
 
-/// Settings of one image.
+/// Settings of an image to be drawn.
 #[derive(Clone)]
 pub(crate) struct Job {
     pub(crate) options: RenderOptions,
-    /// All images that are drawn of the scene together.
+    /// All images that are drawn of the scene, which share up axis and conversion.
     pub(crate) pictures: Arc<Pictures>,
     pub(crate) who: Who,
     pub(crate) planes: Planes,
 }
 
-/// The camera of an image.
+/// Source of an image's camera.
 #[derive(Clone)]
 pub(crate) enum From {
     /// Camera of the options.
     Options,
-    /// A camera given by the caller, and true if near and far planes are fitted to the scene.
+    /// Camera given by the caller. The flag is true if near and far planes are fitted to the scene.
     Camera(Camera, bool),
-    /// Index of an image of the job's pictures: a turntable or a camera path.
+    /// Index of an image on the job's turntable or camera path.
     Picture(u32),
 }
 
-/// An image that was drawn.
+/// Drawn image with the data to describe it.
 pub(crate) struct Drawn {
     pub(crate) frame: Frame,
     pub(crate) stats: Stats,
     pub(crate) recipe: Recipe,
 }
 
-/// Data embedded in an image so that it can be drawn again.
+/// Description of how an image was drawn, embedded in the image file so that the image can be drawn again.
 #[derive(Clone)]
 pub(crate) struct Recipe {
     pub(crate) notes: Arc<[String]>,
     files: Arc<Files>,
     pub(crate) scene: SceneFile,
     pub(crate) drawn: serde_json::Map<String, serde_json::Value>,
-    /// True if the camera's near and far planes were fitted to the scene.
+    /// True if the near and far planes of the camera were fitted to the scene.
     fits_depth: bool,
 }
 
@@ -117,12 +117,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs `work` in a pool of `threads` threads.
+/// Runs `work` in a new pool of `threads` threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
     memory::check_threads(threads, memory::STACK_BYTES)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| memory::threads_error(threads, memory::STACK_BYTES, &e))?;
-    // Once each thread has run, what their starts leave is known.
+    // After each thread has run once, the remaining memory is known.
     pool.broadcast(|_| ());
     memory::check_threads(threads, 0)?;
     Ok(pool.install(work))
@@ -135,12 +135,13 @@ impl Input {
         Self { paths, bytes, points, notes, carried: None, cache: Mutex::default(), level_store }
     }
 
-    /// Passes on a result; if the input is arrays, errors name the argument instead of a file.
+    /// Returns `result`. If the input is arrays, an error names the argument `points` instead of a file.
     pub(crate) fn named<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
         if self.bytes.is_some() { result.map_err(error_of_arrays) } else { result }
     }
 
-    /// Returns notes about the arrays, followed by `notes`, which name the argument if the input is arrays.
+    /// Returns the notes about the arrays, followed by `notes`. If the input is arrays, `notes` name the argument
+    /// instead of a file.
     pub(crate) fn named_notes(&self, notes: Vec<String>) -> Vec<String> {
         if self.bytes.is_none() {
             return notes;
@@ -148,14 +149,14 @@ impl Input {
         self.notes.iter().cloned().chain(notes.iter().map(|note| of_arrays(note))).collect()
     }
 
-    /// Drops cached scenes of options that overwrite a colour-bar file, so that it is written again.
+    /// Drops cached scenes if the options overwrite a colour-bar file, so that the file is written again.
     pub(crate) fn renew(&self, options: &RenderOptions) {
         if options.splats.force && options.splats.colorbar.is_some() {
             lock(&self.cache).prepared.retain(|prepared| prepared.options != *options);
         }
     }
 
-    /// Reads the scene embedded in an image, and the flags that it was drawn with.
+    /// Reads the scene embedded in an image, and the flags with which the image was drawn.
     pub(crate) fn of_picture(path: PathBuf) -> Result<(Self, Vec<(String, String)>), Error> {
         let image = surfel_io::read_image(&path)?;
         let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
@@ -183,7 +184,8 @@ impl Input {
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
 
-    /// Loads, frames and lights the scene of the options, or returns the cached one.
+    /// Prepares the scene of the options: loads it, and chooses camera and lights. Returns the cached scene if there is
+    /// one.
     pub(crate) fn prepare(
         &self,
         options: &RenderOptions,
@@ -212,7 +214,7 @@ impl Input {
         let loaded = match &cache.loaded {
             Some((known, loaded)) if *known == key => loaded.clone(),
             _ => {
-                // Frees the old scene first.
+                // The old scene is freed first.
                 *cache = Cache::default();
                 memory::check_splats(self.points, &options.splats, threads)?;
                 let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
@@ -236,7 +238,7 @@ impl Input {
     }
 }
 
-/// Draws an image.
+/// Draws an image of the input.
 pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
     input.named(draw_unnamed(input, job, from, progress))
 }
@@ -246,7 +248,7 @@ fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progr
     draw_prepared(&prepared, job, from)
 }
 
-/// Draws an image of a scene that is framed and lit.
+/// Draws an image of a prepared scene.
 pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Result<Drawn, Error> {
     let (options, threads) = (&job.options, job.who.options.threads);
     let Resolved { file, scene, .. } = &prepared.resolved;
@@ -298,7 +300,7 @@ pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Resu
 }
 
 impl Prepared {
-    /// Wraps a scene that is drawn once.
+    /// Wraps a scene that is drawn only once, and not cached.
     pub(crate) fn alone(resolved: Resolved, notes: Vec<String>) -> Self {
         let summary = summary_of(&resolved.scene);
         let files = Arc::new(Files { beside: resolved.beside.clone(), ..Files::default() });
@@ -326,7 +328,7 @@ impl Prepared {
 }
 
 impl Recipe {
-    /// Returns the files that the image was made from.
+    /// Returns the files from which the image was drawn, with their hashes.
     fn inputs(&self) -> Result<Vec<metadata::Input>, Error> {
         let mut known = lock(&self.files.known);
         if let Some(inputs) = known.as_ref() {
@@ -338,7 +340,7 @@ impl Recipe {
         Ok(known.insert(inputs).clone())
     }
 
-    /// Returns the metadata of an image that is written to `folder`; nothing if a path isn't UTF-8.
+    /// Returns the metadata of an image that is written to `folder`; empty if a path isn't UTF-8.
     pub(crate) fn entries(
         &self,
         folder: &Path,
@@ -358,7 +360,7 @@ impl Recipe {
         if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
     }
 
-    /// Returns the scene file's camera, without near and far planes that were fitted to the scene.
+    /// Returns the camera of the scene file as JSON. Near and far planes that were fitted to the scene are omitted.
     pub(crate) fn camera_json(&self) -> Result<String, Error> {
         let mut camera = serde_json::to_value(&self.scene.camera).map_err(|_| defect())?;
         if let (true, Some(keys)) = (self.fits_depth, camera.as_object_mut()) {
@@ -368,7 +370,7 @@ impl Recipe {
         Ok(camera.to_string())
     }
 
-    /// Serialises the recipe as JSON, for another process; returns `None` if a path isn't UTF-8.
+    /// Serialises the recipe as JSON, for another process; `None` if a path isn't UTF-8.
     pub(crate) fn to_json(&self) -> Result<Option<String>, Error> {
         let Ok(scene) = serde_json::to_value(&self.scene) else { return Ok(None) };
         let mut inputs = Vec::new();
@@ -386,7 +388,7 @@ impl Recipe {
         Ok(Some(json.to_string()))
     }
 
-    /// Parses what [`Recipe::to_json`] returned.
+    /// Parses the JSON that [`Recipe::to_json`] returned.
     pub(crate) fn from_json(text: &str) -> Option<Self> {
         let json: serde_json::Value = serde_json::from_str(text).ok()?;
         let scene = serde_json::to_vec(json.get("scene")?).ok()?;

@@ -1,4 +1,4 @@
-//! Conversion of errors to Python exceptions, with Python's argument names.
+//! Conversion of errors to Python exceptions. Messages name options as keyword arguments.
 
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
@@ -12,18 +12,18 @@ use surfel_load::Error;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
 
-/// Message of [`defect`].
+/// Message of [`defect`](crate::interrupt::defect).
 pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
 
-/// Converts a message about options to one about keyword arguments: `--depth-tolerance` of `surfel-app` becomes
-/// `depth_tolerance`, and options that packages below it name become keywords ([`as_keywords`]).
+/// Converts option names in a message to keyword arguments. Flags such as `--depth-tolerance` from `surfel-app` become
+/// `depth_tolerance`. Neutral names of lower packages are converted by [`as_keywords`].
 pub(crate) fn in_python(message: &str) -> String {
     let message = as_keywords(message);
     let mut text = String::with_capacity(message.len());
     let mut rest = message.as_ref();
     while let Some(at) = rest.find("--") {
         let (before, after) = (&rest[..at], &rest[at + 2..]);
-        // Dashes within a file name aren't flags.
+        // Dashes within a file name don't begin a flag.
         let begins = !before.ends_with(|c: char| c.is_alphanumeric() || matches!(c, '-' | '/' | '.' | '_'));
         let is_flag = begins && after.starts_with(|c: char| c.is_ascii_lowercase());
         let length = after.find(|c: char| !c.is_ascii_alphanumeric() && c != '-').unwrap_or(after.len());
@@ -39,10 +39,10 @@ pub(crate) fn in_python(message: &str) -> String {
     text + rest
 }
 
-/// Name of a scene's arrays in messages.
+/// Name of the argument that contains a scene's arrays, in messages.
 pub(crate) const ARRAYS: &str = "points";
 
-/// Converts a message about standard input, as which arrays are read, to one about the argument.
+/// Converts a message about standard input to one about the argument. Arrays are read as if they were standard input.
 pub(crate) fn of_arrays(message: &str) -> String {
     let mut text = String::with_capacity(message.len());
     let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '/' | '\\');
@@ -61,7 +61,7 @@ pub(crate) fn of_arrays(message: &str) -> String {
     text + rest
 }
 
-/// Converts an error about standard input, as which arrays are read, to one about the argument.
+/// Converts an error about standard input to one about the argument. Arrays are read as if they were standard input.
 pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     let rename = |path: &mut PathBuf| {
         if surfel_load::paths::is_stdin(path) || path.as_os_str() == "stdin" {
@@ -86,7 +86,7 @@ pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     error
 }
 
-/// Creates an exception of the package by its class name.
+/// Creates an exception of the Python package, given by its class name.
 pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
     match made {
@@ -96,7 +96,7 @@ pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     }
 }
 
-/// Returns how pip installs the package with a feature of Cargo.
+/// Returns the pip command that installs the package with a Cargo feature.
 pub(crate) fn how_to_build(py: Python<'_>, feature: &str) -> PyResult<String> {
     py.import("surfel._errors")?.call_method1("how_to_build", (feature,))?.extract()
 }
@@ -109,7 +109,7 @@ pub(crate) fn usage(py: Python<'_>, message: &str) -> PyErr {
 pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     let class = match error {
         Error::Io(IoError::System { source, .. }) => {
-            // Built-in exception classes, which scripts catch.
+            // Scripts catch these built-in exception classes.
             let message = in_python(&error.to_string());
             return match source.kind() {
                 ErrorKind::NotFound => pyo3::exceptions::PyFileNotFoundError::new_err(message),
@@ -127,7 +127,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
         Error::Input(text) if text == DEFECT => "Error",
         Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",
         Error::Backend(BackendError::NotBuilt { name, feature, available }) => {
-            // The message has flags of pip, which aren't keyword arguments.
+            // The message contains flags of pip, which must not become keyword arguments.
             let made =
                 py.import("surfel._errors").and_then(|m| m.call_method1("not_built", (name, feature, available)));
             return made.map_or_else(|failed| failed, PyErr::from_value);

@@ -15,7 +15,7 @@ use surfel_app::options::{Commands, Options, table};
 use surfel_backend::BackendOptions;
 use surfel_load::Error;
 
-/// A figure that has been drawn.
+/// Drawn figure.
 #[pyclass(frozen, module = "surfel._native", name = "Figure")]
 pub(crate) struct NativeFigure {
     image: FigureImage,
@@ -35,14 +35,14 @@ impl NativeFigure {
         self.image.dpi
     }
 
-    /// Returns the pixels as in a PNG.
+    /// Returns the pixels in 8-bit sRGB with alpha, as in a PNG; None if there are none.
     fn rgba(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         let picture = py.detach(|| self.image.drawing.picture());
         let [w, h] = picture.size.map(|side| side as usize);
         array(py, picture.rgba.into_flattened(), 0..4 * w * h, &[h, w, 4])
     }
 
-    /// Encodes the figure as png, svg or pdf.
+    /// Encodes the figure as PNG, SVG or PDF; `format` is the file extension.
     fn bytes<'py>(&self, py: Python<'py>, format: &str) -> PyResult<Bound<'py, PyBytes>> {
         let format = FigureFormat::of(format!("figure.{format}").as_ref());
         let format = format.map_err(|error| errors::raise(py, &error))?;
@@ -50,7 +50,7 @@ impl NativeFigure {
         py_bytes(py, &bytes)
     }
 
-    /// Writes a PDF, SVG or PNG.
+    /// Writes the figure as PDF, SVG or PNG, by the extension of the path.
     fn save(&self, py: Python<'_>, path: PathBuf, force: bool) -> PyResult<()> {
         let saved = py.detach(|| check_output(&path, force).and_then(|_| self.image.save(&path, force)));
         saved.map_err(|error| errors::raise(py, &error))

@@ -1,4 +1,4 @@
-//! Functions of the commands `convert`, `ortho`, `info`, `compare` and `backends`.
+//! Python functions for the commands `convert`, `ortho`, `info`, `compare` and `backends`.
 
 use crate::draw::{Input, on_threads};
 use crate::errors;
@@ -25,7 +25,7 @@ use surfel_load::levels::{self, CopcRequest};
 use surfel_ortho::{OrthoFiles, OrthoOptions};
 use surfel_render::Renderer;
 
-/// Runs work on files or on a scene's arrays; errors about arrays name the argument.
+/// Runs `work` on files or on a scene's arrays. Errors about arrays name the argument.
 fn named<T>(
     input: Option<&Arc<Input>>,
     options: &SplatOptions,
@@ -38,13 +38,13 @@ fn named<T>(
     }
 }
 
-/// Converts the notes of work on files or arrays to Python's names.
+/// Returns notes in which options are named as in Python, and arrays by their argument.
 fn named_notes(input: Option<&Arc<Input>>, notes: Vec<String>) -> Vec<String> {
     let notes = input.map_or(notes.clone(), |input| input.named_notes(notes));
     notes.iter().map(|note| errors::in_python(note)).collect()
 }
 
-/// Writes splats, an octree, or points with levels of detail (COPC); returns notes for the user.
+/// Writes splats, an octree, or points with levels of detail (COPC). Returns notes for the user.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "Python's half names them")]
 pub(crate) fn convert(
@@ -77,7 +77,7 @@ pub(crate) fn convert(
     let (stdin, of_arrays) = (input.as_ref().and_then(|input| input.bytes.clone()), input.clone());
     let asked = options.clone();
     let convert = move |progress: &interrupt::Reporter| {
-        // Checked before the work starts.
+        // The output is checked before the work starts.
         if output.is_file() && !force && !resume {
             return Err(IoError::Exists { path: output }.into());
         }
@@ -130,11 +130,11 @@ pub(crate) fn convert(
     Ok(named_notes(input.as_ref(), notes))
 }
 
-/// Memory of one block of an orthoimage of any size, in bytes: 2064² pixels of all planes, and edges; 200 MB were
-/// measured.
+/// Memory of one block of an orthoimage of any size, in bytes. A block has 2064² pixels of all planes, and edge data;
+/// 200 MB were measured.
 const BLOCK_BYTES: u64 = 256 << 20;
 
-/// Draws an orthoimage; returns the output of `--stats` as JSON, and notes for the user.
+/// Draws an orthoimage. Returns the output of `--stats` as JSON, and notes for the user.
 #[pyfunction]
 pub(crate) fn ortho(
     py: Python<'_>,
@@ -191,7 +191,7 @@ pub(crate) fn ortho(
     Ok((json.to_string(), named_notes(input.as_ref(), notes)))
 }
 
-/// Describes the contents of a file, as JSON.
+/// Returns a description of a file's contents, as JSON.
 #[pyfunction]
 pub(crate) fn info(
     py: Python<'_>,
@@ -211,7 +211,7 @@ pub(crate) fn info(
         let input = of_arrays;
         let bytes = input.as_ref().and_then(|input| input.bytes.clone());
         let read = || surfel_app::info::info(&path, &options, bytes.as_deref());
-        // On threads of its own: a forked process has none of the global pool's.
+        // The work runs in a pool of its own, because a forked process has no threads of the global pool.
         named(input.as_ref(), &SplatOptions::default(), || on_threads(0, read)?)
     })?;
     let notes = facts["notes"].as_array().into_iter().flatten().filter_map(|note| note.as_str());
@@ -222,12 +222,12 @@ pub(crate) fn info(
     Ok(facts.to_string())
 }
 
-/// Bytes per pixel of the copies of an image's planes.
+/// Memory for copies of an image's planes, in bytes per pixel.
 const COPIED_BYTES: u64 = 80;
-/// Bytes per pixel of a comparison; 95 were measured.
+/// Memory of a comparison, in bytes per pixel; 95 were measured.
 const COMPARED_BYTES: u64 = 128;
 
-/// An image file, or a drawn image.
+/// Image to compare: the path of a file, or a drawn image.
 #[derive(FromPyObject)]
 pub(crate) enum ImageOrPath<'py> {
     Frame(PyRef<'py, NativeFrame>),
@@ -250,7 +250,7 @@ impl ImageOrPath<'_> {
                     normal: planes.normal.map(<[_]>::to_vec),
                     weight: planes.weight.map(<[_]>::to_vec),
                     whole: planes.whole.iter().map(|(name, plane)| ((*name).to_owned(), plane.to_vec())).collect(),
-                    // Planes as in an EXR file.
+                    // These planes are in the form of an EXR file.
                     other: planes.position.map_or_else(Vec::new, |position| {
                         let axis = |i: usize| position.iter().map(|p| p[i] as f32).collect();
                         ["X", "Y", "Z"].iter().enumerate().map(|(i, n)| (format!("position.{n}"), axis(i))).collect()
@@ -266,7 +266,7 @@ impl ImageOrPath<'_> {
     }
 }
 
-/// Compares image `b` with the reference `a`; returns the measures as JSON.
+/// Compares image `b` with the reference `a`. Returns the measures as JSON.
 #[pyfunction]
 pub(crate) fn compare(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-//! Films: sequences of files, and files of frames.
+//! Films from Python: sequences of files, and film files made of frames.
 
 use crate::camera_path::{Keys, camera_path};
 use crate::draw::{From, Job, Prepared, draw_prepared, on_threads};
@@ -13,7 +13,7 @@ use surfel_app::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate, Sequence
 use surfel_app::request::{Pictures, RenderOptions};
 use surfel_app::values;
 
-/// Files that are the frames of one film.
+/// Sequence of files, each of which is a frame of a film.
 #[pyclass(frozen, module = "surfel._native", name = "Sequence")]
 pub(crate) struct NativeSequence {
     sequence: Arc<Sequence>,
@@ -24,7 +24,7 @@ pub(crate) struct NativeSequence {
 
 #[pymethods]
 impl NativeSequence {
-    /// Chooses what all frames share.
+    /// Creates a sequence: determines the up axis, camera and other choices that all frames share.
     #[new]
     fn new(py: Python<'_>, paths: Vec<PathBuf>, flags: Flags, turntable: bool, keys: Keys) -> PyResult<Self> {
         let job = job(py, &flags, &["color".to_owned()], false, turntable)?;
@@ -50,7 +50,7 @@ impl NativeSequence {
         self.sequence.len()
     }
 
-    /// Loads and draws a frame by its index.
+    /// Loads and draws the frame with this index.
     fn draw(&self, py: Python<'_>, index: usize) -> PyResult<NativeFrame> {
         let (sequence, job) = (self.sequence.clone(), self.job.clone());
         let drawn = interrupt::run(py, move |progress| {
@@ -76,7 +76,7 @@ pub(crate) struct NativeFilm {
 
 #[pymethods]
 impl NativeFilm {
-    /// Finds the encoder of a film.
+    /// Finds the encoder for the film's format and creates the film.
     #[new]
     fn new(py: Python<'_>, path: PathBuf, overwrite: bool, frames: u32, fps: &str) -> PyResult<Self> {
         let rate = values::frame_rate(fps).map_err(|message| wrong(py, "fps", fps, &message))?;
@@ -84,7 +84,7 @@ impl NativeFilm {
         Ok(Self { path, encoder, overwrite, frames, rate, writer: Mutex::new(None) })
     }
 
-    /// Adds a frame.
+    /// Appends a frame to the film.
     fn push(&self, py: Python<'_>, frame: &NativeFrame) -> PyResult<()> {
         let pushed = frame.with_colors(py, |planes, [r, g, b, _]| {
             let mut writer = self.writer();
@@ -106,7 +106,7 @@ impl NativeFilm {
         Ok(self.encoder.to_string())
     }
 
-    /// Removes an incomplete film.
+    /// Stops writing, and removes an incomplete film.
     fn close(&self) {
         let writer = self.writer().take();
         drop(writer);
@@ -119,11 +119,11 @@ impl NativeFilm {
     }
 }
 
-/// Returns the number of frames of a turntable, or along a path, that lasts as long as the program's.
+/// Returns the number of frames with which a turntable or camera path has its default duration.
 #[pyfunction]
 pub(crate) fn film_frames(py: Python<'_>, keys: Keys, fps: &str) -> PyResult<u32> {
     let rate = values::frame_rate(fps).map_err(|message| wrong(py, "fps", fps, &message))?;
-    // The number doesn't depend on the size of the images, which the keys need not agree on.
+    // The number doesn't depend on the size of the images, which keys of the path may state differently.
     let mut options = RenderOptions::default();
     options.size = Some([1, 1]);
     let path = camera_path(keys, &options).map_err(|error| errors::raise(py, &error))?;

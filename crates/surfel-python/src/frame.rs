@@ -1,4 +1,4 @@
-//! An image's planes as NumPy arrays, and writing of image files.
+//! Planes of an image as NumPy arrays, and writing of image files.
 
 use crate::draw::{Drawn, Recipe};
 use crate::errors;
@@ -14,7 +14,7 @@ use surfel_io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
 use surfel_load::Error;
 use surfel_render::Stats;
 
-/// A drawn image. Its arrays are read-only views of the memory that it was drawn to.
+/// Drawn image. Its arrays are read-only views of the memory that the backend wrote.
 #[pyclass(frozen, module = "surfel._native", name = "Frame")]
 pub(crate) struct NativeFrame {
     #[pyo3(get)]
@@ -38,10 +38,10 @@ pub(crate) struct NativeFrame {
     stats: String,
 }
 
-/// Maximum bytes per pixel for encoding: rows of a file, and their compressed form.
+/// Maximum memory for encoding, in bytes per pixel: rows of a file, and their compressed form.
 const ENCODED_BYTES: u64 = 32;
 
-/// Wraps a plane's values, or a range of them, in an array; returns `None` for a missing plane.
+/// Returns a plane, or a range of its values, as an array that shares the memory; `None` for a missing plane.
 pub(crate) fn array<T: Element>(
     py: Python<'_>,
     values: Vec<T>,
@@ -69,7 +69,7 @@ fn stats_json(stats: &Stats, recipe: &Recipe) -> String {
     text.to_string()
 }
 
-/// A plane's values as they are in memory.
+/// Borrowed values of a plane's array; `None` for a missing plane.
 type Values<'py, T> = Option<PyReadonlyArrayDyn<'py, T>>;
 
 fn values<'py, T: Element>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py, T>> {
@@ -81,7 +81,7 @@ fn slice<'a, T: Element>(values: &'a Values<'_, T>) -> PyResult<Option<&'a [T]>>
 }
 
 impl NativeFrame {
-    /// Calls `use_colors` with the colours, and the background in linear RGBA.
+    /// Calls `use_colors` with the colour planes and the background, which is linear RGBA.
     pub(crate) fn with_colors<T: Send>(
         &self,
         py: Python<'_>,
@@ -120,7 +120,7 @@ impl NativeFrame {
         })
     }
 
-    /// Runs `work` on the planes, while Python's other threads run.
+    /// Runs `work` on the planes without holding Python's global lock.
     pub(crate) fn with_planes<T: Send>(
         &self,
         py: Python<'_>,
@@ -159,7 +159,7 @@ impl NativeFrame {
         }))
     }
 
-    /// Returns an error if `pixel_bytes` bytes per pixel of additional memory aren't available.
+    /// Returns an error unless `pixel_bytes` bytes of additional memory per pixel are available.
     pub(crate) fn check_memory(&self, py: Python<'_>, pixel_bytes: u64) -> PyResult<()> {
         let pixels = u64::from(self.width) * u64::from(self.height);
         memory::check("image", pixels * pixel_bytes, 1, None).map_err(|error| errors::raise(py, &error))
@@ -231,26 +231,26 @@ impl NativeFrame {
         self.distortion.as_ref().map(|plane| plane.clone_ref(py))
     }
 
-    /// Returns messages for the user about how the image was made.
+    /// Returns notes for the user, with what Surfel estimated, chose or omitted.
     #[getter]
     fn notes(&self) -> Vec<String> {
         let notes = self.recipe.as_ref().map(|recipe| &*recipe.notes);
         notes.unwrap_or_default().iter().map(|note| errors::in_python(note)).collect()
     }
 
-    /// Returns the scene file of the image.
+    /// Returns the scene file of the image, as JSON.
     fn scene_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let text = self.recipe.as_ref().map(Recipe::scene_json).transpose();
         text.map_err(|error| errors::raise(py, &error))
     }
 
-    /// Returns the camera in the form of a scene file.
+    /// Returns the camera as in a scene file, as JSON.
     fn camera_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let text = self.recipe.as_ref().map(Recipe::camera_json).transpose();
         text.map_err(|error| errors::raise(py, &error))
     }
 
-    /// Returns the recipe as JSON: the scene and options from which `frame_of` draws the image and its planes again.
+    /// Returns the recipe as JSON. `frame_of` makes an image of the recipe and the planes.
     fn recipe(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let recipe = self.recipe.as_ref();
         let text = py.detach(|| recipe.map(Recipe::to_json).transpose());
@@ -266,7 +266,7 @@ impl NativeFrame {
         array(py, pixels.into_flattened(), 0..4 * w * h, &[h, w, 4])
     }
 
-    /// Encodes a PNG, as `surfel -o -` writes it.
+    /// Encodes the image as the PNG that `surfel -o -` writes.
     fn png<'py>(&self, py: Python<'py>, png16: bool, metadata: bool) -> PyResult<Bound<'py, PyBytes>> {
         self.check_memory(py, ENCODED_BYTES)?;
         let options = py.detach(|| self.png_options(Path::new("."), png16, metadata));
@@ -278,7 +278,7 @@ impl NativeFrame {
         py_bytes(py, &bytes?)
     }
 
-    /// Writes a PNG, EXR, NPZ or JPEG.
+    /// Writes the image as PNG, EXR, NPZ or JPEG, by the extension of the path.
     fn save(
         &self,
         py: Python<'_>,
@@ -321,7 +321,7 @@ impl NativeFrame {
     }
 }
 
-/// Creates an image from the planes of another one, by name, with that one's `stats` and `recipe`.
+/// Creates an image from planes, given by name, and from the `stats` and `recipe` of the original image.
 #[pyfunction]
 #[pyo3(signature = (planes, stats = "{}".to_owned(), recipe = None))]
 pub(crate) fn frame_of(
@@ -359,8 +359,8 @@ pub(crate) fn frame_of(
     })
 }
 
-/// Returns a plane by name, after checking that it is contiguous, read-only, and has as many pixels as the planes
-/// before it.
+/// Returns the plane `name` from `planes`. Checks that the plane is contiguous and read-only, and has as many pixels as
+/// the planes before it.
 fn given<T: Element>(
     planes: &Bound<'_, PyDict>,
     name: &str,

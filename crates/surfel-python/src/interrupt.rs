@@ -1,4 +1,5 @@
-//! Running of work on its own thread while Python waits: other Python threads run, Ctrl-C works, and progress is shown.
+//! Execution of work on a separate thread while Python waits. Meanwhile other Python threads run, Ctrl-C works, and
+//! progress is shown.
 
 use crate::{errors, memory};
 use pyo3::prelude::*;
@@ -12,10 +13,10 @@ use surfel_sample::Progress;
 
 /// Interval between checks for signals.
 pub(crate) const TICK: Duration = Duration::from_millis(50);
-/// Minimum duration of work that shows progress.
+/// Time after which running work shows its progress.
 const PATIENCE: Duration = Duration::from_millis(700);
 
-/// Progress of the work.
+/// Progress of running work, which the waiting thread reads.
 #[derive(Default)]
 pub(crate) struct Reporter {
     stage: Mutex<(String, u64)>,
@@ -48,8 +49,8 @@ pub(crate) fn defect() -> Error {
     Error::Input(errors::DEFECT.to_owned())
 }
 
-/// Runs `work` on another thread and waits for it. Ctrl-C ends the waiting at once; the work runs to its end and its
-/// result is dropped.
+/// Runs `work` on another thread and waits for the result. Ctrl-C ends the waiting at once. The work then continues to
+/// its end, and its result is dropped.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Reporter) -> Result<T, Error> + Send + 'static,
@@ -60,7 +61,7 @@ pub(crate) fn run<T: Send + 'static>(
     let start = Instant::now();
     let started = spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| work(&shared))).unwrap_or_else(|_| Err(defect()));
-        // After Ctrl-C there is no receiver.
+        // After Ctrl-C, nothing receives the result.
         let _ = sender.send(result);
     });
     started.map_err(|error| errors::raise(py, &error))?;
@@ -86,7 +87,7 @@ pub(crate) fn run<T: Send + 'static>(
     result.map_err(|error| errors::raise(py, &error))
 }
 
-/// Starts a thread for `work`, or refuses it where its stack doesn't fit into memory.
+/// Starts a thread for `work`. Returns an error if there is no memory for its stack.
 pub(crate) fn spawn(work: impl FnOnce() + Send + 'static) -> Result<(), Error> {
     memory::check_threads(1, memory::STACK_BYTES)?;
     let thread = std::thread::Builder::new().name("surfel".to_owned());

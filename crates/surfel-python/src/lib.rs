@@ -1,5 +1,5 @@
-//! The native half of the Python package `surfel`: scenes, frames and files. Arguments are command-line flags as text,
-//! which the package's Python half creates.
+//! Native half of the Python package `surfel`: scenes, frames and files. Its functions take command-line flags as text,
+//! which the package's Python half creates from keyword arguments.
 //!
 //! Modules, in reading order:
 //!
@@ -7,7 +7,7 @@
 //! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
 //! - `figure`: the command `figure`; `film`: sequences and films; `camera_path`: their cameras; `files`: the commands
 //!   `convert`, `ortho`, `info`, `compare` and `backends`; `painter`: the page in a notebook;
-//! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
+//! - `errors`: conversion of errors to exceptions; `interrupt`: work that Ctrl-C can interrupt; `memory`: checks of the
 //!   memory that arguments require; `pool`: started backends, reused from frame to frame.
 //!
 //! ```python

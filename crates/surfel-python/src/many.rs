@@ -1,4 +1,4 @@
-//! Images from many cameras: drawn several at a time, returned in order.
+//! Images from many cameras, drawn several at a time and returned in order.
 
 use crate::draw::{Drawn, From, Input, Job, draw};
 use crate::errors;
@@ -12,12 +12,12 @@ use surfel_load::Error;
 use surfel_model::Camera;
 use surfel_sample::NoProgress;
 
-/// Maximum number of images drawn at a time: each has its own memory.
+/// Maximum number of images drawn at a time, since each image needs its own memory.
 const MOST: usize = 4;
 
 /// Cameras of several images.
 pub(crate) enum Views {
-    /// Cameras of a list: names, cameras, and true if near and far planes are fitted to the scene.
+    /// List of cameras with their names. The flag is true if near and far planes are fitted to the scene.
     Cameras(Vec<(String, Camera, bool)>),
     /// Number of frames of a turntable or a camera path.
     Frames(u32),
@@ -31,7 +31,7 @@ impl Views {
         }
     }
 
-    /// Returns the name and camera of an image.
+    /// Returns the camera of an image and its name.
     fn get(&self, index: usize) -> Option<(String, From)> {
         match self {
             Self::Cameras(cameras) => {
@@ -48,12 +48,12 @@ impl Views {
 
 #[derive(Default)]
 struct State {
-    /// Index of the image to draw next.
+    /// Index of the image that is drawn next.
     next: usize,
-    /// Index of the image to return next.
+    /// Index of the image that is returned next.
     given: usize,
     done: BTreeMap<usize, Result<Drawn, Error>>,
-    /// True if no more images are requested.
+    /// True if no more images are to be drawn.
     over: bool,
 }
 
@@ -61,7 +61,7 @@ struct Shared {
     state: Mutex<State>,
     changed: Condvar,
     views: Arc<Views>,
-    /// Maximum number of images that are being drawn or waiting to be returned.
+    /// Maximum number of images that are being drawn or wait to be returned.
     ahead: usize,
 }
 
@@ -70,7 +70,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Draws images until there are no more.
+    /// Draws images until all are drawn or the iterator is closed.
     fn work(&self, input: &Arc<Input>, job: &Job) {
         loop {
             let mut state = self.lock();
@@ -91,7 +91,7 @@ impl Shared {
     }
 }
 
-/// Images of a scene, none drawn yet.
+/// Images of a scene that are drawn on request.
 #[pyclass(frozen, module = "surfel._native", name = "Many")]
 pub(crate) struct NativeMany {
     pub(crate) input: Arc<Input>,
@@ -105,18 +105,18 @@ impl NativeMany {
         self.views.len()
     }
 
-    /// Returns the camera name of an image.
+    /// Returns the name of an image's camera.
     fn name(&self, py: Python<'_>, index: usize) -> PyResult<String> {
         Ok(self.of(py, index)?.0)
     }
 
-    /// Draws an image by index.
+    /// Draws the image with this index.
     fn draw(&self, py: Python<'_>, index: usize) -> PyResult<NativeFrame> {
         let (input, job, from) = (self.input.clone(), self.job.clone(), self.of(py, index)?.1);
         NativeFrame::new(py, interrupt::run(py, move |progress| draw(&input, &job, &from, progress))?)
     }
 
-    /// Starts drawing all images, several at a time.
+    /// Starts drawing all images, several at a time. Returns an iterator over them.
     fn start(&self, py: Python<'_>) -> PyResult<NativeFrames> {
         self.input.renew(&self.job.options);
         NativeFrames::start(py, self.input.clone(), self.job.clone(), self.views.clone())
@@ -130,7 +130,7 @@ impl NativeMany {
     }
 }
 
-/// An iterator over images.
+/// Iterator over images in order, while the next ones are drawn.
 #[pyclass(frozen, module = "surfel._native", name = "Frames")]
 pub(crate) struct NativeFrames(Arc<Shared>);
 
@@ -139,13 +139,13 @@ impl NativeFrames {
     fn start(py: Python<'_>, input: Arc<Input>, job: Job, views: Arc<Views>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
-        // A GPU draws one image at a time. A film does, too: its lights move, so that the scene is uploaded for each
-        // image.
+        // A GPU draws one image at a time. So does a film, because its lights move and the scene is uploaded again for
+        // each image.
         let is_film = matches!(*views, Views::Frames(_));
         let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || is_film;
         let workers = if alone { 1 } else { threads.min(MOST).min(views.len()).max(1) };
         let shared = Shared { state: Mutex::default(), changed: Condvar::new(), views, ahead: workers + 1 };
-        // Dropped where a thread doesn't start, which ends those that did.
+        // If a thread doesn't start, this value is dropped, which ends the threads that did start.
         let frames = Self(Arc::new(shared));
         for _ in 0..workers {
             let (shared, input, mut job) = (frames.0.clone(), input.clone(), job.clone());
@@ -161,7 +161,7 @@ impl NativeFrames {
 
 #[pymethods]
 impl NativeFrames {
-    /// Returns the next image and its camera's name; None after the last.
+    /// Returns the next image with the name of its camera; None after the last.
     fn next(&self, py: Python<'_>) -> PyResult<Option<(String, NativeFrame)>> {
         loop {
             let shared = self.0.clone();
@@ -188,7 +188,7 @@ impl NativeFrames {
                 Some((name, Some(Err(error)))) => {
                     let error = errors::raise(py, &error);
                     let note = format!("camera {name}");
-                    // Python 3.11 and later show notes; earlier versions have none.
+                    // Python 3.11 and later show notes of exceptions; earlier versions don't.
                     let _ = error.value(py).call_method1("add_note", (note,));
                     return Err(error);
                 }
@@ -197,7 +197,7 @@ impl NativeFrames {
         }
     }
 
-    /// Stops drawing after the images in progress.
+    /// Ends drawing after the images in progress.
     fn close(&self) {
         self.0.lock().over = true;
         self.0.changed.notify_all();

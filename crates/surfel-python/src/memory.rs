@@ -1,5 +1,5 @@
-//! Checks of the memory that arguments require. A failed allocation would end the process, and Python with it, so an
-//! error that becomes a `MemoryError` is returned before.
+//! Checks of the memory that arguments require. A failed allocation would end the process, including Python. These
+//! checks return an error before the allocation, which becomes a `MemoryError`.
 
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -13,24 +13,28 @@ use surfel_model::SplatCount;
 use surfel_render::SHADOW_MAP_SIDE;
 use surfel_render::{Planes, View};
 
-/// Maximum bytes per point of arrays until it is drawn, in addition to the copy.
+/// Maximum memory of points in arrays until they are drawn, in bytes per point. The copy of the arrays isn't included.
 const POINT_BYTES: u64 = 200;
-/// Bytes per pixel in addition to its planes, by backend: for encoding, edges and tiles. The reference sums in f64.
+/// Memory of an image in addition to its planes, in bytes per pixel: encoding, edges and tiles. The reference sums in
+/// f64.
 const PIXEL_BYTES: u64 = 40;
 const REFERENCE_PIXEL_BYTES: u64 = 640;
-/// Bytes per texel of a shadow map.
+/// Memory of a shadow map, in bytes per texel.
 const TEXEL_BYTES: u64 = 24;
-/// Free address space that a call needs beside what it asks for: for small allocations, which can't be refused.
+/// Address space, in bytes, that must stay free for small allocations, whose failure can't be handled.
 const ROOM_BYTES: u64 = 24 << 20;
-/// Address space of glibc's arena of a thread, which a thread reserves at any time, as long as there is so much.
+/// Address space of a thread's arena of glibc, in bytes. A thread reserves an arena at any time if so much space is
+/// free.
 const ARENA_BYTES: u64 = 64 << 20;
-/// Stack of a thread that Rust starts by default.
+/// Default size of the stack of a thread, in bytes.
 pub(crate) const STACK_BYTES: u64 = 2 << 20;
-/// Stack of a backend's thread.
+/// Size of the stack of a backend's thread, in bytes.
 pub(crate) const BACKEND_STACK_BYTES: u64 = 8 << 20;
 
-/// Returns an error if `bytes` exceed the budget of `--memory`, else that of the machine, or if they can't be
-/// allocated beside what `threads` threads need (0: one per core). `what` is the argument that requires them.
+/// Returns an error if `bytes` exceed the memory budget, or can't be allocated beside the needs of `threads` threads.
+///
+/// `budget` is the value of `--memory`; `None` means the machine's default. 0 threads stand for one per core. `what` is
+/// the argument that requires the memory, for the message.
 pub(crate) fn check(what: &str, bytes: u64, threads: usize, budget: Option<u64>) -> Result<(), Error> {
     let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
     let kept_free = room_bytes(threads);
@@ -46,10 +50,10 @@ pub(crate) fn check(what: &str, bytes: u64, threads: usize, budget: Option<u64>)
     Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
 }
 
-/// Returns the address space in bytes that `threads` threads and their waiting caller need for small allocations.
+/// Returns the address space, in bytes, that `threads` threads and the waiting caller need for small allocations.
 fn room_bytes(threads: usize) -> u64 {
     let most = std::env::var("MALLOC_ARENA_MAX").ok().and_then(|text| text.trim().parse::<u64>().ok());
-    // The first arena is the heap; without a setting there are at most eight for each core.
+    // The heap is the first arena. Without the environment variable, there are at most eight arenas per core.
     let arenas = most.filter(|most| *most > 0).map_or(8 * count(0) as u64, |most| most - 1);
     ROOM_BYTES + ARENA_BYTES.saturating_mul(arenas.min(count(threads) as u64 + 1))
 }
@@ -72,13 +76,13 @@ fn amount(bytes: u64) -> String {
     }
 }
 
-/// Checks the memory of the stacks of `threads` threads, `stack` bytes each; 0 threads are one per core.
+/// Returns an error unless there is memory for `threads` stacks of `stack` bytes; 0 threads stand for one per core.
 pub(crate) fn check_threads(threads: usize, stack: u64) -> Result<(), Error> {
     check("threads", (count(threads) as u64).saturating_mul(stack), threads, Some(u64::MAX))
 }
 
-/// Returns the error of threads that didn't start: that of [`check_threads`] if it fails now, too, else the system's
-/// `problem`, which then is a limit on their number.
+/// Returns the error for threads that didn't start. It is the error of [`check_threads`], or else the system's
+/// `problem`, which then is a limit on the number of threads.
 pub(crate) fn threads_error(threads: usize, stack: u64, problem: &dyn Display) -> Error {
     check_threads(threads, stack).err().unwrap_or_else(|| {
         let source = std::io::Error::other(problem.to_string());
@@ -86,14 +90,15 @@ pub(crate) fn threads_error(threads: usize, stack: u64, problem: &dyn Display) -
     })
 }
 
-/// Checks the memory of `points` points in arrays, and of the splats of a mesh that the options request.
+/// Returns an error unless there is memory for `points` points in arrays, and for the splats that the options make of a
+/// mesh.
 pub(crate) fn check_splats(points: u64, options: &SplatOptions, threads: usize) -> Result<(), Error> {
     check("points", points.saturating_mul(POINT_BYTES), threads, options.memory)?;
     let Some(SplatCount::Count(splats)) = options.convert.splats else { return Ok(()) };
     check("splats", u64::from(splats).saturating_mul(POINT_BYTES), threads, options.memory)
 }
 
-/// Checks the memory of an image with `samples` samples per pixel, and of its shadow maps.
+/// Returns an error unless there is memory for an image with `samples` samples per pixel, and for its shadow maps.
 pub(crate) fn check_image(
     view: &View,
     samples: u32,
@@ -121,7 +126,7 @@ pub(crate) fn check_image(
     check("size", drawn.saturating_add(texels.saturating_mul(TEXEL_BYTES)), threads, budget)
 }
 
-/// Copies bytes to a Python object; raises `MemoryError` if that fails.
+/// Copies bytes to a Python object. Raises `MemoryError` if the allocation fails.
 pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
     PyBytes::new_with(py, bytes.len(), |copy| {
         copy.copy_from_slice(bytes);

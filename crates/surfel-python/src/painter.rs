@@ -1,4 +1,4 @@
-//! Painter of a page in a notebook.
+//! Drawing for the viewer's page in a notebook.
 
 use crate::errors;
 use crate::interrupt;
@@ -9,13 +9,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use surfel_load::Error;
 use surfel_view::{Config, Message, Painter};
 
-/// Returns the page for a widget's frame.
+/// Returns the HTML of the page for a widget's frame.
 #[pyfunction]
 pub(crate) fn widget_page(py: Python<'_>) -> PyResult<String> {
     surfel_view::page_in_frame().map_err(|problem| errors::usage(py, &problem))
 }
 
-/// Answers the requests of a page: JSON in, JSON or a header with a file out.
+/// Painter that answers the requests of a page. A request is JSON; an answer is JSON, or a header with a file.
 #[pyclass(frozen, module = "surfel._native", name = "Painter")]
 pub(crate) struct NativePainter {
     painter: Arc<Mutex<Painter>>,
@@ -23,7 +23,7 @@ pub(crate) struct NativePainter {
 
 #[pymethods]
 impl NativePainter {
-    /// Creates a painter of a scene. `flags` are where the page begins.
+    /// Creates a painter of a scene. `flags` are the initial options of the page.
     #[new]
     fn new(py: Python<'_>, scene: &NativeScene, flags: Flags, threads: usize) -> PyResult<Self> {
         let input = &scene.input;
@@ -38,7 +38,7 @@ impl NativePainter {
         self.painter.lock().unwrap_or_else(PoisonError::into_inner).welcome()
     }
 
-    /// Answers a request. Returns JSON, or the bytes of a header and a file.
+    /// Answers a request. Returns JSON as text, or a header with a file as bytes.
     fn answer<'py>(&self, py: Python<'py>, request: String) -> PyResult<Bound<'py, PyAny>> {
         let painter = self.painter.clone();
         let answer = interrupt::run(py, move |_| {

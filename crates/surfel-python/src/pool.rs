@@ -1,4 +1,4 @@
-//! Pool of backends: each is started once and reused, by one frame at a time.
+//! Pool of started backends. A backend is reused by one frame after another.
 
 use crate::memory::{self, BACKEND_STACK_BYTES};
 use std::sync::{Mutex, PoisonError};
@@ -8,7 +8,7 @@ use surfel_load::Error;
 use surfel_render::Renderer;
 use surfel_render::{Capabilities, RenderError};
 
-/// The requested backend.
+/// Requested backend with its options.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Who {
     /// Name of the backend, or `auto`.
@@ -37,29 +37,29 @@ impl Who {
     }
 }
 
-/// Key of an idle backend.
+/// Key of an idle backend in the pool.
 #[derive(Clone, PartialEq, Eq)]
 struct Key {
     who: Who,
-    /// Reason why `auto` didn't select the fastest backend, if it didn't.
+    /// Reason why `auto` selected another backend than the fastest; `None` if it selected the fastest.
     refused: Option<String>,
-    /// Process id: a forked process has none of its parent's threads.
+    /// Process id. After a fork, a process can't use its parent's backends, because it doesn't have their threads.
     process: u32,
 }
 
-/// Idle backends.
+/// Idle backends with their keys.
 static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
-/// Maximum number of idle backends.
+/// Maximum number of idle backends in the pool.
 const MOST: usize = 16;
 
-/// A backend taken from the pool, to which it returns when dropped.
+/// Backend that is in use. It returns to the pool when dropped.
 pub(crate) struct Taken {
     key: Key,
     backend: Option<Backend>,
 }
 
 impl Taken {
-    /// Takes or starts a backend that `refuses` has no objection to.
+    /// Takes a backend that `refuses` accepts from the pool, or starts one.
     pub(crate) fn new(who: &Who, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
         let mut key = Key { who: who.clone(), refused: None, process: std::process::id() };
         if who.name != "auto" {
@@ -86,7 +86,7 @@ impl Taken {
     }
 }
 
-/// Starts a backend, or refuses threads for which there is no memory.
+/// Starts a backend. Returns an error if there is no memory for its threads.
 fn start(who: &Who, start: impl FnOnce() -> Result<Backend, BackendError>) -> Result<Backend, Error> {
     let threads = who.options.threads;
     if !matches!(who.name.as_str(), "ash" | "wgpu") {
@@ -108,7 +108,7 @@ fn idle(key: &Key) -> Option<Backend> {
 
 impl Drop for Taken {
     fn drop(&mut self) {
-        // A backend whose frame panicked is in an unknown state.
+        // If a frame panicked, the state of its backend is unknown, and the backend is dropped.
         let Some(backend) = self.backend.take().filter(|_| !std::thread::panicking()) else { return };
         let mut idle = IDLE.lock().unwrap_or_else(PoisonError::into_inner);
         idle.push((self.key.clone(), backend));

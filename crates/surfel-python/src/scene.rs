@@ -1,4 +1,4 @@
-//! Scenes in Python, and their arguments.
+//! Scenes in Python, and parsing of their arguments.
 
 use crate::camera_path::{Keys, camera_path};
 use crate::draw::{From, Input, Job, draw};
@@ -23,24 +23,24 @@ use surfel_load::Error;
 use surfel_model::{Camera, Light, Scene};
 use surfel_render::Planes;
 
-/// Maximum number of lights, each of which may need a shadow map.
+/// Maximum number of lights. Each light may need a shadow map.
 const MOST_LIGHTS: usize = 256;
 
-/// Flags: name and value as text.
+/// Options as pairs of long name and value, both as text.
 pub(crate) type Flags = Vec<(String, String)>;
 
-/// The files of a scene, or the bytes of a file.
+/// Scene: the paths of its files, or the bytes of a file.
 #[pyclass(frozen, module = "surfel._native", name = "Scene")]
 pub(crate) struct NativeScene {
     pub(crate) input: Arc<Input>,
 }
 
-/// Creates the exception for an argument with an invalid value.
+/// Creates the exception for a keyword argument with an invalid value.
 pub(crate) fn wrong(py: Python<'_>, flag: &str, text: &str, message: &str) -> PyErr {
     errors::usage(py, &format!("{}={text}: {message}", flag.replace('-', "_")))
 }
 
-/// Parses flags to the settings of an image.
+/// Parses flags into the settings of an image.
 pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: bool, turntable: bool) -> PyResult<Job> {
     let mut options = RenderOptions::default();
     let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
@@ -87,14 +87,14 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     Ok(Job { options, pictures: Arc::default(), who, planes: wanted })
 }
 
-/// Parses a scene file's camera object; also returns true if it has neither near nor far plane, so that these are
-/// fitted to the scene.
+/// Parses the camera object of a scene file. The flag is true if it has neither a near nor a far plane, so that both
+/// are fitted to the scene.
 fn camera_of(json: &str) -> Result<(Camera, bool), String> {
     let mut value: serde_json::Value = serde_json::from_str(json).map_err(|e| format!("camera: {e}"))?;
     let keys = value.as_object_mut().ok_or("camera: expected an object")?;
     let fits_depth = !keys.contains_key("near") && !keys.contains_key("far");
     if fits_depth {
-        // Placeholders, which a parallel projection requires; both are replaced once the scene is known.
+        // A parallel projection requires both planes. These placeholders are replaced when the scene is known.
         keys.insert("near".to_owned(), 1.0.into());
         keys.insert("far".to_owned(), 2.0.into());
     }
@@ -103,7 +103,7 @@ fn camera_of(json: &str) -> Result<(Camera, bool), String> {
     Ok((camera, fits_depth))
 }
 
-/// Parses a scene file's lights.
+/// Parses the list of lights of a scene file.
 fn lights(json: &str) -> Result<Vec<Light>, String> {
     let listed: Vec<serde_json::Value> = serde_json::from_str(json).map_err(|e| format!("lights: {e}"))?;
     if listed.len() > MOST_LIGHTS {
@@ -119,9 +119,9 @@ fn lights(json: &str) -> Result<Vec<Light>, String> {
     Ok(scene.lights.unwrap_or_default())
 }
 
-/// Reads cameras from a file or folder, or from JSON. JSON is a list of cameras in a supported file format, or of
-/// objects with a scene file's `camera`. Returns each camera's name, and true if near and far planes are fitted to the
-/// scene.
+/// Reads cameras from a file, a folder, or JSON. The JSON is a list of cameras in a supported file format, or of
+/// objects with the `camera` of a scene file. Returns each camera with its name, and true if near and far planes are
+/// fitted to the scene.
 fn cameras(
     (path, json): (Option<PathBuf>, Option<String>),
     size: Option<[u32; 2]>,
@@ -135,7 +135,7 @@ fn cameras(
         serde_json::Value::Array(listed) => listed,
         one => vec![one],
     };
-    // Cameras given by matrices are parsed together, then inserted at their positions.
+    // Cameras given by matrices are parsed together. Cameras of scene files are then inserted at their positions.
     let own: Vec<Option<serde_json::Value>> =
         listed.iter_mut().map(|camera| camera.as_object_mut().and_then(|keys| keys.remove("camera"))).collect();
     let names: Vec<String> = listed.iter().map(|camera| camera["name"].as_str().unwrap_or("").to_owned()).collect();
@@ -181,12 +181,12 @@ impl NativeScene {
         Ok(Self { input: Arc::new(Input::new(paths, bytes.map(Arc::from), points, notes)) })
     }
 
-    /// Returns the contents of the arrays' file.
+    /// Returns the bytes of the file that arrays were converted to; None without arrays.
     fn data<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.input.bytes.as_ref().map(|bytes| py_bytes(py, bytes)).transpose()
     }
 
-    /// Returns the number of points in the arrays.
+    /// Returns the number of points in the arrays; 0 if unknown.
     fn points(&self) -> u64 {
         self.input.points
     }
@@ -196,14 +196,14 @@ impl NativeScene {
         self.input.notes.clone()
     }
 
-    /// Reads the scene embedded in an image, and the flags that it was drawn with.
+    /// Reads the scene embedded in an image, and the flags with which the image was drawn.
     #[staticmethod]
     fn of_picture(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Flags)> {
         let (input, flags) = Input::of_picture(path).map_err(|error| errors::raise(py, &error))?;
         Ok((Self { input: Arc::new(input) }, flags))
     }
 
-    /// Draws one image; `camera` is JSON of K, R and t.
+    /// Draws one image. `camera` is JSON with the matrices K, R and t.
     fn render(
         &self,
         py: Python<'_>,
@@ -228,7 +228,7 @@ impl NativeScene {
         NativeFrame::new(py, drawn)
     }
 
-    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable or a camera
+    /// Creates the images for all cameras of a file, a folder or JSON, or for the frames of a turntable or a camera
     /// path.
     fn many(
         &self,
@@ -244,7 +244,7 @@ impl NativeScene {
         let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some() && !moves)?;
         let keys = camera_path(keys, &job.options).map_err(|error| errors::raise(py, &error))?;
         let views = match (frames, keys) {
-            // The Python half checks the number.
+            // The Python half of the package checks this number.
             (Some(frames), Some(path)) => {
                 let cameras = path.cameras(frames).map_err(|error| errors::raise(py, &error))?;
                 job.pictures = Arc::new(Pictures::Path(cameras));
@@ -264,7 +264,7 @@ impl NativeScene {
         Ok(NativeMany { input: self.input.clone(), job, views: Arc::new(views) })
     }
 
-    /// Loads, frames and lights the scene in advance, before the first image.
+    /// Prepares the scene before the first image: loads it, and chooses camera and lights. Returns notes.
     fn prepare(&self, py: Python<'_>, flags: Flags) -> PyResult<Vec<String>> {
         let job = job(py, &flags, &["color".to_owned()], false, false)?;
         let input = self.input.clone();

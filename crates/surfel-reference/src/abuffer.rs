@@ -1,7 +1,8 @@
-//! The A-buffer (§8, after Z01 §6): a pixel's transparent fragments, gathered into surfaces.
+//! A-buffer (§8, after Z01 §6), in which a pixel's transparent fragments are grouped into surfaces.
 //!
 //! Deviation from the paper: fragments are processed in the order of depth, not of drawing, so that a surface is
-//! complete before the next one begins. Merging then loses nothing, and the image doesn't depend on the drawing order.
+//! complete before the next one begins. Merging fragments then loses nothing, and the image doesn't depend on the
+//! drawing order.
 
 use crate::layer_compositor::LayerCompositor;
 use crate::margin;
@@ -14,10 +15,10 @@ use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_render::Pass;
 
-/// A shaded surface of a pixel, or several merged surfaces.
+/// Shaded surface of a pixel, or several merged surfaces.
 #[derive(Clone, Copy)]
 struct Shaded {
-    /// The nearest of the merged surfaces.
+    /// Nearest of the merged surfaces.
     surface: Surface,
     /// Premultiplied colour of the merged surfaces.
     color: DVec3,
@@ -25,7 +26,7 @@ struct Shaded {
     alpha: f64,
 }
 
-/// Gathers and blends the transparent fragments of every pixel.
+/// Draws the transparent splats of every pixel by the A-buffer.
 pub(crate) fn gather(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let run = Run::new(transparent.splats, transparent.bands, lighting.view, lighting.plan);
     let pixels = run.fragments();
@@ -37,7 +38,7 @@ pub(crate) fn gather(transparent: &TransparentSplats, lighting: &Lighting) -> Ve
     pixels.into_par_iter().enumerate().map(blend).collect()
 }
 
-/// A pixel whose fragments are gathered.
+/// Pixel whose fragments are grouped and blended.
 struct Pixel<'a> {
     transparent: &'a TransparentSplats<'a>,
     lighting: &'a Lighting<'a>,
@@ -51,7 +52,7 @@ impl Pixel<'_> {
         let mut layers = LayerCompositor::default();
         let mut surfaces: Vec<Shaded> = Vec::new();
         let mut sums = Sums::default();
-        // The nearest z + ε of the surface's unfiltered splats, as in visibility.
+        // The smallest z + ε of the surface's unfiltered splats, as in the visibility pass.
         let mut threshold = f64::INFINITY;
         for f in &fragments {
             layers.marginal |= f.inside && margin::on_depth(f.z, self.opaque_depth);
@@ -84,13 +85,13 @@ impl Pixel<'_> {
         layers
     }
 
-    /// Shades a complete surface and inserts it, unless it is empty. If there are then too many surfaces, merges the
-    /// two that are nearest in z (Z01 eq. 12). Returns true if the surface wasn't empty.
+    /// Shades a complete surface and appends it, unless it is empty. If there are too many surfaces, the two closest in
+    /// depth are merged (Z01 eq. 12). Returns true if the surface wasn't empty.
     fn close(&self, surfaces: &mut Vec<Shaded>, sums: &Sums) -> bool {
         let Some(surface) = self.lighting.shade(sums, self.center) else { return false };
         let alpha = surface.alpha * (sums.coverage / FULL_COVERAGE).min(1.0);
         surfaces.push(Shaded { surface, color: surface.color * alpha, alpha });
-        // A ball may lie between two surfaces, and merging only bounds memory.
+        // Surfaces aren't merged if a ball may lie between two of them; merging only bounds memory.
         let plan = self.lighting.plan;
         if surfaces.len() <= plan.abuffer_surfaces as usize || plan.has(Pass::Balls) {
             return true;

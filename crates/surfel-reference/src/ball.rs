@@ -1,4 +1,4 @@
-//! Balls and dots (§11): their fragments in each pixel, in the order of depth.
+//! Balls and dots (§11): computes their fragments in each pixel, in the order of depth.
 
 use crate::margin;
 use crate::pixels;
@@ -14,23 +14,23 @@ use surfel_math::{V2, V3};
 use surfel_model::{BallLight, Shape};
 use surfel_render::{FramePlan, Region, View, ball_scale};
 
-/// A projected ball or dot.
+/// Projected ball or dot.
 #[derive(Clone)]
 pub(crate) struct ScreenBall {
-    /// Index over the whole scene: objects in order, splats in order.
+    /// Index among all splats of the scene: objects in order, splats in order.
     pub index: u32,
-    /// View position of the centre.
+    /// Centre in view space.
     pub center: DVec3,
     /// Radius in world units.
     radius: f64,
     flat: bool,
-    /// The centre's projection.
+    /// Projection of the centre, in pixels.
     anchor: V2<f64>,
     outline: Outline<f64>,
     extent: Extent<f64>,
     /// Linear albedo.
     pub color: [f64; 3],
-    /// Opacity; 1 if alphas don't count.
+    /// Opacity; 1 if the plan ignores the alphas of balls.
     alpha: f64,
     /// Ambient, diffuse, specular and shininess factors.
     pub material: [f64; 4],
@@ -38,41 +38,41 @@ pub(crate) struct ScreenBall {
     pub light: Option<BallLight>,
 }
 
-/// A fragment of a ball.
+/// Fragment of a ball in a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BallFragment {
     /// Planar depth.
     pub z: f64,
     /// Coverage times opacity.
     pub alpha: f64,
-    /// True if the ball is shown in the planes of depth, normal and nearest splat.
+    /// True if the fragment is solid (§11): the planes of depth, normal and nearest splat show it.
     pub is_solid: bool,
     /// True if rounding could change `is_solid`.
     pub is_solid_open: bool,
-    /// Index over the whole scene's splats.
+    /// Index of the ball among all splats of the scene.
     pub splat: u32,
     pub surface: Surface,
 }
 
-/// View that balls are drawn in: the image's, or that of a shadow map.
+/// View in which balls are drawn: an image's or a shadow map's.
 pub(crate) struct BallView<'a> {
     view: &'a View,
-    /// Least radius, in pixels of the drawn view.
+    /// Smallest radius of a drawn ball, in pixels of the view.
     least_px: f64,
 }
 
 impl<'a> BallView<'a> {
-    /// Returns the view of an image.
+    /// Creates the view of an image.
     pub(crate) fn of_image(view: &'a View) -> Self {
         Self { view, least_px: 0.0 }
     }
 
-    /// Returns the view of a shadow map, in which no ball is smaller than a texel.
+    /// Creates the view of a shadow map, in which no ball is smaller than a texel.
     pub(crate) fn of_shadow_map(view: &'a View) -> Self {
         Self { view, least_px: LEAST_TEXELS }
     }
 
-    /// Projects every ball of the scene that is drawn.
+    /// Projects all balls of a scene that are drawn in the view.
     pub(crate) fn project(&self, objects: &[ResidentObject], plan: &FramePlan) -> Vec<ScreenBall> {
         let of_object = |object: &ResidentObject| {
             let Shape::Balls { radii, in_pixels, flat } = &object.cloud.data().shape else { return Vec::new() };
@@ -95,7 +95,7 @@ impl<'a> BallView<'a> {
         objects.iter().flat_map(of_object).collect()
     }
 
-    /// Returns a ball on the screen; `None` if it reaches z_near, or lies beyond z_far.
+    /// Projects a ball; `None` if it reaches z_near or lies beyond z_far.
     fn place(&self, center: DVec3, radius: f64, flat: bool) -> Option<ScreenBall> {
         let projection = &self.view.projection;
         let radius = radius.max(self.least_px * per_pixel(self.view, center.z));
@@ -108,7 +108,7 @@ impl<'a> BallView<'a> {
             if flat { Outline::of_dot(p, radius, projection) } else { Outline::of_ball(p, radius, projection) };
         let anchor = projection.pixel(p);
         let middle = anchor + outline.center;
-        // Pixels are touched whose squares, not only their centres, the ellipse reaches.
+        // The ball touches all pixels whose squares, not only centres, its outline reaches.
         let half = outline.extent + V2::new(0.5, 0.5);
         let extent = Extent { min: middle - half, max: middle + half };
         let (index, color, alpha, material, light) = (0, [1.0; 3], 1.0, [0.0; 4], None);
@@ -116,14 +116,14 @@ impl<'a> BallView<'a> {
     }
 }
 
-/// Returns the length of a pixel at depth `z`, in world units: by the geometric mean of the focal lengths.
+/// Returns the length of a pixel at depth `z`, in world units, using the geometric mean of the focal lengths.
 fn per_pixel(view: &View, z: f64) -> f64 {
     let [fx, fy] = view.projection.focal_px;
     if view.projection.is_perspective() { z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
 }
 
 impl ScreenBall {
-    /// Returns the opacity.
+    /// Returns the ball's opacity.
     pub(crate) fn alpha(&self) -> f64 {
         self.alpha
     }
@@ -133,12 +133,12 @@ impl ScreenBall {
         pixels::touched(&self.extent, rect)
     }
 
-    /// True if a pixel's centre lies inside of the outline.
+    /// True if a pixel position is inside of the outline.
     pub(crate) fn contains(&self, pixel: V2<f64>) -> bool {
         self.outline.contains(pixel - self.anchor - self.outline.center)
     }
 
-    /// True if a pixel's centre lies inside of the outline, but rounding could change that, or the reverse.
+    /// True if rounding could change whether a pixel position is inside of the outline.
     pub(crate) fn is_on_rim(&self, pixel: V2<f64>) -> bool {
         let from = pixel - self.anchor - self.outline.center;
         let scaled = |by: f64| self.outline.contains(from * by);
@@ -146,7 +146,7 @@ impl ScreenBall {
         scaled(1.0 - slack) != scaled(1.0 + slack)
     }
 
-    /// Returns the ball's fragment in a pixel, if it covers a part of the pixel.
+    /// Returns the ball's fragment in a pixel; `None` if the ball doesn't cover the pixel.
     fn fragment(&self, lighting: &Lighting, pixel: V2<f64>) -> Option<BallFragment> {
         let corner = pixel - V2::new(0.5, 0.5);
         let coverage = self.outline.coverage::<Exact>(corner - self.anchor - self.outline.center);
@@ -166,7 +166,7 @@ impl ScreenBall {
         Some(BallFragment { z, alpha: coverage * self.alpha, is_solid, is_solid_open, splat: self.index, surface })
     }
 
-    /// Returns the ball's depth and its unit normal in view space at a pixel.
+    /// Returns the ball's depth and its unit normal, both in view space, at a pixel position.
     fn hit(&self, view: &View, pixel: V2<f64>) -> (f64, DVec3) {
         let (projection, p) = (&view.projection, self.center);
         let perspective = projection.is_perspective();
@@ -182,7 +182,7 @@ impl ScreenBall {
     }
 }
 
-/// The balls of a frame and their fragments.
+/// Balls of a frame and their fragments.
 pub(crate) struct BallLayer {
     /// Fragments of each pixel, nearest first.
     pub pixels: Vec<Vec<BallFragment>>,
@@ -209,7 +209,7 @@ impl BallLayer {
             }
             for pixel in &mut pixels {
                 pixel.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.splat.cmp(&b.splat)));
-                // Nothing shows behind a fragment that covers the whole pixel.
+                // Nothing is visible behind a fragment that covers the whole pixel.
                 let shown = pixel.iter().position(|f| f.alpha >= 1.0).map_or(pixel.len(), |last| last + 1);
                 pixel.truncate(shown);
             }
@@ -220,30 +220,30 @@ impl BallLayer {
         Self { pixels, drawn: balls.len() }
     }
 
-    /// Returns the fragments of a pixel, nearest first; none without balls.
+    /// Returns the fragments of pixel `at`, nearest first; empty if the frame has no balls.
     pub(crate) fn of(layer: Option<&Self>, at: usize) -> &[BallFragment] {
         layer.map_or(&[], |layer| &layer.pixels[at])
     }
 }
 
-/// Returns the fragments from the depth `from` on that are nearer than `to`. `fragments` are in the order of depth.
+/// Returns the fragments with depths from `from` up to, but not including, `to`. `fragments` must be sorted by depth.
 pub(crate) fn between(fragments: &[BallFragment], from: f64, to: f64) -> &[BallFragment] {
     let first = fragments.partition_point(|f| f.z < from);
     let end = fragments.partition_point(|f| f.z < to).max(first);
     &fragments[first..end]
 }
 
-/// Returns the nearest fragment that shows in the planes of depth, normal and nearest splat.
+/// Returns the nearest solid fragment, which the planes of depth, normal and nearest splat show.
 pub(crate) fn shown(fragments: &[BallFragment]) -> Option<&BallFragment> {
     fragments.iter().find(|f| f.is_solid)
 }
 
-/// True if rounding could change the order of fragments that show, what is shown, or on which side of the depths of
-/// other surfaces they lie.
+/// True if rounding could change the order of visible fragments, which of them is solid, or their order relative to the
+/// depths `surfaces` of other surfaces.
 pub(crate) fn is_marginal(fragments: &[BallFragment], surfaces: &[f64]) -> bool {
     let mut transmittance = 1.0;
     for (i, f) in fragments.iter().enumerate() {
-        // What shines through by less is invisible.
+        // Fragments behind this transmittance are invisible.
         if transmittance < 1e-5 {
             return false;
         }

@@ -1,4 +1,4 @@
-//! Clips of splats (§7), evaluated in the splat's own (u, v) at each pixel.
+//! Clips of splats (§7), evaluated per pixel in the splat's own (u, v).
 
 use surfel_math::V2;
 use surfel_math::clip::{Clip, Turn};
@@ -6,23 +6,24 @@ use surfel_math::clip_paper::PaperCurve;
 use surfel_math::mapping::Footprint;
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// The clip of a splat, and the maps from its footprints' (u, v) to its own.
+/// Clip of a splat, with the maps from the (u, v) of its footprints to the splat's own (u, v).
 #[derive(Clone)]
 pub(crate) struct SplatClip {
     clip: Clip<f64>,
-    /// Curve that replaces the clip's curve under the policy that uses eq. 7 of C12.
+    /// Curve that replaces the clip's curve if the policy requests eq. 7 of C12.
     paper: Option<PaperCurve<f64>>,
-    /// True if the visible part of the splat also belongs to its filtered footprint (§7), as in oriented clouds.
+    /// True if the visible part of the unfiltered splat always belongs to the filtered footprint (§7), as in oriented
+    /// clouds.
     pub holds_visible: bool,
-    /// Turn of the unfiltered footprint.
+    /// Map from the (u, v) of the unfiltered footprint to the splat's own.
     pub visible_turn: Turn<f64>,
-    /// Turn of the filtered footprint.
+    /// Map from the (u, v) of the filtered footprint to the splat's own.
     pub filtered_turn: Turn<f64>,
 }
 
 impl SplatClip {
-    /// Returns the clip of splat `i` under a policy, if it has one. The turns assume footprints in the splat's own (u,
-    /// v).
+    /// Creates the clip of splat `i` under a policy; `None` if the splat isn't clipped. The maps are set to the
+    /// identity.
     pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
@@ -38,13 +39,13 @@ impl SplatClip {
         }
     }
 
-    /// True if the pixel at offset `d` is inside the clip, through a footprint and its turn.
+    /// True if the clip leaves the pixel at offset `d` visible, for a footprint and its map to the splat's own (u, v).
     pub(crate) fn keeps_at(&self, footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> bool {
         self.keeps(own_coordinates(footprint, turn, d))
     }
 
-    /// True if the decision at offset `d` changes within `reach_px` pixels, or within `reach_uv` in the disk's
-    /// coordinates.
+    /// True if the result of [`Self::keeps_at`] changes within `reach_px` pixels of offset `d`, or within `reach_uv` in
+    /// the splat's own (u, v).
     pub(crate) fn is_marginal_at(
         &self,
         footprint: &Footprint<f64>,
@@ -63,7 +64,7 @@ impl SplatClip {
     }
 }
 
-/// Returns the splat's own (u, v) at offset `d`; where W ≤ 0, which only `clamp` reaches, those of the centre.
+/// Returns the splat's own (u, v) at offset `d`; (0, 0) if W ≤ 0, which only occurs with the filter `clamp`.
 fn own_coordinates(footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> V2<f64> {
     let (u, v, w) = footprint.at(d);
     if w > 0.0 { turn.apply(V2::new(u / w, v / w)) } else { V2::new(0.0, 0.0) }

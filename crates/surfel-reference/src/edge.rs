@@ -1,4 +1,4 @@
-//! Edge antialiasing by coverage (§5, ours after Z01 §7).
+//! Edge antialiasing by coverage (§5, our method after Z01 §7).
 
 use crate::margin;
 use crate::pixels::neighbours;
@@ -7,21 +7,21 @@ use crate::raster::Passes;
 use crate::threshold::Threshold;
 use surfel_render::Region;
 
-/// The surfaces among which edges are found.
+/// Surfaces of a rectangle in which edges are detected.
 pub(crate) struct Edges<'a> {
     pub passes: &'a Passes,
-    /// The nearest polygon of each pixel, occluded or not; empty if the frame has none.
+    /// Nearest polygon of each pixel, occluded or not; empty if the frame has no polygons.
     pub polygons: &'a [Hit],
     pub rect: Region,
 }
 
 impl Edges<'_> {
-    /// Marks edge pixels. A pixel is marked if the nearest surface of an 8-neighbour inside the image is more than ε
-    /// beyond the pixel's own threshold, with ε that of the threshold's writer. A pixel is also marked if it has
-    /// filtered fragments but no threshold.
+    /// Returns a flag per pixel, true for edge pixels. At an edge, the nearest surface of an 8-neighbour inside the
+    /// image is more than ε beyond the pixel's own threshold. ε belongs to the splat that set the threshold. A pixel
+    /// with filtered fragments but without a threshold is an edge too.
     ///
-    /// The nearest surface begins at the threshold minus its writer's ε, or at a polygon. A polygon that splats occlude
-    /// is beyond their threshold, and decides nothing.
+    /// The nearest surface begins at the threshold minus its ε, or at a polygon. A polygon that splats occlude is
+    /// beyond their threshold, and doesn't count.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let is_edge = |at: usize| {
             let own = self.passes.thresholds[at];
@@ -34,13 +34,13 @@ impl Edges<'_> {
         (0..self.count()).map(is_edge).collect()
     }
 
-    /// Marks the pixels whose edge decision rounding could change. No neighbour decides such a pixel for sure, and at
-    /// least one may decide. A neighbour may decide if it is within the margin, or if a marginal visibility test of
-    /// either pixel, or of a polygon, could have the other result.
+    /// Returns a flag per pixel, true if rounding could change whether the pixel is an edge. At such a pixel, no
+    /// neighbour makes an edge for certain, and at least one may. A neighbour may if it is within the margin, or if
+    /// rounding could change a visibility test of either pixel, or of a polygon.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let is_marginal = |at: usize| {
             let own = self.passes.possible[at];
-            // If it is uncertain that the pixel has a threshold, the pixel itself is already marked.
+            // Pixels for which a threshold is uncertain are already marked.
             let pairs = |n: usize| {
                 let (other, (z, open)) = (self.passes.possible[n], self.polygon(n));
                 let steps = [other.nearest, other.farthest].map(step);
@@ -65,7 +65,7 @@ impl Edges<'_> {
     }
 }
 
-/// Returns the depth up to which a pixel's own surface reaches.
+/// Returns the depth at which a pixel's own surface ends.
 fn limit(own: Threshold) -> f64 {
     own.writer_depth + own.epsilon
 }

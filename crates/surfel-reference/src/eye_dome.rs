@@ -1,11 +1,12 @@
-//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours.
+//! Shader `edl` (eye-dome lighting, §5), which darkens a pixel the farther it is behind its neighbours.
 
 use crate::shade::Surface;
 use surfel_math::V2;
 use surfel_math::eye_dome::{NEIGHBOURS, brightness, rise_weight};
 use surfel_render::{Region, View};
 
-/// Depths of the nearest surfaces of a rectangle, each with true if rounding could change it.
+/// Eye-dome lighting of a rectangle: the depth of each pixel's nearest surface, and true if rounding could change the
+/// depth.
 pub(crate) struct EyeDome<'a> {
     depths: Vec<(f64, bool)>,
     rect: Region,
@@ -18,7 +19,7 @@ impl<'a> EyeDome<'a> {
         Self { depths, rect, view }
     }
 
-    /// Returns the brightness of depth `z` at pixel `at`, and true if rounding could change it.
+    /// Returns the brightness factor of a surface at depth `z` in pixel `at`, and true if rounding could change it.
     pub(crate) fn brightness(&self, at: usize, z: f64) -> (f64, bool) {
         let (width, height) = (self.rect.width as usize, self.rect.height as usize);
         let (mut rise, mut marginal) = (0.0, false);

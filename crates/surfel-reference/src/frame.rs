@@ -20,7 +20,7 @@ use surfel_math::srgb::limit_color;
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Frame, FramePlan, Identity, Pass, PassTime, Region, Stats, View};
 
-/// Draws a planned frame.
+/// Draws a frame by its plan, and returns statistics.
 pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
     let start = Instant::now();
     let mut stats = Stats::default().with_splats(plan.splats).with_threads(threads);
@@ -80,15 +80,15 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats
 }
 
-/// Converts the index of a pixel of the region to its index in the work rectangle.
+/// Converts a pixel index in the region to the pixel's index in the work rectangle.
 fn place_in(rect: Region, view: &View, to: usize) -> usize {
     let region = view.region;
     let (x, y) = (to % region.width as usize, to / region.width as usize);
     (y + (region.y - rect.y) as usize) * rect.width as usize + x + (region.x - rect.x) as usize
 }
 
-/// Returns, for each pixel of the region, the splats and polygons that may be the nearest, nearest first. Their depths
-/// are within `relative` of the minimum depth.
+/// Returns the candidates for the nearest splat or polygon in each pixel of the region, nearest first. Their depths are
+/// within the fraction `relative` of the minimum depth.
 pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, relative: f64) -> Vec<Vec<Identity>> {
     let plan = &FramePlan { shader: Shader::Unlit, ..plan.clone() };
     let lighting = Lighting {
@@ -108,37 +108,39 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
         .collect()
 }
 
-/// Returns the rectangle of all passes: the region, grown by the neighbours that passes read, inside the image.
+/// Returns the rectangle over which all passes run: the region, grown by the neighbours that passes read, inside the
+/// image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
 }
 
-/// The opaque image of a frame: the results of the passes in each pixel, then its surfaces.
+/// Opaque image of a frame: the results of the passes in each pixel, and the shaded surfaces.
 pub(crate) struct OpaqueImage<'a> {
     pub lighting: &'a Lighting<'a>,
     pub rect: Region,
     background: [f64; 4],
     front: &'a Passes,
-    /// The surfaces behind edges, and flags of the edge pixels.
+    /// Passes over the surfaces behind edges, and a flag per pixel, true for edge pixels.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
     balls: Option<&'a BallLayer>,
-    /// Eye-dome lighting and outlines of the nearest surfaces, if the plan has them.
+    /// Eye-dome lighting of the nearest surfaces, if the plan has it.
     eye_dome: Option<EyeDome<'a>>,
+    /// Outlines of the nearest surfaces, if the plan has them.
     outlines: Option<Outlines<'a>>,
-    /// Nearest surfaces of the work rectangle, each with true if rounding could change it.
+    /// Nearest surface of each pixel in the work rectangle, and true if rounding could change the surface.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
 impl<'a> OpaqueImage<'a> {
-    /// Creates the image, before shading.
+    /// Creates the image before shading.
     pub(crate) fn new(lighting: &'a Lighting<'a>, rect: Region, background: [f64; 4], front: &'a Front<'a>) -> Self {
         let (passes, meshes, balls) = (&front.passes, front.meshes.as_ref(), front.balls.as_ref());
         let (eye_dome, outlines, pixels) = (None, None, Vec::new());
         Self { lighting, rect, background, front: passes, behind: None, meshes, balls, eye_dome, outlines, pixels }
     }
 
-    /// Shades the nearest surface of every pixel, then runs the passes that read the pixel's neighbours.
+    /// Shades the nearest surface of every pixel, then runs the passes that read neighbouring pixels.
     fn shade(&mut self) {
         let (rect, view) = (self.rect, self.lighting.view);
         let count = rect.width as usize * rect.height as usize;
@@ -156,8 +158,8 @@ impl<'a> OpaqueImage<'a> {
         self.pixels = pixels;
     }
 
-    /// Applies outlines or eye-dome lighting to a surface seen at a place of pixel `at`, by the depths of the pixel's
-    /// neighbours. Also returns true if rounding could change the result.
+    /// Applies outlines or eye-dome lighting to the surface at a place in pixel `at`, using the depths of neighbouring
+    /// pixels. The second value is true if rounding could change the result.
     pub(crate) fn under_screen_space(
         &self,
         surface: Option<Surface>,
@@ -174,7 +176,7 @@ impl<'a> OpaqueImage<'a> {
         (Some(Surface { color: surface.color * brightness, ..surface }), open)
     }
 
-    /// Returns a surface's colour, or the background's.
+    /// Returns the colour of a surface, or the background colour if there is no surface.
     pub(crate) fn over_background(&self, surface: Option<Surface>) -> [f64; 4] {
         match surface {
             Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
@@ -182,7 +184,8 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// Returns the nearest surface of a pixel: splats, a polygon, or splats blended over a polygon (§6).
+    /// Returns the nearest surface of a pixel: splats, a polygon, or splats blended over a polygon (§6). The second
+    /// value is true if rounding could change the surface.
     pub(crate) fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
         let sums = &self.front.sums[at];
         let mut surface = self.lighting.shade(sums, pixel);
@@ -198,14 +201,15 @@ impl<'a> OpaqueImage<'a> {
         (surface, marginal || surface.is_some_and(|s| s.marginal))
     }
 
-    /// Returns the depth that a pixel shows without balls; +∞ for none.
+    /// Returns the depth of the nearest surface or transparent layer in a pixel, ignoring balls; +∞ if there is none.
     pub(crate) fn shown_depth(&self, at: usize, layers: &[LayerCompositor]) -> f64 {
         let surface = self.front_surface(at, center_in(self.rect, at)).0.map_or(f64::INFINITY, |s| s.depth);
         let layer = layers.get(at).and_then(|layers| layers.nearest.as_ref());
         layer.map_or(surface, |layer| layer.depth.min(surface))
     }
 
-    /// Fills the frame's planes. `layers` has the transparent layers of each pixel; empty without transparent splats.
+    /// Fills the frame's planes. `layers` has the transparent layers of each pixel, or is empty without transparent
+    /// splats.
     fn resolve(&self, layers: &[LayerCompositor], samples: Option<&Samples>, frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
         let (region, rect) = (view.region, self.rect);
@@ -260,7 +264,7 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// Composites transparent layers and the fragments of balls in front of the opaque surfaces over a pixel.
+    /// Composites the transparent layers and the fragments of balls in front of the opaque surface over a pixel.
     fn with_layers(&self, mut pixel: Pixel, transparent: Option<&LayerCompositor>, balls: &[BallFragment]) -> Pixel {
         let none = LayerCompositor::default();
         let layers = transparent.unwrap_or(&none);
@@ -276,14 +280,14 @@ impl<'a> OpaqueImage<'a> {
         pixel
     }
 
-    /// Returns a pixel of the opaque image.
+    /// Returns the opaque pixel, with the surface behind it blended in at edges.
     fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
         let (surface, mut marginal) = self.pixels[at];
         let mut color = self.over_background(surface);
         let mut ends = surface.map_or(f64::INFINITY, |s| s.depth);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
-            // This includes pixels with a threshold but without a filtered fragment, whose coverage is 0.
+            // Pixels with a threshold but without a filtered fragment count as edges too; their coverage is 0.
             if edges[at] {
                 let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
@@ -302,16 +306,17 @@ impl<'a> OpaqueImage<'a> {
         Pixel { color, surface, ends, marginal }
     }
 
-    /// Darkens the surface behind an edge pixel by its depth among the nearest surfaces around the pixel.
+    /// Applies eye-dome lighting to the surface behind an edge pixel, using its depth among the nearest surfaces
+    /// around.
     fn under_eye_dome(&self, surface: Option<Surface>, at: usize) -> Option<Surface> {
         let Some(dome) = &self.eye_dome else { return surface };
         surface.map(|s| Surface { color: s.color * dome.brightness(at, s.depth).0, ..s })
     }
 
-    /// Returns the surface behind an edge pixel: the splats there or the nearest polygon, whichever is nearer.
+    /// Returns the surface behind an edge pixel: splats or the nearest polygon, whichever is nearer.
     fn behind_edge(&self, sums: &Sums, at: usize, pixel: V2<f64>) -> Option<Surface> {
         let splats = self.lighting.shade(sums, pixel);
-        // Behind a pixel without a threshold there is only the background.
+        // Behind a pixel without a threshold, there is only the background.
         let has_threshold = self.front.thresholds[at].depth.is_finite();
         match self.meshes {
             Some(meshes) if has_threshold && meshes.hits[at].z < sums.resolved_depth() => {
@@ -324,12 +329,12 @@ impl<'a> OpaqueImage<'a> {
     }
 }
 
-/// A finished pixel of the opaque image.
+/// Finished pixel of the opaque image.
 struct Pixel {
     /// Colour, linear premultiplied RGBA.
     color: [f64; 4],
     surface: Option<Surface>,
-    /// Depth of the nearest opaque surface; +∞ for none.
+    /// Depth of the nearest opaque surface; +∞ without one.
     ends: f64,
     marginal: bool,
 }

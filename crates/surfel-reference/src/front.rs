@@ -1,4 +1,4 @@
-//! Results of the passes in each pixel, before shading.
+//! Results of the passes in each pixel of a frame, before shading.
 
 use crate::ball::{BallFragment, BallLayer};
 use crate::edge::Edges;
@@ -12,22 +12,22 @@ use crate::threshold::Threshold;
 use crate::{abuffer, margin, peeling};
 use surfel_render::{Pass, Region};
 
-/// Results of the passes in each pixel of a rectangle before shading, and the transparent layers in front.
+/// Results of the passes over a rectangle: opaque surfaces before shading, balls and transparent layers.
 pub(crate) struct Front<'a> {
     pub(crate) opaque: Vec<ScreenSplat>,
     pub(crate) bands: Bands,
     pub(crate) passes: Passes,
     pub(crate) meshes: Option<MeshLayer<'a>>,
     pub(crate) transparent: Vec<ScreenSplat>,
-    /// Balls; `None` if the scene has none.
+    /// Balls of the frame; `None` if the plan draws none.
     pub(crate) balls: Option<BallLayer>,
     /// Transparent layers of each pixel; empty if nothing is transparent.
     pub(crate) layers: Vec<LayerCompositor>,
 }
 
 impl<'a> Front<'a> {
-    /// Runs the passes. A pixel of the image is `pixel_px` pixels of the view wide; decision margins are in pixels of
-    /// the image.
+    /// Runs the passes. `pixel_px` is the width of an image pixel in pixels of the view; decision margins are in pixels
+    /// of the image.
     pub(crate) fn draw(scene: &'a ResidentScene, lighting: &Lighting<'a>, rect: Region, pixel_px: f64) -> Self {
         let (view, plan) = (lighting.view, lighting.plan);
         let mut splats = project_all(&scene.objects, view, plan);
@@ -48,7 +48,7 @@ impl<'a> Front<'a> {
         front
     }
 
-    /// Returns the transparent layers of every pixel.
+    /// Draws the transparent layers of every pixel by the plan's method.
     pub(crate) fn layers(&self, lighting: &Lighting, rect: Region) -> Vec<LayerCompositor> {
         let bands = Bands::new(&self.transparent, rect);
         let opaque_depth = self.opaque_depth();
@@ -60,8 +60,8 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Runs both passes over the transparent splats in front of opaque surfaces, as if the splats were opaque
-    /// themselves.
+    /// Runs both passes over the transparent splats in front of opaque surfaces as if the splats were opaque. `None`
+    /// without such splats.
     pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
         if self.transparent.is_empty() {
             return None;
@@ -73,8 +73,8 @@ impl<'a> Front<'a> {
         Some(run.accumulate(run.thresholds()))
     }
 
-    /// Returns the depth of the nearest opaque surface in each pixel, fragments of balls that cover the whole pixel
-    /// included; +∞ for none.
+    /// Returns the depth of the nearest opaque surface in each pixel; +∞ without one. Fragments of balls that cover the
+    /// whole pixel count as opaque.
     pub(crate) fn opaque_depth(&self) -> Vec<f64> {
         let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
         if let Some(meshes) = &self.meshes {
@@ -87,14 +87,14 @@ impl<'a> Front<'a> {
         depths
     }
 
-    /// Returns the surfaces behind edges, and flags of the edge pixels.
+    /// Runs the passes over the surfaces behind edges. The second value has a flag per pixel, true for edge pixels.
     pub(crate) fn behind_edges(&self, lighting: &Lighting, rect: Region) -> (Passes, Vec<bool>) {
         let (front, polygons) = (&self.passes, self.meshes.as_ref().map_or(&[][..], |m| &m.hits));
         let mut edges = Edges { passes: front, polygons, rect }.pixels();
         if let Some(meshes) = &self.meshes {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
-        // Where there is no threshold, nothing is behind either.
+        // Without a threshold, nothing is behind the pixel either.
         let limit: Vec<f64> = front
             .thresholds
             .iter()
@@ -107,14 +107,14 @@ impl<'a> Front<'a> {
     }
 }
 
-/// Polygons of a frame, by pixel of the work rectangle.
+/// Nearest polygons of a frame, per pixel of the work rectangle.
 pub(crate) struct MeshLayer<'a> {
     pub(crate) polygons: Polygons<'a>,
-    /// The nearest polygons, occluded or not.
+    /// Nearest polygon of each pixel, occluded or not.
     pub(crate) hits: Vec<Hit>,
-    /// Depths of the nearest polygons that no splat occludes; +∞ elsewhere.
+    /// Depth of the nearest polygon in each pixel; +∞ if a splat occludes it, or without a polygon.
     pub(crate) depth: Vec<f64>,
-    /// True in pixels in which rounding could change whether a splat occludes the polygon.
+    /// Flag per pixel, true if rounding could change whether a splat occludes the polygon.
     pub(crate) marginal: Vec<bool>,
 }
 

@@ -1,4 +1,4 @@
-//! Drawing of trained Gaussians, one over another (docs/gaussians.md), with every pixel computed independently.
+//! Drawing of trained Gaussians, blended one over another (docs/gaussians.md), with every pixel computed independently.
 
 use crate::scene::ResidentScene;
 use glam::DVec3;
@@ -11,14 +11,16 @@ use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, PassTime, Stats, View};
 
-/// Decision margins: relative distance of a value from its limit, and distance of a pixel from a rim in pixels.
+/// Relative distance from a limit within which rounding could change a decision.
 const MARGIN: f64 = 1e-4;
+/// Distance from a rim, in pixels, within which rounding could change a decision.
 const RIM_PX: f64 = 1e-3;
-/// Relative distance of depths whose order f32 rounding may change, and minimum change of a colour that counts as one.
+/// Relative distance between depths whose order f32 rounding may change.
 const DEPTH_MARGIN: f64 = 5e-7;
+/// Smallest change of a colour that counts as a visible change.
 const CHANGE_MARGIN: f64 = 1e-4;
 
-/// A Gaussian that may be visible.
+/// Projected Gaussian that may be visible.
 struct Seen {
     /// Depth of the centre.
     depth: f64,
@@ -26,30 +28,30 @@ struct Seen {
     bounds_px: Option<[V2<f64>; 2]>,
     forms: GaussianForms<f64>,
     opacity: f64,
-    /// Factor of α.
+    /// Factor of α: the fraction of the filtered footprint that the Gaussian covers, or 1 as trained.
     weight: f64,
     color: DVec3,
     /// Normal in world space.
     normal: DVec3,
-    /// Number of the Gaussian in the scene.
+    /// Index of the Gaussian in the scene.
     number: usize,
 }
 
-/// A Gaussian at the point where a ray meets it.
+/// Gaussian evaluated at the point where a ray meets it.
 struct Fragment<'a> {
     gaussian: &'a Seen,
     alpha: f64,
     z: f64,
     shows: bool,
-    /// True if the decision that the Gaussian shows is within its margin.
+    /// True if rounding could change whether the Gaussian is visible.
     open: bool,
-    /// Minimum and maximum α over the width of a rim.
+    /// Smallest and largest α within a rim's width of the ray.
     alphas: [f64; 2],
-    /// Depths at the distance of a rim's width, in four directions.
+    /// Depths at a rim's width from the ray, in four directions.
     depths: [f64; 4],
 }
 
-/// Sums of a pixel, front to back.
+/// Sums of a pixel, accumulated front to back.
 struct Pixel {
     transmittance: f64,
     weight: f64,
@@ -62,11 +64,11 @@ struct Pixel {
     moments: [f64; 2],
     fragments: u32,
     marginal: bool,
-    /// Relative change of the transmittance over the width of a rim.
+    /// Relative change of the transmittance that a rim's width may cause.
     slack: f64,
 }
 
-/// Draws a planned frame.
+/// Draws a frame of Gaussians by its plan, and returns statistics.
 pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame: &mut Frame, threads: usize) -> Stats {
     let start = Instant::now();
     let seen = by_centers(scene, view, plan);
@@ -116,7 +118,8 @@ fn fill<T>(plane: &mut [T], pixels: &[Pixel], value: impl Fn(&Pixel) -> T) {
     plane.iter_mut().zip(pixels).for_each(|(at, pixel)| *at = value(pixel));
 }
 
-/// Returns the Gaussians that may be visible, by the depth of their centres; equal depths in scene order.
+/// Projects the Gaussians that may be visible, and sorts them by the depth of their centres; equal depths in scene
+/// order.
 fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen> {
     let (mut all, mut first) = (Vec::new(), 0);
     for (cloud, world_from_object) in &scene.gaussians {
@@ -143,7 +146,7 @@ fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen>
 }
 
 impl<'a> Fragment<'a> {
-    /// Evaluates a Gaussian on a ray through a place; `None` if it surely doesn't show.
+    /// Evaluates a Gaussian on the ray through a pixel position; `None` if it certainly isn't visible.
     fn of(gaussian: &'a Seen, at: V2<f64>, near: f64) -> Option<Self> {
         let d = V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y);
         if let Some([lo, hi]) = gaussian.bounds_px {
@@ -158,7 +161,7 @@ impl<'a> Fragment<'a> {
             ((gaussian.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA), z)
         };
         let (alpha, z) = seen_at([0.0; 2]);
-        // Limits of alpha and depth act as rims: a value that crosses one over the width of a rim is open.
+        // Limits of alpha and depth act as rims: a value that crosses a limit within a rim's width is uncertain.
         let about = [[RIM_PX, 0.0], [-RIM_PX, 0.0], [0.0, RIM_PX], [0.0, -RIM_PX]].map(seen_at);
         let range =
             |at: f64, about: [f64; 4]| about.into_iter().fold([at; 2], |[least, most], v| [least.min(v), most.max(v)]);
@@ -172,7 +175,8 @@ impl<'a> Fragment<'a> {
         (shows || open).then_some(Self { gaussian, alpha, z, shows, open, alphas, depths })
     }
 
-    /// True if only the scene's order decides which of two fragments is in front.
+    /// True if both fragments certainly are in the same depth step, so that the scene's order decides which one is in
+    /// front.
     fn is_surely_in_step_with(&self, other: &Self) -> bool {
         let mut depths = self.depths.into_iter().chain(other.depths);
         let step = depth_step(self.z);
@@ -181,7 +185,7 @@ impl<'a> Fragment<'a> {
 }
 
 impl Pixel {
-    /// Blends the Gaussians on a ray through a place.
+    /// Blends all Gaussians on the ray through a pixel position.
     fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
@@ -220,7 +224,7 @@ impl Pixel {
         pixel
     }
 
-    /// True if rounding may swap a fragment and ones behind it with a visible effect.
+    /// True if rounding may swap a fragment with fragments behind it, with a visible effect.
     fn may_swap(&self, front: &Fragment<'_>, behind: &[Fragment<'_>]) -> bool {
         let change = |f: &Fragment<'_>| {
             let is_apart = front.depths.iter().zip(f.depths).all(|(z, other)| other > z * (1.0 + 2.0 * DEPTH_MARGIN));
@@ -235,7 +239,7 @@ impl Pixel {
         front.shows && changes > CHANGE_MARGIN
     }
 
-    /// Blends a fragment behind the earlier ones. Returns false if the pixel is finished.
+    /// Blends a fragment behind the earlier ones. Returns false once the pixel is finished.
     fn blend(&mut self, fragment: &Fragment<'_>) -> bool {
         let Fragment { gaussian, alpha, z, alphas, .. } = *fragment;
         self.marginal |= fragment.open;

@@ -4,7 +4,7 @@ use crate::ball::BallFragment;
 use crate::shade::Surface;
 use glam::DVec3;
 
-/// A layer of a pixel.
+/// Transparent layer of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layer {
     pub depth: f64,
@@ -14,47 +14,47 @@ pub(crate) struct Layer {
 }
 
 impl Layer {
-    /// Returns the layer of a ball's fragment.
+    /// Converts a ball's fragment to a layer.
     fn of_ball(ball: &BallFragment) -> Self {
         Self { depth: ball.z, color: ball.surface.color * ball.alpha, alpha: ball.alpha }
     }
 }
 
-/// The transparent layers of a pixel found so far, nearest first.
+/// Transparent layers of a pixel found so far, nearest first.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LayerCompositor {
     layers: Vec<Layer>,
-    /// The nearest layer.
+    /// Surface of the nearest layer.
     pub nearest: Option<Surface>,
-    /// Number of layers that aren't empty.
+    /// Number of surfaces added as layers; empty surfaces don't count.
     pub count: u32,
-    /// Number of fragments that were accumulated.
+    /// Number of fragments summed in the layers.
     pub fragments: u32,
-    /// True if a decision of this pixel is within its margin.
+    /// True if rounding could change a decision of this pixel.
     pub marginal: bool,
 }
 
 impl LayerCompositor {
-    /// Adds a surface of opacity `alpha` behind the layers so far.
+    /// Adds a surface of opacity `alpha` behind the present layers.
     pub(crate) fn add_behind(&mut self, surface: &Surface, alpha: f64) {
         self.count += 1;
         self.add_premultiplied(surface, surface.color * alpha, alpha);
     }
 
-    /// Adds a surface of premultiplied `color` and opacity `alpha` behind the layers so far.
+    /// Adds a surface of premultiplied `color` and opacity `alpha` behind the present layers.
     pub(crate) fn add_premultiplied(&mut self, surface: &Surface, color: DVec3, alpha: f64) {
         self.layers.push(Layer { depth: surface.depth, color, alpha });
         self.nearest = self.nearest.or(Some(*surface));
         self.marginal |= surface.marginal;
     }
 
-    /// Returns the depths of the layers.
+    /// Returns the depths of the layers, nearest first.
     pub(crate) fn depths(&self) -> impl Iterator<Item = f64> {
         self.layers.iter().map(|layer| layer.depth)
     }
 
-    /// Composites the layers, and the fragments of balls between them, over a premultiplied colour. The layers' own
-    /// order never changes: a fragment precedes the first layer that isn't nearer.
+    /// Composites the layers, with fragments of balls between them, over a premultiplied colour. The order of the
+    /// layers never changes: a fragment comes before the first layer that isn't nearer.
     pub(crate) fn over(&self, balls: &[BallFragment], [r, g, b, a]: [f64; 4]) -> [f64; 4] {
         let (mut color, mut transmittance) = (DVec3::ZERO, 1.0);
         let mut add = |layer: &Layer| {

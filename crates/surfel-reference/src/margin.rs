@@ -1,7 +1,6 @@
-//! Decision margins: the fragments whose inside, depth or facing test rounding could change; likewise edges and
-//! highlights.
+//! Decision margins: tests for fragments, edges and highlights whose results rounding could change.
 //!
-//! Comparisons of backends forgive the pixels marked here, and no others.
+//! Comparisons between backends ignore differences in the pixels marked by these tests, and in no others.
 
 use crate::clip::SplatClip;
 use crate::splat::ScreenSplat;
@@ -11,14 +10,14 @@ use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
-/// Distance from a footprint's rim within which a test may change, in pixels of the image.
+/// Distance from a footprint's rim, in pixels of the image, within which rounding could change a test.
 pub(crate) const RIM_PX: f64 = 1e-3;
-/// Distance of a coverage from a limit within which the comparison may change.
+/// Distance of a coverage from a limit within which rounding could change the comparison.
 pub(crate) const BALL_COVERAGE: f64 = 2e-3;
-/// Relative distance from equality within which any other test may change.
+/// Relative distance from equality within which rounding could change any other test.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
-/// True if offset `d` is within `rim_px` pixels of the view of a footprint's rim.
+/// True if offset `d` is at most `rim_px` pixels of the view from the rim of a footprint.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> bool {
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;
@@ -31,8 +30,8 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> boo
     value.abs() <= rim_px * slope || value.abs() <= RELATIVE * w * w
 }
 
-/// True if rounding could change whether offset `d` is inside a footprint and not clipped. The first argument is
-/// whether `d` is on the rim of the whole footprint, and whether it is inside.
+/// True if rounding could change whether offset `d` is inside a footprint and not clipped. The first argument has two
+/// flags for the footprint without its clip: true if `d` is on the rim, and true if `d` is inside.
 fn on_border(
     [rim, inside]: [bool; 2],
     clip: Option<&SplatClip>,
@@ -65,15 +64,16 @@ fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
         || (holds_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
 }
 
-/// True if rounding could change whether a neighbour's surface, which begins at `far`, is beyond `near`, where a
-/// pixel's own surface ends (§5, edge antialiasing).
+/// True if rounding could change whether a neighbour's surface is beyond a pixel's own (§5, edge antialiasing). The
+/// pixel's own surface ends at depth `near`, and the neighbour's begins at `far`.
 pub(crate) fn on_step(near: f64, far: f64) -> bool {
     // Infinities decide clearly, and an infinity minus itself is NaN.
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
 }
 
-/// Returns the thresholds, without ties, that a pixel could have if facings are separated, and true if rounding could
-/// change the side that it shows. `nearest` is the result if every open fragment exists, `farthest` if none does.
+/// Returns the thresholds, without ties, that a pixel could have if sides are separated, and true if rounding could
+/// change the side that it shows. `nearest` is the result if all uncertain fragments exist, and `farthest` if none
+/// does.
 pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleThresholds, bool) {
     let surely_before = |side: usize, other: usize| {
         let (far, near) = (farthest.nearness()[side], nearest.nearness()[other]);
@@ -99,13 +99,13 @@ pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleT
     }
 }
 
-/// True if rounding could change which of two depths is the farther; infinities decide clearly.
+/// True if rounding could change which of two depths is larger; infinite depths are certain.
 pub(crate) fn on_depth(z: f64, limit: f64) -> bool {
     (z - limit).abs() <= RELATIVE * z.abs() && z.is_finite()
 }
 
-/// True if rounding could change which of two fragments of balls is the nearer. Their depths are exact to a few
-/// roundings of f32.
+/// True if rounding could change which of two balls' fragments is nearer. Their depths are exact to a few roundings of
+/// f32.
 pub(crate) fn on_ball_depth(z: f64, other: f64) -> bool {
     (z - other).abs() <= 0.1 * RELATIVE * z.abs()
 }
@@ -115,7 +115,7 @@ pub(crate) fn on_terminator(cosine: f64) -> bool {
     cosine.abs() <= RELATIVE
 }
 
-/// True if a fragment of the attribute pass is within the margin of any of its tests, and the result matters.
+/// True if rounding could change a test of a fragment in the attribute pass, and the result matters.
 pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, threshold: &Threshold, view: &View) -> bool {
     let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
     let depth = on_depth(z, threshold.depth);

@@ -1,4 +1,4 @@
-//! The shader `matcap` (§5): an image of a lit sphere, sampled by the normal.
+//! Shader `matcap` (§5), which samples an image of a lit sphere by the normal.
 
 use glam::DVec3;
 use surfel_math::V3;
@@ -6,11 +6,11 @@ use surfel_math::matcap::coordinates;
 use surfel_model::Matcap;
 use surfel_render::View;
 
-/// Returns the colour of the sphere at a world normal, seen from the view direction `to_eye`.
+/// Returns the matcap's colour for a world-space normal; `to_eye` is the unit direction to the eye in view space.
 pub(crate) fn color(matcap: &Matcap, normal: DVec3, to_eye: DVec3, view: &View) -> DVec3 {
     let at = coordinates(V3::from(view.view_from_world * normal), V3::from(to_eye), V3::new(0.0, 1.0, 0.0));
     let [width, height] = matcap.size().map(f64::from);
-    // The rim coincides with the centres of the outermost texels.
+    // The sphere's outline coincides with the centres of the outermost texels.
     let texel = |c: f64, side: f64| ((c + 1.0) * 0.5 * (side - 1.0)).clamp(0.0, side - 1.0);
     let (x, y) = (texel(at.x, width), texel(at.y, height));
     let fetch = |column: f64, row: f64| {

@@ -1,4 +1,4 @@
-//! Search for the nearest splat or polygon in each pixel (§5, planes).
+//! Search for the nearest splat or polygon in each pixel, for the planes of identities (§5, planes).
 
 use crate::ball::{self, BallLayer};
 use crate::frame::OpaqueImage;
@@ -11,22 +11,22 @@ use crate::splat::ScreenSplat;
 use surfel_model::NO_LABEL;
 use surfel_render::{Identity, Region};
 
-/// A fragment that may be the nearest of its pixel.
+/// Fragment that may be the nearest of its pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
     pub z: f64,
-    /// Index over the whole scene's splats; [`POLYGON`] for a polygon.
+    /// Index among all splats of the scene, or [`POLYGON`].
     splat: u32,
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     object: u32,
     row: u32,
 }
 
-/// Splat index that marks a polygon.
+/// Splat index that stands for a polygon.
 const POLYGON: u32 = u32::MAX;
 
 impl Candidate {
-    /// Returns a splat, given by its index over the whole scene, at a depth.
+    /// Creates the candidate for a splat at depth `z`; `splat` is the index among all splats of the scene.
     fn of_splat(scene: &ResidentScene, splat: u32, z: f64) -> Self {
         let object = scene.objects.iter().rfind(|object| object.first_splat <= splat);
         let row = |object: &ResidentObject| {
@@ -37,13 +37,13 @@ impl Candidate {
         Self { z, splat, object: source, row: object.map_or(NO_LABEL, row) }
     }
 
-    /// Compares by depth; among equal depths by object, then by row, with polygons last.
+    /// Compares candidates by depth; equal depths by object and then row, with polygons last.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
         let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
         self.z.total_cmp(&other.z).then(key(self).cmp(&key(other)))
     }
 
-    /// Returns the row, object and label that the pixel's planes show.
+    /// Returns the row, object and label for the pixel's planes.
     fn identity(&self, scene: &ResidentScene) -> Identity {
         let object = scene.objects.iter().rfind(|object| self.splat != POLYGON && object.first_splat <= self.splat);
         let labels = object.and_then(|object| Some((object, object.cloud.data().labels.as_ref()?)));
@@ -52,8 +52,8 @@ impl Candidate {
     }
 }
 
-/// Returns the fragments of each pixel of `rect` whose depths exceed the nearest by at most `relative`, nearest first.
-/// Empty pixels have none.
+/// Returns the candidates of each pixel of `rect`, nearest first. Their depths exceed the nearest by at most the
+/// fraction `relative`. Empty pixels have none.
 pub(crate) fn candidates(
     scene: &ResidentScene,
     front: &Front<'_>,
@@ -94,13 +94,13 @@ pub(crate) fn identities(scene: &ResidentScene, front: &Front<'_>, lighting: &Li
     candidates(scene, front, lighting, rect, 0.0).iter().map(first).collect()
 }
 
-/// Returns the identities of all candidates.
+/// Converts the candidates of each pixel to identities.
 pub(crate) fn all(scene: &ResidentScene, pixels: &[Vec<Candidate>]) -> Vec<Vec<Identity>> {
     pixels.iter().map(|pixel| pixel.iter().map(|candidate| candidate.identity(scene)).collect()).collect()
 }
 
 impl Front<'_> {
-    /// Returns the opaque fragments that add their attributes, pixel by pixel.
+    /// Returns the opaque fragments of each pixel whose attributes are summed.
     fn contributing(&self, scene: &ResidentScene, lighting: &Lighting) -> Vec<Vec<Candidate>> {
         let polygon = self.meshes.as_ref().map(|meshes| meshes.depth.as_slice());
         let limits = DepthLimits { polygon, ..DepthLimits::default() };
@@ -111,7 +111,7 @@ impl Front<'_> {
         })
     }
 
-    /// Returns the transparent fragments in front of opaque surfaces, pixel by pixel.
+    /// Returns the transparent fragments of each pixel in front of the opaque surface.
     fn contributing_layers(&self, scene: &ResidentScene, lighting: &Lighting, rect: Region) -> Vec<Vec<Candidate>> {
         if self.transparent.is_empty() {
             return Vec::new();
@@ -122,7 +122,8 @@ impl Front<'_> {
     }
 }
 
-/// Returns the fragments inside filtered footprints for which `counts(pixel, splat, z)` is true.
+/// Returns the fragments of each pixel that are inside their filtered footprints and for which `counts(pixel, splat,
+/// z)` is true.
 fn gather(
     scene: &ResidentScene,
     run: &Run<'_>,

@@ -10,11 +10,11 @@ use rayon::prelude::*;
 use surfel_math::V2;
 use surfel_render::{Attributes, Pass, Region};
 
-/// The transparent splats of a frame, and the opaque depth that occludes them.
+/// Transparent splats of a frame, and the depths of the opaque surfaces that occlude them.
 pub(crate) struct TransparentSplats<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
-    /// Depth of the opaque surface in each pixel of `rect`; +∞ for none.
+    /// Depth of the opaque surface in each pixel of `rect`; +∞ without one.
     pub opaque_depth: &'a [f64],
     pub rect: Region,
 }
@@ -26,7 +26,7 @@ impl TransparentSplats<'_> {
     }
 }
 
-/// Draws the plan's layers, nearest first.
+/// Draws the plan's transparent layers, nearest first.
 pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let plan = lighting.plan;
     let mut layers = vec![LayerCompositor::default(); transparent.opaque_depth.len()];
@@ -39,7 +39,7 @@ pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<
         add_layer(&mut layers, &layer, |at| lighting.shade(&layer.sums[at], transparent.center(at)));
         let thresholds: Vec<f64> = layer.thresholds.iter().map(|threshold| threshold.depth).collect();
         if thresholds.iter().all(|&depth| depth == Threshold::NONE.depth) {
-            // Without a threshold all remaining fragments were drawn, so this layer is the last.
+            // Pixels without a threshold have no fragments left, so this layer is the last.
             return layers;
         }
         beyond = Some(thresholds);
@@ -50,8 +50,8 @@ pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<
     layers
 }
 
-/// Draws the last layer: all remaining fragments, lit per splat and weighted by alpha, so that more opaque splats count
-/// more.
+/// Draws all remaining fragments as the last layer. Each splat is lit on its own, and weighted by alpha, so that more
+/// opaque splats count more.
 fn remaining(
     transparent: &TransparentSplats,
     lighting: &Lighting,
@@ -75,7 +75,7 @@ fn remaining(
     let layer = run.accumulate(run.thresholds());
     add_layer(layers, &layer, |at| Lighting::shade_lit(&layer.sums[at]));
     if lighting.plan.planes.margin && open.contains(&true) {
-        // Drawing the splats whose highlight is uncertain alone marks the pixels that they touch.
+        // Splats with an uncertain highlight are drawn again on their own, to mark the pixels that they touch.
         let undecided: Vec<ScreenSplat> = lit.iter().zip(open).filter(|s| s.1).map(|s| s.0.clone()).collect();
         let bands = Bands::new(&undecided, transparent.rect);
         let run = Run { splats: &undecided, bands: &bands, ..run };

@@ -1,4 +1,4 @@
-//! Pixels of a rectangle: their centres, and the pixels that a footprint may touch.
+//! Geometry of a rectangle's pixels: centres, neighbours, and the pixels that a footprint may touch.
 
 use crate::margin;
 use surfel_math::V2;
@@ -10,12 +10,12 @@ pub(crate) fn center(x: u32, y: u32) -> V2<f64> {
     V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
-/// Returns the centre of pixel `index` of a rectangle, counted row by row.
+/// Returns the centre of pixel `index` of a rectangle; indices count row by row.
 pub(crate) fn center_in(rect: Region, index: usize) -> V2<f64> {
     center(rect.x + index as u32 % rect.width, rect.y + index as u32 / rect.width)
 }
 
-/// Returns the 8-neighbours of pixel `index` inside a rectangle, counted row by row.
+/// Returns the up to eight neighbours of pixel `index` inside a rectangle; indices count row by row.
 pub(crate) fn neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
     let (width, height) = (rect.width as usize, rect.height as usize);
     let (x, y) = (index % width, index / width);
@@ -25,7 +25,7 @@ pub(crate) fn neighbours(rect: Region, index: usize) -> impl Iterator<Item = usi
         .filter(move |&neighbour| neighbour != index)
 }
 
-/// Returns the neighbours inside a rectangle that share a side with pixel `index`, counted row by row.
+/// Returns the up to four neighbours inside a rectangle that share a side with pixel `index`; indices count row by row.
 pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
     let (width, height) = (rect.width as usize, rect.height as usize);
     let (x, y) = (index % width, index / width);
@@ -36,8 +36,8 @@ pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item 
     [left, right, above, below].into_iter().flatten()
 }
 
-/// Returns the columns and rows of `rect` whose pixel centres are in `extent`, with a small slack so that neither
-/// rounding nor the margin loses a pixel.
+/// Returns the columns and rows of `rect` whose pixel centres are in `extent`. A small slack makes sure that neither
+/// rounding nor the decision margin loses a pixel.
 pub(crate) fn touched(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
     let range = |min: f64, max: f64, start: u32, length: u32| {
         let (lo, hi) = (f64::from(start), f64::from(start + length));

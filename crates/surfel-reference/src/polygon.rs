@@ -1,4 +1,4 @@
-//! Polygons among splats (§6): the nearest polygon of each pixel, and its surface there.
+//! Polygons among splats (§6): finds the nearest polygon of each pixel, and evaluates its surface.
 
 use crate::margin;
 use crate::pixels;
@@ -12,27 +12,27 @@ use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_render::{FramePlan, Region, View};
 
-/// A projected triangle of a mesh.
+/// Projected triangle of a mesh.
 pub(crate) struct ScreenTriangle {
     mesh: u32,
-    /// Index of the triangle in its mesh.
+    /// Index of the triangle in the mesh.
     index: u32,
     triangle: Triangle<f64>,
     extent: Extent<f64>,
     /// True if the triangle faces away from the eye.
     back_facing: bool,
-    /// Distance of the cosine from the facing decision; infinite if nothing depends on facing.
+    /// Distance between the cosine and the facing decision; infinite if nothing depends on facing.
     facing_margin: f64,
 }
 
-/// The nearest polygon of a pixel.
+/// Nearest polygon of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
     /// Planar depth; +∞ for none.
     pub z: f64,
-    /// Index of the screen triangle.
+    /// Index of the triangle in [`Polygons::triangles`].
     triangle: u32,
-    /// True if rounding could make it another polygon, or none.
+    /// True if rounding could change which polygon is nearest, or remove it.
     pub marginal: bool,
 }
 
@@ -40,23 +40,23 @@ impl Hit {
     pub(crate) const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
 }
 
-/// A point of a polygon's surface, with the inputs of lighting.
+/// Point of a polygon's surface, as the input of lighting.
 pub(crate) struct Material {
     pub albedo: DVec3,
-    /// Unit world normal, turned to the eye if the material is two-sided; zero if undefined.
+    /// Unit normal in world space, turned to the eye if the material is two-sided; zero if undefined.
     pub normal: DVec3,
     /// Ambient, diffuse, specular and shininess factors.
     pub factors: [f64; 4],
 }
 
-/// All triangles of a frame.
+/// Projected triangles of all meshes in a frame.
 pub(crate) struct Polygons<'a> {
     meshes: &'a [ResidentMesh],
     view: &'a View,
     triangles: Vec<ScreenTriangle>,
 }
 
-/// Returns the view position of a vertex.
+/// Returns the position of a vertex in view space.
 fn vertex(mesh: &ResidentMesh, view: &View, i: u32) -> DVec3 {
     let m = &mesh.mesh;
     // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
@@ -78,8 +78,8 @@ impl<'a> Polygons<'a> {
         Self { meshes, view, triangles }
     }
 
-    /// Returns the nearest polygon of every pixel; among equal depths the first. `rim_px` is the decision margin of
-    /// rims in pixels of the view, if margins are needed.
+    /// Returns the nearest polygon of every pixel of `rect`; of equally near ones, the first. `rim_px` is the decision
+    /// margin of edges in pixels of the view; `None` if margins aren't needed.
     pub(crate) fn nearest(&self, rect: Region, rim_px: Option<f64>) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
         let mut of_row = vec![Vec::new(); rect.height as usize];
@@ -123,18 +123,18 @@ impl<'a> Polygons<'a> {
         }
     }
 
-    /// Returns the index of the mesh that a pixel hits.
+    /// Returns the index of the mesh to which a hit belongs; `None` without a hit.
     pub(crate) fn mesh_of(&self, hit: &Hit) -> Option<usize> {
         self.triangles.get(hit.triangle as usize).map(|t| t.mesh as usize)
     }
 
-    /// Returns the change of the hit polygon's depth per pixel to the right and down.
+    /// Returns the depth gradient of the hit polygon at a pixel: the change per pixel to the right and down.
     pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
         let t = &self.triangles[hit.triangle as usize].triangle;
         t.gradient(t.z, hit.z, pixel)
     }
 
-    /// Returns the surface that a pixel hits.
+    /// Evaluates colour, normal and material factors of the hit polygon at a pixel.
     pub(crate) fn material(&self, hit: &Hit, pixel: V2<f64>) -> Material {
         let t = &self.triangles[hit.triangle as usize];
         let resident = &self.meshes[t.mesh as usize];
@@ -172,7 +172,8 @@ impl<'a> Polygons<'a> {
     }
 }
 
-/// Returns the outward normal of a triangle in object space: on the side from which its corners run counter-clockwise.
+/// Returns the outward normal of a triangle in object space, not normalised. It points to the side from which the
+/// corners run counter-clockwise.
 fn outward(mesh: &ResidentMesh, k: usize) -> DVec3 {
     let [a, b, c] = mesh.mesh.triangles[k].map(|i| mesh.mesh.positions.get(i as usize));
     (b - a).cross(c - a)
@@ -195,7 +196,7 @@ fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Optio
     Some(ScreenTriangle {
         mesh: mesh_index,
         index: k as u32,
-        // One anchor for all triangles, so that adjacent ones test a shared edge by the same number.
+        // One anchor for all triangles makes adjacent ones test a shared edge by the same number.
         triangle: Triangle::new(corners, V2::new(0.0, 0.0), &view.projection),
         extent,
         back_facing,
@@ -203,7 +204,8 @@ fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Optio
     })
 }
 
-/// True if the pixel is within the margin of one edge of the triangle, and inside or within the margin of the others.
+/// True if the pixel is within the margin of at least one edge of the triangle. It must not be outside of any edge by
+/// more than the margin.
 fn on_rim(t: &Triangle<f64>, pixel: V2<f64>, rim_px: f64) -> bool {
     let distances = t.edges.map(|e| e.at(pixel) / e.x.hypot(e.y));
     distances.iter().all(|d| *d >= -rim_px) && distances.iter().any(|d| d.abs() <= rim_px)

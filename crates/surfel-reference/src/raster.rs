@@ -1,4 +1,4 @@
-//! The visibility and attribute passes (§5): one splat after another, over bands of rows in parallel.
+//! Visibility and attribute passes (§5). They draw one splat after another, over bands of rows in parallel.
 
 use crate::splat::{Facing, ScreenSplat};
 use crate::threshold::{PossibleThresholds, Sides, Threshold};
@@ -11,7 +11,7 @@ use surfel_render::{Attributes, FramePlan, Region, View};
 /// Number of rows in a band. It only determines the amount of work per task, and changes no pixel.
 const BAND_ROWS: u32 = 8;
 
-/// Weighted sums of a pixel.
+/// Weighted sums of the attributes of a pixel's fragments.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sums {
     pub weight: f64,
@@ -22,12 +22,12 @@ pub(crate) struct Sums {
     pub coverage: f64,
     pub alpha: f64,
     pub fragments: u32,
-    /// True if a decision of this pixel is within its margin.
+    /// True if rounding could change a decision of this pixel.
     pub marginal: bool,
 }
 
 impl Sums {
-    /// Returns Z of the pixel: Σwz/Σw, or +∞ where Σw = 0.
+    /// Returns the planar depth Z of the pixel: Σwz/Σw, or +∞ if Σw = 0.
     pub(crate) fn resolved_depth(&self) -> f64 {
         if self.weight > 0.0 { self.depth / self.weight } else { f64::INFINITY }
     }
@@ -55,24 +55,24 @@ impl Sums {
     }
 }
 
-/// Result of both passes over a rectangle of pixels.
+/// Results of the visibility and attribute passes over a rectangle of pixels.
 pub(crate) struct Passes {
     pub thresholds: Vec<Threshold>,
     pub sums: Vec<Sums>,
-    /// Possible thresholds of each pixel, for the margin plane only; else empty.
+    /// Thresholds that each pixel could have within rounding; empty unless the margin plane is requested.
     pub possible: Vec<PossibleThresholds>,
-    /// Number of fragments that were accumulated.
+    /// Number of fragments that were summed.
     pub fragments: u64,
 }
 
-/// Splats that may touch each band, in index order.
+/// Bands of rows, each with the splats that may touch it, in index order.
 pub(crate) struct Bands {
     pub rect: Region,
     lists: Vec<Vec<u32>>,
 }
 
 impl Bands {
-    /// Sorts splats into bands of `rect`.
+    /// Assigns splats to the bands of `rect` that they may touch.
     pub(crate) fn new(splats: &[ScreenSplat], rect: Region) -> Self {
         let count = rect.height.div_ceil(BAND_ROWS) as usize;
         let mut lists = vec![Vec::new(); count];
@@ -91,14 +91,15 @@ impl Bands {
     }
 }
 
-/// Depths between which fragments exist in a run, pixel by pixel. Without a limit all fragments exist.
+/// Depth limits of a run, per pixel. Fragments outside of the limits are skipped; without a limit, none is.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct DepthLimits<'a> {
-    /// Depth at or before which fragments don't exist: they belong to the surface in front.
+    /// Depth up to which fragments are skipped, because they belong to the surface in front.
     pub beyond: Option<&'a [f64]>,
-    /// Depth beyond which fragments don't exist: an opaque surface occludes them.
+    /// Depth beyond which fragments are skipped, because an opaque surface occludes them.
     pub up_to: Option<&'a [f64]>,
-    /// Depth of the polygon over which splats are blended (§6): attributes count up to a splat's own ε behind it.
+    /// Depth of the polygon over which splats are blended (§6). Attributes count up to a splat's own ε behind the
+    /// polygon.
     pub polygon: Option<&'a [f64]>,
 }
 
@@ -112,24 +113,24 @@ impl<'a> DepthLimits<'a> {
         self.beyond.is_none_or(|b| z > b[at]) && self.up_to.is_none_or(|u| z <= u[at])
     }
 
-    /// True if a fragment's attributes count in front of the polygon.
+    /// True if a fragment is nearer than ε behind the polygon, so that its attributes count.
     pub(crate) fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 
-    /// True if rounding could change whether the limits admit a fragment.
+    /// True if rounding could change whether the limits skip a fragment.
     fn are_near(&self, at: usize, z: f64) -> bool {
         [self.beyond, self.up_to].into_iter().flatten().any(|limit| margin::on_depth(z, limit[at]))
     }
 }
 
-/// A fragment as the A-buffer stores it.
+/// Fragment of a splat in a pixel, as the A-buffer stores it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fragment {
     /// Index of the splat in the run.
     pub splat: u32,
     pub z: f64,
-    /// w of the filtered footprint; 0 outside.
+    /// Weight w of the filtered footprint; 0 outside.
     pub weight: f64,
     /// True if the pixel is inside the filtered footprint.
     pub inside: bool,
@@ -141,30 +142,30 @@ pub(crate) struct Fragment {
     pub on_visible_rim: bool,
 }
 
-/// A run of the passes over some splats.
+/// Configured run of both passes over some splats.
 pub(crate) struct Run<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
     pub view: &'a View,
     pub plan: &'a FramePlan,
-    /// The attributes that are accumulated.
+    /// Attributes that are summed.
     pub attributes: Attributes,
-    /// True if fragments are compared with a depth threshold; if false, every fragment that exists is accumulated.
+    /// True if only fragments up to a depth threshold are summed; if false, all fragments within the limits are.
     pub visibility: bool,
-    /// True if both sides of oriented surfaces are separated.
+    /// True if front and back sides of oriented surfaces have separate thresholds.
     pub keeps_facings: bool,
     pub limits: DepthLimits<'a>,
 }
 
 impl<'a> Run<'a> {
-    /// Creates a run of both passes over all fragments, according to the plan.
+    /// Creates a run of both passes over all fragments, with the plan's attributes.
     pub(crate) fn new(splats: &'a [ScreenSplat], bands: &'a Bands, view: &'a View, plan: &'a FramePlan) -> Self {
         let (limits, keeps_facings) = (DepthLimits::default(), false);
         Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, keeps_facings, limits }
     }
 
-    /// Runs the visibility pass and returns the depth threshold of each pixel of the bands' rectangle;
-    /// [`Threshold::NONE`] without visibility.
+    /// Runs the visibility pass, and returns the depth threshold of each pixel of the rectangle. All are
+    /// [`Threshold::NONE`] if visibility is off.
     pub(crate) fn thresholds(&self) -> Vec<Threshold> {
         let rect = self.bands.rect;
         let mut thresholds = vec![Threshold::NONE; rect.width as usize * rect.height as usize];
@@ -179,7 +180,7 @@ impl<'a> Run<'a> {
         thresholds
     }
 
-    /// Runs the attribute pass up to the thresholds; [`Threshold::NONE`] admits all fragments of a pixel.
+    /// Runs the attribute pass up to the thresholds. [`Threshold::NONE`] admits all fragments of a pixel.
     pub(crate) fn accumulate(&self, thresholds: Vec<Threshold>) -> Passes {
         let mut sums = vec![Sums::default(); thresholds.len()];
         let unknown = PossibleThresholds { nearest: Threshold::NONE, farthest: Threshold::NONE, tie: Threshold::NONE };
@@ -205,8 +206,8 @@ impl<'a> Run<'a> {
         Passes { thresholds, sums, possible, fragments }
     }
 
-    /// Returns the fragments of every pixel of the bands' rectangle, in splat order: all that have a depth and are
-    /// inside a footprint or on its rim.
+    /// Returns the fragments of every pixel of the rectangle, in splat order. A fragment has a depth, and is inside a
+    /// footprint or on its rim.
     pub(crate) fn fragments(&self) -> Vec<Vec<Fragment>> {
         let of_band = |(band, list): (usize, &'a Vec<u32>)| {
             let pass = self.band(band, list);
@@ -227,7 +228,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The footprints whose pixels a pass visits.
+/// Footprints whose bounding boxes a pass visits.
 #[derive(Clone, Copy)]
 enum Footprints {
     Visible,
@@ -235,7 +236,7 @@ enum Footprints {
     Both,
 }
 
-/// A run over one band.
+/// Run over one band of rows.
 struct BandPass<'a> {
     run: &'a Run<'a>,
     list: &'a [u32],
@@ -245,7 +246,7 @@ struct BandPass<'a> {
 
 impl BandPass<'_> {
     /// Calls `each(splat's index, splat, pixel's index in the band, pixel's centre, z)` for every pixel of the
-    /// footprints' boxes where splats have a depth.
+    /// footprints' bounding boxes in which the splat has a depth.
     fn for_fragments(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>, f64)) {
         self.for_pixels(which, |i, splat, at, pixel| {
             if let Some(z) = splat.depth_at(pixel, self.run.view) {
@@ -254,7 +255,8 @@ impl BandPass<'_> {
         });
     }
 
-    /// Calls `each` as [`Self::for_fragments`] does, but without a depth and even for pixels without a fragment.
+    /// Calls `each` for every pixel of the footprints' bounding boxes, without a depth and even if the pixel has no
+    /// fragment.
     fn for_pixels(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>)) {
         for &i in self.list {
             let splat = &self.run.splats[i as usize];
@@ -318,7 +320,7 @@ impl BandPass<'_> {
         let cutoff = self.run.plan.splat_filter.cutoff;
         let mut fragments = 0;
         self.for_fragments(Footprints::Filtered, |_, splat, at, pixel, z| {
-            // If rounding could change the side, the pixel is already marked.
+            // Pixels in which rounding could change the side are already marked.
             if !thresholds[at].shows(splat.facing) {
                 return;
             }
@@ -340,7 +342,7 @@ impl BandPass<'_> {
         fragments
     }
 
-    /// Marks pixels whose threshold rounding could change. A fragment on the rim of its splat, or at a limit, matters
+    /// Marks pixels whose threshold rounding could change. A fragment on its splat's rim, or at a depth limit, matters
     /// only if it is, or would be, the nearest.
     fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
         let keeps_facings = self.run.keeps_facings;
@@ -382,7 +384,7 @@ impl BandPass<'_> {
                 possible[at].farthest.lower(own);
             }
         });
-        // A fragment that barely doesn't exist would be among the nearest, or the only one.
+        // A fragment that barely fails to exist would be among the nearest, or the only one.
         self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
             let z = splat.depth_nearly_at(pixel, self.run.view);
             if z.is_none_or(|z| !self.limits.admit(at, z) || z > thresholds[at].depth) {

@@ -1,4 +1,4 @@
-//! The backend `reference`, which uploads scenes and renders frames on its own threads.
+//! Renderer of the backend `reference`, which uploads scenes and draws frames on its own threads.
 
 use crate::scene::ResidentScene;
 use crate::{frame, gaussians};
@@ -11,7 +11,7 @@ const CAPABILITIES: Capabilities = Capabilities::everything("reference");
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Number of threads. 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
+    /// Number of threads; 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
     pub threads: usize,
 }
 
@@ -21,7 +21,7 @@ impl Options {
     }
 }
 
-/// Stack size of a thread, in bytes: unoptimised code needs several times the default of two megabytes.
+/// Stack size of a thread, in bytes. Unoptimised code needs several times the default of two megabytes.
 const STACK_BYTES: usize = 8 << 20;
 
 /// The renderer of the f64 reference backend.
@@ -55,13 +55,13 @@ impl Renderer {
         Ok(Self { info, pool })
     }
 
-    /// Renders `samples`×`samples` samples per pixel without a pre-filter and averages them. The result is the ground
-    /// truth that filters approximate.
+    /// Renders a supersampled image: averages `samples`×`samples` samples per pixel, without a pre-filter. The result
+    /// is the ground truth that filters approximate.
     ///
     /// # Errors
-    /// Errors of [`surfel_render::Renderer::render_into`]; also [`RenderError::Model`] for more samples than an image
+    /// Errors of [`surfel_render::Renderer::render_into`]. Also [`RenderError::Model`] for more samples than an image
     /// may have ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label`
-    /// and `position`, which have no mean.
+    /// and `position`, whose values can't be averaged.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,
@@ -94,11 +94,11 @@ impl Renderer {
 }
 
 impl Renderer {
-    /// Returns, for tests, everything that may be the nearest in each pixel of the view's region: depths within
-    /// `relative` of the minimum, nearest first. Empty pixels have none.
+    /// Returns, for tests, all candidates for the nearest splat or polygon in each pixel of the view's region, nearest
+    /// first. Their depths are within the fraction `relative` of the minimum. Empty pixels have none.
     ///
     /// # Errors
-    /// The errors of [`surfel_render::Renderer::render_into`].
+    /// Errors of [`surfel_render::Renderer::render_into`].
     #[doc(hidden)]
     pub fn nearest_candidates(
         &mut self,

@@ -1,6 +1,6 @@
-//! Edges by samples (§5): pixels beside a depth step are the mean of 4×4 samples.
+//! Edge antialiasing by samples (§5): pixels at a depth step become the mean of 4×4 samples.
 //!
-//! Samples are the pixels of an image that is four times as wide and high, and which is drawn as a whole.
+//! Samples are the pixels of an image that is four times as wide and high, and that is drawn as a whole.
 
 use crate::ball::{self, BallLayer};
 use crate::frame::OpaqueImage;
@@ -13,26 +13,26 @@ use crate::steps::Steps;
 use rayon::prelude::*;
 use surfel_render::SAMPLES_SIDE;
 
-/// Colour of a pixel by samples.
+/// Pixel averaged from samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampled {
     /// Linear premultiplied RGBA.
     pub color: [f64; 4],
-    /// True if a decision of one of the samples is within its margin.
+    /// True if rounding could change a decision of one of the samples.
     pub marginal: bool,
 }
 
-/// The pixels of a rectangle, with those that are sampled.
+/// Pixels of a rectangle, some of which are averaged from samples.
 pub(crate) struct Samples {
-    /// Colours by samples; undefined for pixels that aren't sampled.
+    /// Colour of each pixel; undefined for pixels that aren't sampled.
     pixels: Vec<Sampled>,
     wanted: Vec<bool>,
-    /// True for pixels in which rounding could change whether they are sampled; empty if margins aren't needed.
+    /// Flag per pixel, true if rounding could change whether the pixel is sampled; empty if margins aren't needed.
     open: Vec<bool>,
 }
 
 impl Samples {
-    /// Finds and draws the sampled pixels of a shaded image.
+    /// Finds the pixels at depth steps in a shaded image, and draws their samples.
     pub(crate) fn draw(scene: &ResidentScene, image: &OpaqueImage, front: &Front) -> Self {
         let (rect, lighting) = (image.rect, image.lighting);
         let transparent = front.nearest_transparent(lighting, rect);
@@ -44,7 +44,7 @@ impl Samples {
         Self { pixels: sampled(scene, image, &wanted), wanted, open }
     }
 
-    /// Returns the colour of a pixel, if it is sampled.
+    /// Returns the averaged colour of a pixel; `None` if the pixel isn't sampled.
     pub(crate) fn of(&self, at: usize) -> Option<&Sampled> {
         self.wanted[at].then(|| &self.pixels[at])
     }
@@ -55,7 +55,7 @@ impl Samples {
     }
 }
 
-/// Returns the colours by samples of the wanted pixels of an image's rectangle.
+/// Draws the image of samples, and averages the pixels of `image` that are `wanted`.
 fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<Sampled> {
     let mut sampled = vec![Sampled::default(); wanted.len()];
     if !wanted.contains(&true) {
@@ -71,7 +71,7 @@ fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<S
     sampled
 }
 
-/// Returns the mean of a pixel's samples.
+/// Returns the mean of the samples of pixel `at`.
 fn mean(image: &OpaqueImage, fine: &OpaqueImage, front: &Front, at: usize) -> Sampled {
     let (width, side) = (image.rect.width as usize, SAMPLES_SIDE as usize);
     let share = 1.0 / (side * side) as f64;

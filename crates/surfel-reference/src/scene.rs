@@ -1,4 +1,4 @@
-//! Scenes as the reference stores them between frames.
+//! Scenes that the reference backend stores between frames.
 
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -8,26 +8,26 @@ use surfel_model::{
 };
 use surfel_render::{RenderError, SceneSummary};
 
-/// A scene as the reference stores it: shared clouds, and their objects' placements and materials.
+/// Scene uploaded to the reference backend: shared clouds and meshes, and their objects' placements and materials.
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<ResidentObject>,
     pub(crate) meshes: Vec<ResidentMesh>,
-    /// Gaussians and their placement; empty in a scene of surfaces.
+    /// Clouds of trained Gaussians and their placements; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<(Arc<GaussianCloud>, DAffine3)>,
     /// Material of the first object.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,
     pub(crate) matcap: Option<Arc<Matcap>>,
-    /// Background, linear premultiplied RGBA.
+    /// Background colour, linear premultiplied RGBA.
     pub(crate) background: [f64; 4],
 }
 
-/// An object of splats.
+/// Object made of splats.
 #[derive(Clone)]
 pub(crate) struct ResidentObject {
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub source: usize,
     pub cloud: Arc<SplatCloud>,
     pub world_from_object: DAffine3,
@@ -36,20 +36,20 @@ pub(crate) struct ResidentObject {
     pub first_splat: u32,
 }
 
-/// An object of polygons.
+/// Object made of polygons.
 #[derive(Clone)]
 pub(crate) struct ResidentMesh {
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub source: usize,
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// The mesh's texture and its mip levels.
+    /// Mip levels of the mesh's texture; `None` without a texture.
     pub mipmaps: Option<Arc<Mipmaps>>,
 }
 
 impl ResidentScene {
-    /// Shares a scene's clouds and meshes, and builds the mip levels of its textures.
+    /// Converts a scene to its stored form: shares clouds and meshes, and builds the mip levels of textures.
     ///
     /// # Errors
     /// [`RenderError`] for an invalid scene, and for more splats than 32 bits can number.
@@ -111,7 +111,7 @@ impl ResidentScene {
     }
 }
 
-/// Stores a mesh. Objects with the same texture share its mip levels.
+/// Converts a mesh object to its stored form. Objects with the same texture share its mip levels.
 fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> ResidentMesh {
     let mipmaps = Mipmaps::of_mesh(mesh, known);
     let (world_from_object, material) = (object.world_from_object, object.material);

@@ -1,4 +1,4 @@
-//! Shading (§5): attributes divided by Σw, then the plan's shader, once per pixel.
+//! Shading (§5): divides attributes by Σw, then applies the plan's shader, once per pixel.
 
 use crate::ball::ScreenBall;
 use crate::polygon::{self, Polygons};
@@ -15,46 +15,46 @@ use surfel_math::toon;
 use surfel_model::{BallLight, Light, Matcap, Shader};
 use surfel_render::{FramePlan, View};
 
-/// Everything that lights a scene.
+/// Inputs of shading that are the same for all pixels of a frame.
 pub(crate) struct Lighting<'a> {
     pub view: &'a View,
     pub plan: &'a FramePlan,
     pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
-    /// The image that the shader `matcap` samples.
+    /// Image of a lit sphere that the shader `matcap` samples.
     pub matcap: Arc<Matcap>,
     /// Ambient, diffuse, specular and shininess factors, if all objects share them.
     pub material: [f64; 4],
 }
 
-/// A shaded pixel.
+/// Shaded surface of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
     pub color: DVec3,
     pub depth: f64,
-    /// Unit world normal, or zero.
+    /// Unit normal in world space, or zero.
     pub normal: DVec3,
     pub weight: f64,
-    /// Σwα/Σw.
+    /// Opacity, Σwα/Σw.
     pub alpha: f64,
     /// True if rounding could add or remove a highlight or a shadow.
     pub marginal: bool,
 }
 
-/// A point of a surface, with the inputs of lighting.
+/// Point of a surface, as the input of lighting.
 struct Point {
-    /// View position.
+    /// Position in view space.
     at: DVec3,
     depth: f64,
-    /// Unit world normal, or zero.
+    /// Unit normal in world space, or zero.
     normal: DVec3,
     albedo: DVec3,
     material: [f64; 4],
 }
 
 impl Surface {
-    /// Blends this surface over another with weight `share`: colour, depth and normal alike (§6).
+    /// Blends colour, depth and normal of this surface over those of another one, with the weight `share` (§6).
     pub(crate) fn blended_over(&self, behind: &Self, share: f64) -> Self {
         Self {
             color: self.color * share + behind.color * (1.0 - share),
@@ -67,7 +67,7 @@ impl Surface {
 }
 
 impl Lighting<'_> {
-    /// Divides and lights a pixel; `None` where Σw = 0.
+    /// Divides a pixel's sums by Σw and shades the result; `None` if Σw = 0.
     pub(crate) fn shade(&self, sums: &Sums, pixel: V2<f64>) -> Option<Surface> {
         if sums.weight <= 0.0 {
             return None;
@@ -84,7 +84,7 @@ impl Lighting<'_> {
         Some(Surface { color, depth, normal, weight: sums.weight, alpha, marginal })
     }
 
-    /// Lights a polygon at a pixel.
+    /// Shades a polygon at a pixel.
     pub(crate) fn shade_polygon(&self, hit: &polygon::Hit, polygons: &Polygons, pixel: V2<f64>) -> Surface {
         let polygon::Material { albedo, normal, factors } = polygons.material(hit, pixel);
         let point = Point { at: self.position(pixel, hit.z), depth: hit.z, normal, albedo, material: factors };
@@ -92,7 +92,7 @@ impl Lighting<'_> {
         Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
     }
 
-    /// Lights a ball at a pixel.
+    /// Shades a ball at a pixel.
     pub(crate) fn shade_ball(
         &self,
         ball: &ScreenBall,
@@ -114,7 +114,7 @@ impl Lighting<'_> {
         Surface { color, depth, normal, weight, alpha: 1.0, marginal }
     }
 
-    /// Divides a pixel whose fragments were lit before summation ([`Lighting::lit_splat`]); `None` where Σw = 0.
+    /// Divides the sums of a pixel whose fragments were already shaded ([`Lighting::lit_splat`]); `None` if Σw = 0.
     pub(crate) fn shade_lit(sums: &Sums) -> Option<Surface> {
         (sums.weight > 0.0).then(|| {
             let inverse = 1.0 / sums.weight;
@@ -129,8 +129,8 @@ impl Lighting<'_> {
         })
     }
 
-    /// Lights a splat at its centre and returns it with the shaded colour as its albedo. Also returns true if rounding
-    /// could change the colour.
+    /// Shades a splat at its centre, and returns it with the shaded colour as its albedo. The second value is true if
+    /// rounding could change the colour.
     pub(crate) fn lit_splat(&self, splat: &ScreenSplat) -> (ScreenSplat, bool) {
         let albedo = DVec3::from(splat.color);
         // The centre may be in front of z_near, where the stored depth would exceed 1.
@@ -140,7 +140,7 @@ impl Lighting<'_> {
         (ScreenSplat { color: color.to_array(), ..splat.clone() }, marginal)
     }
 
-    /// Returns the view position of depth z at a pixel.
+    /// Returns the view-space position at depth z on a pixel's ray.
     fn position(&self, pixel: V2<f64>, depth: f64) -> DVec3 {
         let (origin, direction) = self.view.projection.ray(pixel);
         let at = origin + direction * depth;
@@ -172,20 +172,20 @@ impl Lighting<'_> {
         }
     }
 
-    /// Returns n·v; 1 if there is no normal.
+    /// Returns the cosine n·v between normal and eye direction; 1 if there is no normal.
     fn cosine_to_eye(&self, point: &Point) -> f64 {
         let normal = self.view.view_from_world * point.normal;
         if normal == DVec3::ZERO { 1.0 } else { normal.dot(self.to_eye(point)) }
     }
 
-    /// Returns the view direction from a point to the eye.
+    /// Returns the unit vector from a point to the eye, in view space.
     fn to_eye(&self, point: &Point) -> DVec3 {
         if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z }
     }
 
-    /// Returns ambient, diffuse and specular light, and true if rounding could add or remove a highlight or a shadow.
-    /// `diffused` maps a diffuse amount in [0, 1]. `highlighted` maps a highlight's strength and the fraction of the
-    /// light that reaches the point.
+    /// Computes ambient, diffuse and specular light at a point. The second value is true if rounding could add or
+    /// remove a highlight or a shadow. `diffused` maps a diffuse amount from 0 to 1. `highlighted` maps a highlight's
+    /// strength and the fraction of the light that reaches the point.
     fn lit(
         &self,
         point: &Point,
@@ -219,7 +219,7 @@ impl Lighting<'_> {
         (albedo * matte + gloss, marginal)
     }
 
-    /// Returns the unit vector to the light and its colour at a position relative to the eye.
+    /// Returns the unit vector to a light, and the light's colour, at a position relative to the eye.
     fn incident(&self, light: &Light, position: DVec3) -> (DVec3, DVec3) {
         match light {
             Light::Directional { direction, color, .. } => (-unit(DVec3::from(*direction)), DVec3::from(*color)),
@@ -246,12 +246,12 @@ fn stored_light(light: &BallLight, n: DVec3) -> f64 {
     (linear + squares + 2.0 * products).max(0.0)
 }
 
-/// Returns the angle between unit vectors, accurate at both ends.
+/// Returns the angle between two unit vectors in radians, accurate close to 0 and to π.
 fn angle_between(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
 }
 
-/// Returns 1 up to `inner`, 0 from `outer` on, and a smoothstep in the angle between.
+/// Returns 1 up to `inner`, 0 from `outer` on, and a smoothstep of the angle in between.
 fn smooth_fade(angle: f64, inner: f64, outer: f64) -> f64 {
     if angle <= inner {
         return 1.0;

@@ -1,4 +1,5 @@
-//! Shadow maps (§5): the visibility pass from the lights, and the fraction of a light that reaches a point.
+//! Shadow maps (§5): draws the visibility pass from the lights, and computes the fraction of a light that reaches a
+//! point.
 
 use crate::ball::BallView;
 use crate::margin;
@@ -14,21 +15,22 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Material};
 use surfel_render::{FramePlan, Pass, Planes, ShadowMap, View};
 
-/// A drawn shadow map.
+/// Shadow map with its drawn texels.
 pub(crate) struct Shadow<'a> {
     map: &'a ShadowMap,
     texels: Vec<Texel>,
 }
 
-/// Maximum depth at which a texel is lit, including the bias.
+/// Depth limit of a texel: nearer points are lit. The limit includes the bias.
 #[derive(Clone, Copy)]
 struct Texel {
     threshold: f64,
-    /// Threshold if every fragment on a rim casts a shadow, and if none does.
+    /// Thresholds if all fragments on a rim cast a shadow, and if none does.
     possible: [f64; 2],
 }
 
-/// Draws the plan's maps. Everything opaque casts a shadow, whichever side faces the light or the eye.
+/// Draws the shadow maps of a plan. Everything opaque casts a shadow, regardless of which side faces the light or the
+/// eye.
 pub(crate) fn draw<'a>(scene: &ResidentScene, plan: &'a FramePlan) -> Vec<Shadow<'a>> {
     if plan.shadow_maps.is_empty() {
         return Vec::new();
@@ -81,8 +83,8 @@ fn draw_map<'a>(
     Shadow { map, texels }
 }
 
-/// Lowers the thresholds of texels whose centres balls hide to the depths of the balls' centres: what is lit of a ball
-/// itself lies in front of it, what is behind the ball doesn't.
+/// Lowers the thresholds of texels whose centres are inside balls to the depths of the balls' centres. The lit half of
+/// a ball is nearer than its centre, and points behind the ball are farther.
 fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, texels: &mut [Texel]) {
     if !plan.has(Pass::Balls) {
         return;
@@ -105,9 +107,9 @@ fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, 
 }
 
 /// Returns the fraction of a light that reaches a point, and true if rounding could change it. `position` is relative
-/// to the eye of `view`, `normal` a unit vector, both in world space.
+/// to the eye of `view`, and `normal` is a unit vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
-    // Of a light's several maps the one counts along whose axis the point is farthest.
+    // Of a light's several maps, the one along whose axis the point is farthest is used.
     let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {
         let from_light = position + (view.eye - s.map.view.eye);
         (s, s.map.view.view_from_world * from_light)
@@ -120,7 +122,7 @@ pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position
 
 impl Shadow<'_> {
     /// Returns the fraction of the light that reaches a point, and true if rounding could change it. Point and normal
-    /// are in the map's view.
+    /// are in the map's view space.
     fn visibility(&self, p: DVec3, normal: DVec3) -> (f64, bool) {
         let projection = &self.map.view.projection;
         if p.z < projection.near {

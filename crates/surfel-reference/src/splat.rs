@@ -1,4 +1,4 @@
-//! Projection of splats to their footprints on the screen (§2–§4).
+//! Projection of splats to their footprints in the image (§2–§4).
 
 use crate::clip::SplatClip;
 use crate::margin;
@@ -18,69 +18,70 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
 
-/// Side of its surface that a splat shows, if facings are separated (§5).
+/// Visible side of a splat's surface, if the plan separates front and back sides (§5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
-    /// The splat's cloud isn't oriented, or the plan doesn't separate facings.
+    /// The side doesn't matter: the splat's cloud isn't oriented, or the plan doesn't separate sides.
     Undeclared,
     Front,
     Back,
 }
 
-/// A splat prepared for rasterisation.
+/// Projected splat, prepared for rasterisation.
 #[derive(Clone)]
 pub(crate) struct ScreenSplat {
-    /// Index over the whole scene: objects in order, splats in order.
+    /// Index among all splats of the scene: objects in order, splats in order.
     pub index: u32,
-    /// Anchor of the forms, as a pixel position.
+    /// Pixel position from which offsets in the footprints' linear forms are measured.
     pub anchor: V2<f64>,
-    /// Unfiltered footprint, for visibility.
+    /// Unfiltered footprint, used by the visibility pass.
     pub visible: Footprint<f64>,
-    /// Filtered footprint, for attributes.
+    /// Filtered footprint, used by the attribute pass.
     pub filtered: Footprint<f64>,
     /// Radius of the disk that `clamp` adds to the filtered footprint, in pixels.
     pub clamp_radius: Option<f64>,
-    /// Factor of the weight.
+    /// Factor by which the filter scales the splat's weight.
     pub weight_scale: f64,
-    /// Coverage per unit of weight, a/W0.
+    /// Coverage per unit of weight, a/W0 (§5).
     pub coverage_per_weight: f64,
     /// Clip of the splat; `None` if it isn't clipped.
     pub clip: Option<SplatClip>,
-    /// Plane of the fragments' depth.
+    /// Plane that gives the depth of the splat's fragments.
     pub depth: DepthPlane<f64>,
-    /// Form in which depth varies.
+    /// Form in which depth varies over the image: linear or reciprocal.
     pub depth_form: DepthForm,
-    /// ε.
+    /// Depth tolerance ε of the splat.
     pub epsilon: f64,
-    /// Side of an oriented surface that the splat shows.
+    /// Visible side of the splat, if its cloud is oriented.
     pub facing: Facing,
-    /// Pixels that the unfiltered footprint may touch.
+    /// Bounding box of the unfiltered footprint, in pixels.
     pub visible_box: Extent<f64>,
-    /// Pixels that the filtered footprint may touch.
+    /// Bounding box of the filtered footprint, in pixels.
     pub filtered_box: Extent<f64>,
-    /// View position of the centre.
+    /// Centre of the splat in view space.
     pub center: DVec3,
     /// Linear albedo.
     pub color: [f64; 3],
     /// Opacity.
     pub alpha: f64,
-    /// Unit world shading normal, turned to the eye if the material is two-sided.
+    /// Unit shading normal in world space, turned to the eye if the material is two-sided.
     pub normal: DVec3,
     /// Ambient, diffuse, specular and shininess factors.
     pub material: [f64; 4],
-    /// Decision margin of the rims, in pixels of the view.
+    /// Distance from a footprint's rim within which rounding could change a test, in pixels of the view.
     pub rim_px: f64,
-    /// Distance of n·p/|p| from the decisions that depend on facing.
+    /// Distance between the cosine n·p/|p| and the nearest limit at which a facing decision changes. For the edge-on
+    /// limit, the distance is relative to the limit.
     pub facing_margin: f64,
 }
 
-/// Maps from an object to a view, shared by all of the object's splats.
+/// Maps from an object's space to view and world space, shared by all of the object's splats.
 pub(crate) struct ObjectView {
     /// Map of directions from object to view space.
     linear: DMat3,
-    /// View position of the object's origin.
+    /// Object's origin in view space.
     origin: DVec3,
-    /// Map of normals from object to world space: the inverse transpose up to scale, with the right sign.
+    /// Map of normals from object to world space: the inverse transpose, up to a positive factor.
     normals: DMat3,
 }
 
@@ -92,13 +93,13 @@ impl ObjectView {
         Self { linear: view.view_from_world * m, origin, normals: normal_matrix(&m) }
     }
 
-    /// Returns the view position of a point of the object.
+    /// Converts a point from object space to view space.
     pub(crate) fn point(&self, local: DVec3) -> DVec3 {
         self.origin + self.linear * local
     }
 }
 
-/// Projects every splat that is drawn in some pass, in index order.
+/// Projects all splats that some pass draws, in index order.
 pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
     let of_object = |object: &ResidentObject| {
         let object_view = ObjectView::new(object, view);
@@ -110,7 +111,7 @@ pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FrameP
     objects.iter().filter(|object| !object.cloud.is_balls()).flat_map(of_object).collect()
 }
 
-/// Projects splat `i` of an object; `None` if it is drawn in no pass.
+/// Projects splat `i` of an object; `None` if no pass draws it.
 fn project(
     object: &ResidentObject,
     object_view: &ObjectView,
@@ -201,7 +202,8 @@ fn project(
     Some(shape)
 }
 
-/// Projects a splat that reaches or passes z_near, or spans much of its own distance: exactly, without filter.
+/// Projects a splat that reaches or passes z_near, or whose extent is large relative to its distance: exactly, without
+/// filter.
 fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<ScreenSplat> {
     let mapped = through_near(splat, &view.projection);
     let near_box = bounds::through_near(splat, &view.projection)?;
@@ -223,8 +225,8 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
     ))
 }
 
-/// Projects a splat in front of the eye. Also returns the map from its filtered footprint's (u, v) to those of its
-/// axes.
+/// Projects a splat in front of the eye. The second value maps the filtered footprint's (u, v) to the (u, v) of the
+/// splat's axes.
 fn ordinary_shape(
     splat: &ViewSplat<f64>,
     range: (f64, f64),
@@ -305,14 +307,14 @@ fn screen_splat(
 }
 
 impl ScreenSplat {
-    /// Returns the depth of the splat at a pixel, if it is drawn there at all: z_near ≤ z (≤ z_far).
+    /// Returns the depth of the splat at a pixel; `None` if it isn't between z_near and z_far.
     pub(crate) fn depth_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
         let z = self.depth.at(pixel - self.anchor, self.depth_form);
         (z >= view.projection.near && z <= view.projection.far()).then_some(z)
     }
 
-    /// Returns the depth of the splat at a pixel where it isn't drawn, but where rounding could add it: within the
-    /// margin of z_near or z_far.
+    /// Returns the depth of the splat at a pixel where it isn't drawn, if rounding could change that. The depth is then
+    /// within the margin of z_near or z_far.
     pub(crate) fn depth_nearly_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
         let z = self.depth.at(pixel - self.anchor, self.depth_form);
         let (near, far) = (view.projection.near, view.projection.far());
@@ -326,7 +328,7 @@ impl ScreenSplat {
         self.visible.contains(d) && self.clip.as_ref().is_none_or(|c| c.keeps_at(&self.visible, &c.visible_turn, d))
     }
 
-    /// Returns ρ² of the filtered footprint, if the pixel is inside and not clipped.
+    /// Returns ρ² of the filtered footprint at a pixel; `None` if the pixel is outside or clipped.
     pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
         let d = pixel - self.anchor;
         let keeps = |c: &SplatClip| {
@@ -335,7 +337,7 @@ impl ScreenSplat {
         self.unclipped_rho_squared_at(d).filter(|_| self.clip.as_ref().is_none_or(keeps))
     }
 
-    /// Returns ρ² of the filtered footprint at an offset, if inside, ignoring the clip.
+    /// Returns ρ² of the filtered footprint at an offset, ignoring the clip; `None` outside.
     pub(crate) fn unclipped_rho_squared_at(&self, d: V2<f64>) -> Option<f64> {
         let (u, v, w) = self.filtered.at(d);
         let exact = if w > 0.0 { u.mul_add(u, v * v) / (w * w) } else { f64::INFINITY };

@@ -1,4 +1,4 @@
-//! Depth steps between neighbouring pixels (§5, edges by samples).
+//! Depth steps between neighbouring pixels, for edge antialiasing by samples (§5).
 
 use crate::front::MeshLayer;
 use crate::layer_compositor::LayerCompositor;
@@ -9,8 +9,8 @@ use crate::threshold::{PossibleThresholds, Threshold};
 use surfel_math::depth::step_allowance;
 use surfel_render::{Region, View};
 
-/// Depth range of the nearest surface of a pixel. `end` is −∞ if only one of the pixel's footprints has a surface,
-/// which counts as a step to every neighbour.
+/// Depth range of a pixel's nearest surface. `end` is −∞ if only one of the pixel's two footprints, unfiltered and
+/// filtered, has a surface. Such a pixel has a step to every neighbour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reach {
     begin: f64,
@@ -24,30 +24,30 @@ impl Reach {
         Self { begin: threshold.writer_depth - threshold.epsilon, end: threshold.writer_depth + threshold.epsilon }
     }
 
-    /// True if there is a step between the two ranges.
+    /// True if there is a depth step between the two ranges.
     fn steps_to(self, other: Self) -> bool {
         other.begin > self.end || self.begin > other.end
     }
 
-    /// True if rounding could add or remove a step between the two ranges.
+    /// True if rounding could add or remove a depth step between the two ranges.
     fn nearly_steps_to(self, other: Self) -> bool {
         margin::on_step(self.end, other.begin) || margin::on_step(other.end, self.begin)
     }
 }
 
-/// The surfaces among which steps are found.
+/// Surfaces of a rectangle in which depth steps are detected.
 pub(crate) struct Steps<'a> {
     pub front: &'a Passes,
     pub meshes: Option<&'a MeshLayer<'a>>,
-    /// Visibility of the transparent splats in front of opaque surfaces, and their composited layers; `None` without
-    /// any.
+    /// Passes over the transparent splats in front of opaque surfaces, and the composited layers; `None` without such
+    /// splats.
     pub transparent: Option<(&'a Passes, &'a [LayerCompositor])>,
     pub rect: Region,
     pub view: &'a View,
 }
 
 impl Steps<'_> {
-    /// Returns flags of the pixels beside a step, on either side.
+    /// Returns a flag per pixel, true if there is a depth step to a neighbour that shares a side.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let reaches: Vec<[Reach; 2]> = (0..self.count())
             .map(|at| {
@@ -61,7 +61,8 @@ impl Steps<'_> {
         (0..self.count()).map(|at| side_neighbours(self.rect, at).any(|n| steps(at, n))).collect()
     }
 
-    /// Marks the pixels that rounding could change: no neighbour decides for sure, and one may decide.
+    /// Returns a flag per pixel, true if rounding could change whether the pixel is at a step. At such a pixel, no
+    /// neighbour makes a step for certain, and at least one may.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let possible: Vec<[Vec<Reach>; 2]> = (0..self.count()).map(|at| self.possible(at)).collect();
         let open_layers = |at: usize| self.transparent.is_some_and(|(_, layers)| layers[at].marginal);
@@ -88,13 +89,13 @@ impl Steps<'_> {
         self.rect.width as usize * self.rect.height as usize
     }
 
-    /// Returns the number of layers that aren't empty.
+    /// Returns the number of non-empty transparent layers of a pixel.
     fn layers(&self, at: usize) -> u32 {
         self.transparent.map_or(0, |(_, layers)| layers[at].count)
     }
 
-    /// Returns the range of the nearest opaque surface: of splats with this threshold, or of a polygon, if there is
-    /// one.
+    /// Returns the depth range of the nearest opaque surface: splats with this threshold, or a polygon if one is
+    /// nearer.
     fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> Reach {
         let splats = Reach::of(threshold);
         let hit = self.meshes.filter(|_| with_polygon).map(|meshes| (meshes, meshes.hits[at]));
@@ -110,8 +111,8 @@ impl Steps<'_> {
         Reach { begin: hit.z, end: hit.z + step_allowance(hit.z, gradient, &self.view.projection) }
     }
 
-    /// Returns all possible ranges of the nearest opaque and the nearest transparent surface, for either result of
-    /// marginal tests.
+    /// Returns all depth ranges that the nearest opaque and the nearest transparent surface could have, for either
+    /// result of the tests that rounding could change.
     fn possible(&self, at: usize) -> [Vec<Reach>; 2] {
         let all = |possible: &PossibleThresholds| {
             let PossibleThresholds { nearest, farthest, tie } = *possible;
@@ -124,7 +125,7 @@ impl Steps<'_> {
             if polygon.is_some_and(|hit| hit.marginal) {
                 opaque.push(self.opaque(at, threshold, false));
             }
-            // Equally near: either surface may be the nearest.
+            // Both are equally near, so either may be the nearest.
             if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.writer_depth - threshold.epsilon)) {
                 opaque.push(Reach::of(threshold));
             }

@@ -1,4 +1,4 @@
-//! Ground truth by supersampling: N×N samples per pixel without a pre-filter, box-averaged.
+//! Supersampling for ground truth: N×N samples per pixel without a pre-filter, averaged with equal weights.
 
 use surfel_render::{Frame, Planes};
 

@@ -41,7 +41,7 @@ impl Background {
         &self.squares
     }
 
-    /// Clears the record.
+    /// Clears the record, so that no square counts as containing only background.
     pub(crate) fn forget(&mut self) {
         self.of = None;
     }

@@ -11,8 +11,8 @@ mod without {
     use std::ops::Sub;
     use std::time::Duration;
 
-    /// A point in time without a clock, as WebAssembly alone has none: every duration is zero. Hosts measure by their
-    /// own clock.
+    /// Substitute for a point in time on WebAssembly, which has no clock of its own: every duration is zero. Hosts
+    /// measure with their own clock.
     #[derive(Clone, Copy, Debug)]
     pub struct Instant(());
 
@@ -22,7 +22,7 @@ mod without {
             Self(())
         }
 
-        /// Returns zero.
+        /// Returns a duration of zero.
         pub fn elapsed(self) -> Duration {
             Duration::ZERO
         }

@@ -11,7 +11,7 @@ const PIXELS: usize = LINE / size_of::<[f32; 4]>();
 /// RGBA of an image's pixels; dereferences to a slice of them.
 ///
 /// The first pixel begins a cache line, so that rows of four pixels, which backends write, don't cross lines. Crossing
-/// lines makes a frame of few large splats on a CPU take 1/20 longer.
+/// lines makes a frame of few large splats on a CPU take 5 % longer.
 #[derive(Default)]
 pub(crate) struct ColorPlane {
     /// Pixels, with a few unused ones around them.
@@ -23,8 +23,8 @@ pub(crate) struct ColorPlane {
 impl ColorPlane {
     /// Resizes the plane to `count` pixels, with unspecified contents.
     ///
-    /// New memory is made of zeros from the system, whose pages are first touched when the pixels are written, on all
-    /// threads.
+    /// New memory is zeroed by the system on first access, so that all threads share the cost when they write the
+    /// pixels.
     pub(crate) fn resize(&mut self, count: usize) {
         let room = count + if count > 0 { PIXELS - 1 } else { 0 };
         if self.memory.capacity() < room {

@@ -2,7 +2,7 @@
 
 use surfel_model::ModelError;
 
-/// Errors that every backend shares.
+/// Errors of rendering that every backend may return.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
@@ -18,25 +18,25 @@ pub enum RenderError {
         feature: &'static str,
         /// Origin of the feature in the scene or settings.
         found_where: String,
-        /// Advice for the user.
+        /// Advice for the user, how to draw the scene without the feature.
         advice: &'static str,
     },
-    /// Coverage needs every cloud's interior weight.
+    /// A cloud has no interior weight, which coverage needs.
     #[error(
         "object {object} has no interior weight, which edge antialiasing, the A-buffer and meshes among splats need; \
          estimate it (surfel_sample::interior_weight) or set material.interior_weight"
     )]
     NoInteriorWeight {
-        /// Index of the object.
+        /// Index of the object in the scene.
         object: usize,
     },
-    /// The planes `index` and `label` need the rows of every cloud.
+    /// A cloud has no row numbers, which the planes `index` and `label` need.
     #[error(
         "object {object} has no rows, which the planes index and label show: give it some by Scene::number_rows before \
          the upload; the splats of an octree stand for many points and have none, so draw what it was made of instead"
     )]
     NoRows {
-        /// Index of the object.
+        /// Index of the object in the scene.
         object: usize,
     },
     /// The frame needs more memory than the limit.
@@ -61,15 +61,15 @@ pub enum RenderError {
         /// Number of bytes that may be used, or that were in use when the memory was exhausted.
         available: u64,
     },
-    /// The system gives no more threads, or no memory for their stacks.
+    /// The system can't start more threads, or has no memory for their stacks.
     #[error("{backend}: can't start threads: {message}")]
     Threads {
-        /// The backend's name.
+        /// Name of the backend.
         backend: &'static str,
-        /// The system's message.
+        /// Error message of the system.
         message: String,
     },
-    /// The backend failed.
+    /// The backend failed while drawing or uploading.
     #[error("{backend}: {message}")]
     Backend {
         /// Name of the backend.
@@ -99,13 +99,13 @@ pub enum BackendError {
     /// No backend has this name.
     #[error("there is no backend '{name}', expected one of auto, cpu, wgpu, ash, reference")]
     Unknown {
-        /// The unknown name.
+        /// Name of the backend that was asked for.
         name: String,
     },
     /// The backend runs, but has no adapter with the wanted name.
     #[error("backend '{name}' has no adapter called '{wanted}'; it found: {found}")]
     NoAdapter {
-        /// The backend's name.
+        /// Name of the backend.
         name: &'static str,
         /// Part of the adapter name that was asked for.
         wanted: String,

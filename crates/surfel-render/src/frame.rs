@@ -12,32 +12,32 @@ use surfel_model::NO_LABEL;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Planes {
-    /// Premultiplied linear RGBA.
+    /// True for linear colours: premultiplied RGBA.
     pub color: bool,
-    /// Colours as stored in an 8-bit PNG: sRGB-encoded RGBA with straight alpha.
+    /// True for colours as stored in an 8-bit PNG: sRGB-encoded RGBA with straight alpha.
     pub rgba8: bool,
-    /// Planar view-space depth, in world units.
+    /// True for planar view-space depths, in world units.
     pub depth: bool,
-    /// Unit normals in world space.
+    /// True for unit normals in world space.
     pub normal: bool,
-    /// Σw, the sum of splat weights.
+    /// True for Σw, the sum of splat weights.
     pub weight: bool,
-    /// Number of fragments that contributed to each pixel.
+    /// True for the number of fragments that contributed to each pixel.
     pub fragments: bool,
-    /// Row and object of the nearest splat in each pixel. Every cloud must have rows
+    /// True for the row and object of the nearest splat in each pixel. Every cloud must have rows
     /// ([`surfel_model::Scene::number_rows`]).
     pub index: bool,
-    /// Label of the nearest splat; implies `index`.
+    /// True for the label of the nearest splat; implies `index`.
     pub label: bool,
-    /// World positions; implies `depth`.
+    /// True for world positions; implies `depth`.
     pub position: bool,
-    /// Σw of Gaussians: the opacity that they accumulate.
+    /// True for Σw of Gaussians: the opacity that they accumulate.
     pub alpha: bool,
-    /// Planar depth at which half of the light of Gaussians is absorbed, in world units.
+    /// True for the planar depth at which half of the light of Gaussians is absorbed, in world units.
     pub median_depth: bool,
-    /// Spread of the depths of a pixel's Gaussians.
+    /// True for the spread of the depths of a pixel's Gaussians.
     pub distortion: bool,
-    /// Pixels whose result depends on a decision within its margin (reference backend only).
+    /// True to mark pixels whose result depends on a decision within its margin (reference backend only).
     pub margin: bool,
 }
 
@@ -120,14 +120,14 @@ pub struct Frame {
 pub struct Identity {
     /// Row of the splat in its input; [`NO_LABEL`] for a polygon.
     pub row: u32,
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub object: u32,
     /// Label of the splat; [`NO_LABEL`] if it has none.
     pub label: u32,
 }
 
 impl Identity {
-    /// Identity of an empty pixel.
+    /// Identity of a pixel without a surface.
     pub const NOTHING: Self = Self { row: NO_LABEL, object: NO_LABEL, label: NO_LABEL };
 }
 
@@ -148,7 +148,7 @@ pub struct FramePlanes {
     pub depth: Vec<f32>,
     /// Unit normals in world space; zero where nothing is visible.
     pub normal: Vec<[f32; 3]>,
-    /// Σw.
+    /// Sum of splat weights, Σw.
     pub weight: Vec<f32>,
     /// Rows of the nearest splats; [`NO_LABEL`] for none.
     pub index: Vec<u32>,
@@ -158,11 +158,11 @@ pub struct FramePlanes {
     pub label: Vec<u32>,
     /// Positions in world space; +∞ where nothing is visible.
     pub position: Vec<[f64; 3]>,
-    /// Σw of Gaussians.
+    /// Σw of Gaussians: the opacity that they accumulate.
     pub alpha: Vec<f32>,
-    /// Median depths of Gaussians.
+    /// Planar depth in world units at which half of the light of Gaussians is absorbed; +∞ where nothing is visible.
     pub median_depth: Vec<f32>,
-    /// Spread of the depths of Gaussians.
+    /// Distortion of Gaussians: the spread of their depths; 0 where nothing is visible.
     pub distortion: Vec<f32>,
 }
 
@@ -177,19 +177,19 @@ pub struct PlanesMut<'a> {
     pub depth: &'a mut [f32],
     /// Unit normals in world space; zero where nothing is visible.
     pub normal: &'a mut [[f32; 3]],
-    /// Σw.
+    /// Sum of splat weights, Σw.
     pub weight: &'a mut [f32],
-    /// Number of fragments.
+    /// Number of fragments that contributed to each pixel.
     pub fragments: &'a mut [u32],
-    /// Nearest splats, as the backend's own numbers until [`Frame::finish`].
+    /// Nearest splats, as numbers that the backend defines until [`Frame::finish`] maps them to rows.
     pub index: &'a mut [u32],
-    /// Σw of Gaussians.
+    /// Σw of Gaussians: the opacity that they accumulate.
     pub alpha: &'a mut [f32],
-    /// Median depths of Gaussians.
+    /// Planar depth in world units at which half of the light of Gaussians is absorbed; +∞ where nothing is visible.
     pub median_depth: &'a mut [f32],
-    /// Spread of the depths of Gaussians.
+    /// Distortion of Gaussians: the spread of their depths; 0 where nothing is visible.
     pub distortion: &'a mut [f32],
-    /// 1 where a decision is within its margin, else 0.
+    /// 1 where a pixel depends on a decision within its margin, else 0.
     pub margin: &'a mut [f32],
 }
 
@@ -232,9 +232,9 @@ impl Frame {
         /// Returns unit world normals; zero where nothing is visible. For Gaussians, returns Σw·n, whose length is
         /// their opacity.
         normal, normal_mut: [f32; 3];
-        /// Returns Σw.
+        /// Returns the sum of splat weights, Σw.
         weight, weight_mut: f32;
-        /// Returns the number of fragments that contributed.
+        /// Returns the number of fragments that contributed to each pixel.
         fragments, fragments_mut: u32;
         /// Returns the row of the nearest splat in its input, the lowest of equally near ones; 4294967295 if there is
         /// none.
@@ -250,10 +250,10 @@ impl Frame {
         /// Returns the depth of the last Gaussian in front of which more than half of the light remains; +∞ where
         /// nothing is visible.
         median_depth, median_depth_mut: f32;
-        /// Returns the distortion: the sum over pairs of Gaussians of their weights times the squared difference of
-        /// their depths, in the measure of 2DGS; 0 where nothing is visible.
+        /// Returns the distortion of 2DGS; 0 where nothing is visible. The distortion is the sum, over pairs of
+        /// Gaussians, of their weights times the squared difference of their depths.
         distortion, distortion_mut: f32;
-        /// Returns 1 where a decision is within its margin, else 0.
+        /// Returns 1 where a pixel depends on a decision within its margin, else 0.
         margin, margin_mut: f32;
     }
 
@@ -346,8 +346,8 @@ impl Frame {
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
 
-    /// Sets size and planes. The contents are unspecified, but unchanged if neither changes. For backends that write
-    /// every pixel.
+    /// Sets size and planes, for backends that write every pixel. The contents are unspecified, but remain if neither
+    /// the size nor the planes change.
     pub fn resize(&mut self, width: u32, height: u32, planes: Planes) {
         let pixels = width as usize * height as usize;
         if [self.width, self.height] != [width, height] || self.which_planes() != planes {
@@ -420,8 +420,8 @@ impl Frame {
     }
 }
 
-/// Resizes a plane. A new one is made of zeros from the system, whose pages are first touched when the pixels are
-/// written, on all threads.
+/// Resizes a plane. New memory is zeroed by the system on first access, so that all threads share the cost when they
+/// write the pixels.
 fn resize<T: Clone>(plane: &mut Vec<T>, count: usize, zero: T) {
     if plane.capacity() < count {
         // The old memory is freed first.

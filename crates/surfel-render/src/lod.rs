@@ -57,10 +57,10 @@ enum Drawn {
 /// Selects the coarsest nodes whose splats are no larger than `error_px` pixels, and polygons where the splats of a
 /// leaf are larger.
 ///
-/// Nodes outside the image are skipped, whatever region of it is drawn; with [`Cull::Back`], so are nodes that face
-/// away completely. A transition's splats are drawn, once, in two cases. Either one of its leaves is drawn by its own
-/// splats, or one leaf is drawn as polygons and the other by an ancestor's splats. Two leaves drawn by ancestors need
-/// no transition (our own rule: G06 draws it too).
+/// Nodes outside the whole image are skipped, even if only a region of it is drawn. With [`Cull::Back`], nodes that
+/// face away completely are skipped, too. The splats of a transition are drawn if one of its leaves is drawn by its own
+/// splats. They are also drawn if one leaf is drawn as polygons and the other by an ancestor's splats. Two leaves drawn
+/// by ancestors need no transition. This rule is Surfel's own: G06 draws the transition too.
 pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &View, error_px: f64) -> Selection {
     let nodes = octree.nodes();
     let eye = Eye::new(world_from_object, cull, view);
@@ -110,14 +110,14 @@ fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
 /// Distance outside a view, in pixels, within which parts are still drawn: a filter extends a splat by about a pixel.
 const MARGIN_PX: f64 = 2.0;
 
-/// A view of an object.
+/// Placement of an object in a view, for visibility tests and sizes of the object's parts.
 struct Eye<'a> {
     world_from_object: &'a DAffine3,
     view: &'a View,
     cull: Cull,
-    /// Largest factor by which a length grows from object to world.
+    /// Largest factor by which the object's matrix lengthens a vector from object to world space.
     scale: f64,
-    /// True if normals preserve their angles: rotation, uniform scale, no mirror.
+    /// True if the object's matrix preserves angles and handedness: rotation and uniform scale, no mirror.
     conformal: bool,
     /// Inward normals of the view's side planes, in view space, and the planes' distances from the eye.
     sides: [(DVec3, f64); 4],
@@ -162,13 +162,13 @@ impl<'a> Eye<'a> {
         self.view.view_from_world * (self.world_from_object.transform_point3(p) - self.view.eye)
     }
 
-    /// False if no part of a sphere can be visible.
+    /// True if a part of a sphere, given in object space, may be visible.
     fn sees(&self, center: DVec3, radius: f64) -> bool {
         self.sees_around((center, radius), MARGIN_PX, |_| 0.0)
     }
 
-    /// False if nothing within `radius`, and a number of pixels, of a body can be visible. `reach` returns the body's
-    /// extent from its centre along a direction in view space.
+    /// True if a point within `radius` (object units) plus `margin_px` pixels of a body may be visible. `reach` returns
+    /// the body's extent from its centre along a direction in view space, in world units.
     fn sees_around(&self, (center, radius): (DVec3, f64), margin_px: f64, reach: impl Fn(DVec3) -> f64) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
@@ -180,12 +180,13 @@ impl<'a> Eye<'a> {
         !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin - reach(*normal))
     }
 
-    /// Returns the extent of a cube along the object's axes from its centre, along a direction in view space.
+    /// Returns the extent from its centre, in world units, of a cube along the object's axes in a direction in view
+    /// space. `half` is half of the cube's side in object units.
     fn cube_reach(&self, half: f64, direction: DVec3) -> f64 {
         half * self.axes.iter().map(|axis| axis.dot(direction).abs()).sum::<f64>()
     }
 
-    /// True if a node is culled because all of it faces away.
+    /// True if a node is culled because its whole surface faces away from the eye.
     fn sees_back_of(&self, center: DVec3, node: &OctreeNode) -> bool {
         let (p, radius) = (self.at(center), node.radius * self.scale);
         self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
@@ -211,12 +212,12 @@ impl<'a> Eye<'a> {
         if p.is_perspective() { z.max(p.near) / focal } else { 1.0 / focal }
     }
 
-    /// Returns the size in pixels of a length at the nearest point of a sphere.
+    /// Returns the size in pixels of a length (object units) at the nearest point of a sphere.
     fn size_px(&self, center: DVec3, radius: f64, length: f64) -> f64 {
         self.size_at(self.at(center).z - radius * self.scale, length)
     }
 
-    /// Returns the size in pixels of a length at a depth, but not nearer than the near plane.
+    /// Returns the size in pixels of a length (object units) at depth `z`, or at the near plane if `z` is nearer.
     fn size_at(&self, z: f64, length: f64) -> f64 {
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
         let nearest = z.max(self.view.projection.near);
@@ -246,7 +247,7 @@ impl Magnification {
         Self { depth, near: projection.near, factor, is_perspective: projection.is_perspective() }
     }
 
-    /// Returns the size in pixels of a unit of the object at a point, but not nearer than the near plane.
+    /// Returns the size in pixels of a unit of the object at a point, or at the near plane if the point is nearer.
     pub fn at(&self, point: DVec3) -> f64 {
         self.at_depth(self.depth.0.dot(point) + self.depth.1)
     }
@@ -261,7 +262,8 @@ impl Magnification {
     }
 }
 
-/// LOD node of a point cloud. Together with those of its ancestors, its points make up its part of the cloud.
+/// LOD node of a point cloud. The points of a node and of its ancestors together represent the cloud in the node's
+/// cube.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
     /// Centre of a cube around the node's points, along the axes of object space.
@@ -305,13 +307,14 @@ pub enum LevelEnd {
 /// image to the next, and draws larger splats.
 pub const FADE_OCTAVES: f64 = 0.5;
 
-/// Distance outside a view, in radii of the parent level, within which nodes are still drawn, so that the splats at the
-/// view's border have their neighbours.
+/// Distance outside a view within which nodes are still drawn, in splat radii of the parent level. The splats at the
+/// view's border then have their neighbours.
 const RIM: f64 = 4.0;
 
-/// Selects the nodes that views need: the root, and the visible children of each selected node whose splats are larger
-/// than `error_px` at their nearest. The largest nodes come first, until there are `most_points` points, or until more
-/// points would be barely visible ([`LevelEnd::Enough`]). The root is always selected.
+/// Selects the LOD nodes that views need. The root is always selected. A visible child of a selected node is selected
+/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Nodes whose parents'
+/// splats are largest come first. The selection ends at `most_points` points, or when more points would be barely
+/// visible ([`LevelEnd::Enough`]).
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -365,7 +368,7 @@ pub fn select_levels(
     selection
 }
 
-/// Node to be selected; the largest error comes first, then the lowest index.
+/// Candidate node of a selection. The largest error comes first, then the lowest index.
 struct Wanted {
     size_px: f64,
     node: u32,

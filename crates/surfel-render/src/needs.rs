@@ -6,15 +6,16 @@ use surfel_model::Shader;
 /// Pixel attributes that a shader reads, and the additional pass that it draws with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ShaderNeeds {
-    /// Albedo.
+    /// True if the shader reads the albedo.
     pub albedo: bool,
-    /// Shading normal.
+    /// True if the shader reads the shading normal.
     pub normal: bool,
-    /// Depth.
+    /// True if the shader reads the depth.
     pub depth: bool,
-    /// Lights, shadows and material factors; requires albedo and normal, and depth where light depends on the position.
+    /// True if the shader reads lights, shadows and material factors. Lights require albedo and normal, and depth where
+    /// light depends on the position.
     pub lights: bool,
-    /// Pass over all pixels that reads their neighbours.
+    /// Additional pass over all pixels, in which the shader reads their neighbours.
     pub pass: Option<Pass>,
     /// Feature that a backend must support to draw the shader; `None` if every backend must draw it.
     pub feature: Option<Feature>,

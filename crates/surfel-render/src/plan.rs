@@ -14,7 +14,7 @@ use surfel_model::{
 /// Number of samples along a pixel's side if edges are antialiased by samples (§5): four by four.
 pub const SAMPLES_SIDE: u32 = 4;
 
-/// Filter and mapping of splats.
+/// Parameters by which splats are drawn: filter, mapping, kernel and depth tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatFilter {
     /// Filter; [`Filter::None`] also if the radius is 0.
@@ -32,13 +32,13 @@ pub struct SplatFilter {
 }
 
 impl SplatFilter {
-    /// Returns the largest distance, in pixels, of a filtered footprint from its splat to the near side of a pixel that
-    /// it touches. The pixel's centre, which the footprint must contain, is half a pixel farther. Rounding of f32 is
-    /// included.
+    /// Returns the largest distance, in pixels, between a splat and the near side of a pixel that its filtered
+    /// footprint touches. The footprint must contain the pixel's centre, which is half a pixel farther. A margin for
+    /// rounding in f32 is included.
     ///
-    /// `clamp` reaches by h, and `ewa` by at most the splat and h together. `principal` lengthens an axis to h at the
-    /// splat's centre, and a slope of up to 1/4 makes it appear longer by up to 1/√(1 − 1/16). `adjust` lengthens two
-    /// axes independently, and if they appear nearly parallel, the ellipse reaches √2 times as far.
+    /// `clamp` and `ewa` extend a splat by at most h. `principal` lengthens an axis to h at the splat's centre, and a
+    /// slope of up to 1/4 makes it appear longer by up to 1/√(1 − 1/16). `adjust` lengthens two axes independently. If
+    /// they appear nearly parallel, the ellipse extends √2 times as far.
     pub fn reach_px(&self) -> f64 {
         let lengthened = match self.filter {
             Filter::None | Filter::Clamp | Filter::Ewa => 1.0,
@@ -54,17 +54,17 @@ impl SplatFilter {
 /// Attributes that are accumulated per pixel in addition to Σw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
-    /// Albedo.
+    /// True to accumulate the albedo.
     pub color: bool,
-    /// Shading normal.
+    /// True to accumulate the shading normal.
     pub normal: bool,
-    /// Depth.
+    /// True to accumulate the depth.
     pub depth: bool,
-    /// Ambient, diffuse, specular, shininess.
+    /// True to accumulate the material factors: ambient, diffuse, specular, shininess.
     pub material: bool,
-    /// Coverage q.
+    /// True to accumulate the coverage q.
     pub coverage: bool,
-    /// Alpha, for transparent splats only.
+    /// True to accumulate alpha, for transparent splats only.
     pub alpha: bool,
 }
 
@@ -94,7 +94,7 @@ pub enum Pass {
     EdgeAntialiasing,
     /// Finds the nearest splat of every pixel, for the planes `index` and `label`.
     Nearest,
-    /// Draws pixels beside a step of depth again, as the mean of samples.
+    /// Draws pixels next to a step of depth again, each as the mean of 4×4 samples (§5).
     EdgeSamples,
     /// Draws lines where depth steps back from one pixel to the next (§5, `toon`).
     Outlines,
@@ -115,7 +115,7 @@ pub enum Pass {
 /// Selected parts of an object that is an octree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChosenParts {
-    /// Index of the object.
+    /// Index of the object in the scene.
     pub object: usize,
     /// Selected splats and triangles.
     pub selection: Selection,
@@ -131,15 +131,15 @@ impl ChosenParts {
 /// Instructions for a backend to draw one frame. Plain data, without GPU types.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramePlan {
-    /// Passes in order.
+    /// Passes of the frame, in order.
     pub passes: Vec<Pass>,
-    /// Filter and mapping of splats.
+    /// Filter, mapping, kernel and depth tolerance of splats.
     pub splat_filter: SplatFilter,
     /// Evaluation of clips; [`ClipPolicy::Off`] also if the scene has none.
     pub clip: ClipPolicy,
-    /// Attributes that are accumulated.
+    /// Attributes that are accumulated per pixel.
     pub attributes: Attributes,
-    /// Precision of the sums.
+    /// Precision of the sums of attributes.
     pub accumulate: Accumulate,
     /// True if splats with an alpha below 1 are excluded from the opaque passes. Layers of their own draw them, if any.
     pub separates_transparent: bool,
@@ -151,17 +151,17 @@ pub struct FramePlan {
     pub octrees: Vec<ChosenParts>,
     /// Number of splats of clouds, balls included, and of splats selected from octrees.
     pub splats: u64,
-    /// True if the alphas of balls count: transparency isn't off.
+    /// True if balls are blended by their alphas, that is, if transparency isn't off.
     pub ball_alphas: bool,
-    /// Length of a pixel of the image, if some balls' radii are in pixels.
+    /// Length of a pixel of the image in world units, if some balls' radii are in pixels.
     pub ball_pixel: Option<BallPixel>,
     /// Maximum number of surfaces per pixel in [`Pass::ABuffer`]; 0 without that pass.
     pub abuffer_surfaces: u32,
-    /// Shading of pixels.
+    /// Shader that computes the colours of pixels.
     pub shader: Shader,
     /// Order in which [`Pass::Gaussians`] draws.
     pub sort: Sort,
-    /// Planes of the frame.
+    /// Planes that the frame has.
     pub planes: Planes,
 }
 
@@ -272,7 +272,7 @@ fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Re
 
 /// Passes of a frame of surfaces, and the decisions that they follow from.
 struct SurfacePasses {
-    /// Passes in order.
+    /// Passes of the frame, in order.
     list: Vec<Pass>,
     /// True if splats are drawn.
     draw_splats: bool,
@@ -437,8 +437,8 @@ pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> boo
     coverage || (abuffer && summary.transparent) || (summary.may_have_polygons() && summary.splats > 0)
 }
 
-/// Returns the first feature that a scene and its settings need and a backend doesn't support, as an error that names
-/// its origin and advice; `None` if the backend supports everything.
+/// Returns an error for the first feature that a scene and its settings need and a backend doesn't support. The error
+/// states the feature's origin and advice. `None` if the backend supports everything.
 pub fn unsupported(
     summary: &SceneSummary,
     settings: &Settings,
@@ -471,7 +471,7 @@ pub fn unsupported(
     Some(RenderError::Unsupported { backend: capabilities.backend, feature, found_where, advice })
 }
 
-/// Shaders that every backend draws.
+/// Advice to choose a shader that every backend draws.
 const OTHER_SHADERS: &str = "choose unlit, phong, normal or depth";
 
 /// Returns a feature's name in a message, its origin, and advice for doing without it.

@@ -10,7 +10,7 @@ use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 /// smallest error for watertight surfaces and for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
-    /// Affine footprints without a filter.
+    /// No filter, and affine footprints.
     Fastest,
     /// No filter: splats smaller than pixels alias, and vanish if they are isolated.
     Fast,
@@ -47,9 +47,9 @@ const STEP: f32 = 0.02;
 /// Smallest share of inside pixels in an image that shows a surface.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Returns, for each pixel, true if it is inside a surface: the pixel and all eight neighbours have a surface, and no
-/// neighbour's depth differs by more than 1/50. Requires the depth plane. `None` if fewer than one pixel in twenty is
-/// inside: such an image shows isolated splats.
+/// Returns a flag per pixel that is true inside a surface. There the pixel and all eight neighbours have a surface, and
+/// no neighbour's depth differs by more than 1/50. Requires the depth plane. `None` if fewer than one pixel in twenty
+/// is inside: such an image shows isolated splats.
 pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
     let (width, height) = (i64::from(frame.width()), i64::from(frame.height()));
     let depth = |x: i64, y: i64| {
@@ -83,8 +83,8 @@ impl Preset {
         }
     }
 
-    /// Returns the first preset that changes nothing in these settings. `None` if sums may be in 16 bits, because no
-    /// promise covers these.
+    /// Returns the first preset whose choices these settings already contain. `None` if sums may be in 16 bits, because
+    /// no preset's promise covers them.
     pub fn of(settings: &Settings) -> Option<Self> {
         let is_whole = settings.accumulate == Accumulate::F32;
         Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)

@@ -13,7 +13,7 @@ macro_rules! features {
         }
 
         impl Feature {
-            /// All features.
+            /// All features, in the order of declaration.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
         }
     };
@@ -46,7 +46,7 @@ features! {
     Balls,
     /// A sky whose light isn't stored in splats (§12); no backend supports it.
     Sky,
-    /// The decision margin plane.
+    /// The plane `margin`, which marks pixels that depend on a decision within its margin.
     Margin,
 }
 
@@ -81,7 +81,7 @@ pub struct UploadProgress {
     pub total_bytes: u64,
 }
 
-/// Rendering backend and its device.
+/// Description of a rendering backend and its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RendererInfo {
     /// Name of the backend: `reference`, `cpu`, `wgpu`, `ash`.
@@ -126,9 +126,9 @@ macro_rules! renderer_methods {
     };
 }
 
-/// Methods of every backend's `Renderer`.
+/// Interface of a rendering backend, which uploads scenes and renders frames.
 pub trait Renderer {
-    /// Resident copy of a scene.
+    /// Copy of a scene that is resident in the backend's memory.
     type Scene;
 
     /// Returns a description of the backend.
@@ -141,7 +141,7 @@ pub trait Renderer {
     /// memory, [`RenderError::Backend`] if the device fails.
     fn upload(&mut self, scene: &Scene) -> Result<Self::Scene, RenderError>;
 
-    /// Uploads like [`Renderer::upload`], and backends that copy to a device report their progress from time to time.
+    /// Uploads like [`Renderer::upload`]. Backends that copy to a device report their progress from time to time.
     ///
     /// # Errors
     /// Same as [`Renderer::upload`].
@@ -153,10 +153,10 @@ pub trait Renderer {
         self.upload(scene)
     }
 
-    /// Replaces everything but the geometry of a resident scene by that of `scene`: matrices, materials, lights,
-    /// ambient light, background and matcap. No splat is copied. Returns false, and changes nothing, if `scene` has
-    /// other objects than the resident scene, or doesn't share their geometry with it by `Arc`, or if this backend
-    /// can't update: `scene` must then be uploaded.
+    /// Replaces the matrices, materials, lights, ambient light, background and matcap of a resident scene by those of
+    /// `scene`, without copying splats. Returns false and changes nothing in three cases: `scene` has other objects,
+    /// its geometry isn't shared with the resident scene by `Arc`, or this backend can't update. `scene` must then be
+    /// uploaded.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid.

@@ -3,8 +3,8 @@
 use std::sync::{Arc, Weak};
 use surfel_model::{GaussianCloud, Geometry, Mesh, Octree, Scene, SplatCloud};
 
-/// Identity of the geometry of a scene's objects: tells whether another scene has the same clouds and meshes in memory,
-/// without keeping them there.
+/// Identity of the geometry of a scene's objects, for checking that another scene shares the same clouds and meshes. It
+/// holds weak pointers, so the geometry isn't retained in memory.
 #[derive(Clone, Debug, Default)]
 pub struct SceneGeometry(Vec<Identity>);
 
@@ -28,10 +28,10 @@ impl SceneGeometry {
         Self(scene.objects.iter().map(|object| identity(&object.geometry)).collect())
     }
 
-    /// True if a scene has the same objects in the same order: each shares its geometry, by `Arc`, with that of this
-    /// identity.
+    /// True if a scene has the same objects in the same order, and each shares its geometry by `Arc` with the original
+    /// scene.
     pub fn is_of(&self, scene: &Scene) -> bool {
-        // A weak pointer keeps its address from being used again.
+        // A weak pointer prevents its address from being reused.
         let is_same = |(known, found): (&Identity, &Geometry)| match (known, found) {
             (Identity::Splats(known), Geometry::Splats(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
             (Identity::Mesh(known), Geometry::Mesh(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),

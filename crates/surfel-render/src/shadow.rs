@@ -10,9 +10,9 @@ use surfel_model::{Filter, Geometry, Light, Mesh, Scene, SplatCloud};
 /// Number of texels along each side of a shadow map.
 pub const SHADOW_MAP_SIDE: u32 = 1024;
 
-/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/conformance/shadow_maps.rs`) as the
-/// loss of light on surfaces that face the light. k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵.
-/// Light enters the shadow with none of them.
+/// Bias of a shadow map in splat radii: the factor k of the tolerance ε (§5). Measured on a ball over a floor
+/// (`tests/tests/conformance/shadow_maps.rs`) as the loss of light on surfaces that face the light. k = 0 loses 7–15 %,
+/// ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵. No value lets light leak into the shadow.
 pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
 /// Largest half-angle of a spot light with one map, in degrees; a wider light has six maps in all directions.
@@ -35,7 +35,7 @@ pub struct ShadowScene {
     pub radius: f64,
 }
 
-/// View from a light, for visibility only.
+/// Shadow map of a light: the view from the light, in which only visibility is drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowMap {
     /// Index of the light in the scene.

@@ -1,6 +1,6 @@
 //! Statistics of a render.
 
-/// Duration of one stage.
+/// Duration of one stage of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassTime {
     /// Name of the stage.
@@ -21,14 +21,15 @@ pub struct Stats {
     pub splats: u64,
     /// Number of splats that were rasterised (not culled).
     pub drawn: u64,
-    /// Number of fragments that contributed to a pixel; 0 if they aren't counted. CPUs count them, and
-    /// `fragments_inside` among the counters, if [`crate::Planes::fragments`] is requested, because counting takes 1/50
-    /// of a frame. So does wgpu, which has no exact count of samples that passed. The counter `fragment_invocations` is
-    /// the number of shader invocations, if the adapter counts it (pipeline statistics).
+    /// Number of fragments that contributed to a pixel; 0 if they aren't counted. The CPU backends count them, and
+    /// `fragments_inside` among the counters, only if [`crate::Planes::fragments`] is requested, because counting takes
+    /// 2 % of a frame. The wgpu backend does the same, because it has no exact count of samples that passed. The
+    /// counter `fragment_invocations` is the number of shader invocations, if the adapter counts them (pipeline
+    /// statistics).
     pub fragments: u64,
-    /// Resident bytes per splat; for octrees, all splats count.
+    /// Resident memory per splat in bytes. For octrees, all splats count, selected or not.
     pub bytes_per_splat: f64,
-    /// Number of threads used.
+    /// Number of threads that drew the frame.
     pub threads: usize,
     /// Further counters, by names that the backend defines.
     pub counters: Vec<(&'static str, f64)>,

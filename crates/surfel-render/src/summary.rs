@@ -5,27 +5,27 @@ use glam::DAffine3;
 use std::sync::Arc;
 use surfel_model::{Cull, Geometry, Light, Octree, Scene, Shape};
 
-/// Object that is an octree, of which a plan selects parts.
+/// Octree object of a scene, whose parts a plan selects.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOctree {
-    /// Index of the object.
+    /// Index of the object in the scene.
     pub object: usize,
-    /// The octree.
+    /// The octree that the object draws.
     pub octree: Arc<Octree>,
     /// Placement of the object.
     pub world_from_object: DAffine3,
-    /// Culling by the object's material.
+    /// Culling of faces by the object's material.
     pub cull: Cull,
 }
 
 /// Colour space in which a scene's Gaussians are blended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GaussianColors {
-    /// Displayed colours (sRGB-encoded).
+    /// Displayed (sRGB-encoded) colours are blended.
     Displayed,
-    /// Linear colours.
+    /// Linear colours are blended.
     Linear,
-    /// Some clouds of either kind, which can't be blended with each other.
+    /// Both kinds, which can't be blended with each other.
     Mixed,
 }
 
@@ -69,7 +69,7 @@ pub struct SceneSummary {
 }
 
 impl SceneSummary {
-    /// Summarises a scene.
+    /// Collects the properties of a scene.
     pub fn of(scene: &Scene) -> Self {
         let lights_nearby = scene.lights.iter().flatten().any(|light| !matches!(light, Light::Directional { .. }));
         let has_sky = scene.sky.is_some();

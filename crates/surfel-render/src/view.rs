@@ -7,7 +7,7 @@ use surfel_math::basis::unit;
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Camera, MAX_IMAGE_PIXELS, ModelError};
 
-/// A rectangle of pixels.
+/// A rectangle of an image's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
     /// Left column.
@@ -31,7 +31,7 @@ impl Region {
 }
 
 impl Region {
-    /// Returns the region in samples of pixels ([`View::of_samples`]).
+    /// Returns the same region in samples instead of pixels ([`View::of_samples`]).
     #[must_use]
     pub fn of_samples(self) -> Self {
         let [x, y, width, height] = [self.x, self.y, self.width, self.height].map(|px| px * SAMPLES_SIDE);

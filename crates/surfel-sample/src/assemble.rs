@@ -1,4 +1,4 @@
-//! Conversion of half-axes, radii, normals, colours and centres to a cloud's columns.
+//! Conversion of half-axes, radii, normals, colours and centres from f64 to the columns of a cloud.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, Shape};
@@ -21,11 +21,11 @@ pub(crate) fn normals32(normals: &[DVec3]) -> Column3 {
     Column3::from_f32(normals.iter().map(|n| n.as_vec3()).collect::<Vec<Vec3>>())
 }
 
-/// Colour and alpha columns; absent columns mean white and opaque.
+/// Linear RGB and alpha columns; absent columns mean white and opaque.
 pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 
-/// Smallest alpha that counts as opaque. Interpolation weights don't sum to one exactly, compressed textures are off by
-/// a level or two, and any alpha below 1 costs a transparent pass.
+/// Smallest alpha that counts as opaque. Interpolation weights don't sum to exactly one, and compressed textures are
+/// off by a level or two. Any smaller alpha would cost a transparent pass.
 pub(crate) const SOLID: f32 = 0.99;
 
 /// Splits RGBA into colour and alpha columns, without the alphas if all are opaque.
@@ -36,7 +36,7 @@ pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
 }
 
-/// Converts centres to a column as exact as the mesh's positions: f32, unless these have a low part.
+/// Converts centres to a column of the same precision as the mesh's positions: f32, unless these have a low part.
 pub(crate) fn centers(mesh: &Mesh, centers: &[DVec3]) -> Column3 {
     if mesh.positions.low().is_some() {
         Column3::from_f64(centers)

@@ -1,5 +1,5 @@
-//! Measures the neighbourhoods of a run of points: the Voronoi cell of each point in its tangent plane, and the values
-//! from which its class is decided.
+//! Measures the neighbourhoods of a run of points: each point's Voronoi cell in its tangent plane, and the values that
+//! decide its class.
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::class::{ALONE, FLAT, Measured, needs_coherence};
@@ -16,71 +16,72 @@ use fearless_simd::{Level, dispatch, f32x16, u32x16};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// Largest distance of a closed cell's corners, as a fraction of the farthest neighbour's distance, up to which the
+/// Largest distance from a point to a corner of its cell, relative to the farthest neighbour's distance, at which the
 /// cell counts as closed. At a border, where points jut out by chance, cells close far outside the surface. `BELIEVED`
-/// is for the neighbours of a row, and `BELIEVED_WIDE` for wider searches, which reach farther relative to the spacing.
-/// is for the neighbours of a row, and `BELIEVED_WIDE` for wider searches, which reach farther relative to the spacing.
-/// Both limits admit cells that reach halfway to the next scan line.
+/// applies to the nearest neighbours, and `BELIEVED_WIDE` to wider searches, which reach farther relative to the
+/// spacing. Both limits admit cells that reach halfway to the next scan line.
 const BELIEVED: f32 = 0.75;
 const BELIEVED_WIDE: f32 = 0.55;
-/// Limits for a neighbour to take part in a point's cell: its normal agrees within 60° (`AGREE`, a cosine), and it is
-/// within 60° of the point's tangent plane (`STEEPEST`, a sine). Other neighbours belong to the back of a thin part, or
-/// to the far side of a crease.
+/// Smallest cosine (60°) between the normals of a point and of a neighbour that may bound the point's cell. Neighbours
+/// beyond this angle belong to the back of a thin part, or to the far side of a crease.
 pub(crate) const AGREE: f32 = 0.5;
+/// Largest sine (60°) of the angle between a point's tangent plane and the direction to a neighbour that may bound the
+/// point's cell.
 const STEEPEST: f32 = 0.866;
-/// Smallest cosine between normals (120°) of neighbours that bound a cell which neighbours within [`AGREE`] leave open.
-/// The surface may continue there around a crease or a limb, and its points beyond the crease bound the disk. Only
-/// neighbours on the back are excluded.
+/// Smallest cosine (120°) between normals in the second attempt at a cell, if neighbours within [`AGREE`] leave the
+/// cell open. The surface may continue around a crease or a limb, and points beyond the crease then bound the disk.
+/// Only neighbours on the back are excluded.
 const TURNS_AWAY: f32 = -0.5;
-/// Rank (from 1) of the neighbour whose distance is a point's spacing: in a plane, six points surround one.
+/// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
 const RING: usize = 6;
-/// Rank of the neighbour whose distance limits disks that no closed cell limits: in a square grid, four points surround
-/// one.
+/// Rank, counted from 1, of the neighbour whose distance limits a disk without a closed cell. In a square grid, four
+/// points surround a point.
 const GRID: usize = 4;
-/// Squared distance from a scan line, relative to the largest in the search, from which a point belongs to another
-/// line.
+/// Squared distance from a scan line above which a point belongs to another line, as a fraction of the largest such
+/// distance in the search.
 const BESIDE: f32 = 0.1;
 
-/// Measures of one point's cell; lengths are in steps of [`SortedPoints`].
+/// Measurements of one point's cell and neighbours; lengths are in grid steps of [`SortedPoints`].
 #[derive(Clone, Copy, Default)]
 struct Summary {
     /// Area of a closed cell; 0 if the cell is open.
     area: f32,
-    /// Distance of the farthest corner; 0 if there is none.
+    /// Distance from the point to the farthest corner of its cell; 0 if the cell has no corner.
     reach: f32,
-    /// Distances of the sixth and the fourth neighbour.
+    /// Distance of the sixth neighbour.
     spacing: f32,
+    /// Distance of the fourth neighbour.
     fourth: f32,
-    /// Set of neighbours that closed the cell; [`Among::Side`] if none did.
+    /// Set of neighbours whose bisectors close the cell; [`Among::Side`] if the cell is open.
     among: Among,
-    /// Fraction of the row's neighbours that share no surface with the point, whichever side they face.
+    /// Fraction of the nearest neighbours that belong to another surface, regardless of which way their normals face.
     elsewhere: f32,
-    /// Mean squared sine of the angle between the tangent plane and the row's neighbours.
+    /// Mean squared sine of the angle between the tangent plane and the directions to the nearest neighbours.
     roughness: f32,
-    /// Second moments of a closed cell about its centroid, in space: xx xy xz yy yz zz.
+    /// Second moments (xx, xy, xz, yy, yz, zz) of a closed cell about its centroid, along the object's axes.
     moments: [f32; 6],
 }
 
-/// Set of neighbours among which a cell is built.
+/// Set of neighbours whose bisectors bound a cell.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Among {
-    /// Neighbours in the row whose normals agree with the point's.
+    /// Nearest neighbours whose normals agree with the point's ([`AGREE`]).
     #[default]
     Side,
-    /// All neighbours in the row except those that face away.
+    /// Nearest neighbours except those whose normals face away ([`TURNS_AWAY`]).
     Around,
-    /// Neighbours whose normals agree, from a longer row than usual.
+    /// Neighbours with agreeing normals from a wider search ([`WIDE`]).
     Wide,
-    /// The row, which is on a line, and the points beside that line from the longest search.
+    /// Nearest neighbours, which are collinear, and points off their line from the widest search ([`WIDEST`]).
     Lines,
 }
 
-/// Result of building a cell.
+/// Best cell of a point, apart from the polygon, which is in [`Block::cell`].
 struct Found {
     is_closed: bool,
-    /// Unit of the cell's lengths, in steps.
+    /// Unit of the cell's lengths, in grid steps.
     unit: f32,
-    /// Same as the fields of [`Summary`] with these names.
+    /// Copies of the [`Summary`] fields with the same names.
     among: Among,
     elsewhere: f32,
     roughness: f32,
@@ -95,49 +96,53 @@ pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Parameters that are the same for all points that are measured.
+/// Measurement parameters that are the same for all points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
     /// Number of neighbours in a row, the list of a point's nearest neighbours.
     pub(crate) degree: usize,
-    /// Spacing in steps, if it is given beforehand; points are then not classified.
+    /// Spacing of the points in grid steps, if the caller provides one. Sparseness, roughness and creases are then not
+    /// tested.
     pub(crate) known: Option<f32>,
-    /// Median distance of the farthest neighbour in a row, in steps.
+    /// Median over all points of the distance to the farthest neighbour in a row, in grid steps.
     pub(crate) farthest: f32,
-    /// True if ellipses are measured too.
+    /// True if ellipses are estimated besides radii.
     pub(crate) ellipses: bool,
 }
 
-/// Cells of a run of slots and of the points around it.
+/// Voronoi cells of a run of consecutive slots (places of sorted points), and of the points around the run.
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
-    /// True for slots whose normals point up because the neighbours form no plane; empty if there are none.
+    /// Flag per slot, true if the normal points up because the neighbours form no plane. Empty if there are no such
+    /// slots.
     level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
-    /// Leaf of the row found last.
+    /// Index of the leaf searched last.
     leaf: usize,
     cell: Cell,
-    /// Coordinates (x, y) of neighbours in the tangent plane.
+    /// Coordinates (x, y) of neighbours in the tangent plane, in units of the farthest neighbour's distance.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// Results of the cell built last: the number of neighbours that share a surface with the point, whichever side
-    /// they face. Then the sum of the squared sines of the angles between the tangent plane and the neighbours.
+    /// Number of neighbours in the surface of the last cell's point, regardless of which way their normals face.
     on_surface: usize,
+    /// Sum of the squared sines of the angles between the tangent plane and the neighbours of the last cell.
     squared_sines: f32,
-    /// Slots of the run; neighbours outside the run (the halo), ascending; and the rows of neighbours of both, those of
-    /// the run first.
+    /// Slots of the run.
     own: Range<usize>,
+    /// Slots of neighbours outside the run, in ascending order.
     halo: Vec<u32>,
+    /// Neighbour lists (rows) of all slots in the run, then of all slots in the halo.
     rows: Vec<u32>,
     summaries: Vec<Summary>,
-    /// Cells of the run that are among more neighbours than the row, by ascending slot, and all of their corners. A
-    /// second search for these neighbours would take longer than everything else.
+    /// Cells of the run that needed a wider search, by ascending slot. They are cached, because a second search would
+    /// take longer than all other work.
     far_cells: Vec<FarCell>,
+    /// Corners of all cells in [`Self::far_cells`].
     far_corners: Vec<Vec2>,
 }
 
-/// A cell among [`Among::Wide`] or [`Among::Lines`].
+/// Cell bounded by the neighbours of a wider search: [`Among::Wide`] or [`Among::Lines`].
 struct FarCell {
     slot: usize,
     /// Unit of the corners' coordinates, in steps.
@@ -216,12 +221,12 @@ impl<'a> Block<'a> {
         self.halo.binary_search(&slot).ok().map(|i| &self.summaries[self.own.len() + i])
     }
 
-    /// Builds the cell of `slot` from the eligible points of `near`, unrolled into its tangent plane: directions are
-    /// projected, and distances preserved, as on the surface itself. A level slot's neighbours are projected without
-    /// preserving distances.
+    /// Builds the cell of `slot` from those points of `near` that `among` admits. The points are first unrolled into
+    /// the tangent plane: their directions are projected and their distances preserved, as if measured along the
+    /// surface. For a level slot, distances are projected too.
     ///
-    /// Returns true if the cell is closed with its corners within the accepted distance, and the unit of its lengths:
-    /// the distance of the farthest point of `near`.
+    /// Returns true if the cell is closed and its corners are within the accepted distance. The second value is the
+    /// unit of the cell's lengths in grid steps: the distance of the farthest point of `near`.
     fn build(&mut self, slot: usize, near: &[u32], among: Among) -> (bool, f32) {
         let (agree, believed) = match among {
             Among::Side => (AGREE, BELIEVED),
@@ -236,13 +241,13 @@ impl<'a> Block<'a> {
         let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
         let (count, on_surface, squared_sines) = counts;
         (self.on_surface, self.squared_sines) = (on_surface, squared_sines);
-        // If half of the neighbours belong to another sheet, as many neighbours on this sheet reach farther.
+        // If half of the neighbours belong to another surface, as many neighbours on this one reach farther.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
     }
 
-    /// Builds the cell of `slot`, and tries other sets of neighbours if the row's neighbours that face the same way
-    /// leave it open.
+    /// Builds the cell of `slot` from the nearest neighbours that face the same way. If the cell stays open, the other
+    /// sets of [`Among`] are tried in order.
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
         let (is_closed, unit) = self.build(slot, near, Among::Side);
         let elsewhere = 1.0 - self.on_surface as f32 / near.len() as f32;
@@ -270,14 +275,15 @@ impl<'a> Block<'a> {
         found
     }
 
-    /// Returns a longer row of neighbours; `farthest` is the distance of the usual row's farthest neighbour.
+    /// Returns the [`WIDE`] nearest neighbours of a slot; `farthest` is the distance of the farthest neighbour in its
+    /// row.
     fn wide(&mut self, slot: usize, farthest: f32) -> WideRow {
         let (found, _) = self.search.nearest(slot, WIDE, wider(farthest * farthest, self.scale.degree));
         WideRow::of(found.iter().copied())
     }
 
-    /// Returns the row and, from a much longer search, the nearest points beside the scan line on which the row is.
-    /// `None` if the row isn't on a line. Adjacent scan lines are farther away than the wide search reaches.
+    /// Returns the row and the nearest points off its line, found by the widest search. `None` if the row isn't
+    /// collinear. Adjacent scan lines are farther away than [`Self::wide`] reaches.
     fn lines(&mut self, slot: usize, near: &[u32]) -> Option<WideRow> {
         let (values, vectors) = symmetric3(covariance(self.points, slot, near));
         if self.scale.known.is_some() || values[1] > COLLINEAR * values[2] {
@@ -356,7 +362,7 @@ impl<'a> Block<'a> {
             spacing,
             second,
             fourth: if is_known { f32::INFINITY } else { own.fourth },
-            // A majority of the neighbours, not counting one that may form a pair with the point.
+            // The fraction leaves out one neighbour, which may form a pair with the point.
             denser: if near.len() >= RING { denser as f32 / (near.len() - 1) as f32 } else { 0.0 },
             flat_reach: if is_known { f32::INFINITY } else { self.flat_reach(slot, near) },
             is_open: own.area == 0.0,
@@ -373,8 +379,8 @@ impl<'a> Block<'a> {
         (Size { radius, spacing, evidence }, ellipse)
     }
 
-    /// Sets sparseness, roughness and coherence in `measured`. They aren't set if the spacing is given, if the slot is
-    /// level, or without neighbours.
+    /// Returns `measured` with sparseness, roughness and coherence filled in. They keep their defaults if the spacing
+    /// is given, if the slot is level, or if there are no neighbours.
     fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
         if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
@@ -403,8 +409,9 @@ impl<'a> Block<'a> {
         if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
     }
 
-    /// Returns the angle and the axis ratio of the ellipse with the moments `m`, and the reach of the cell after the
-    /// map that makes it round. `None` if the ratio is below [`STRETCHED`].
+    /// Returns the angle, the axis ratio and the reach of the ellipse with the second moments `m`. The reach is the
+    /// distance of the cell's farthest corner after the affine map that makes the cell round. `None` if the ratio is at
+    /// most [`STRETCHED`].
     fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
@@ -445,11 +452,11 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Builds the cell of a slot among `near`; the farthest of these has squared distance `limit2`, and a neighbour takes
-/// part if the cosine between the normals is at least `least`.
+/// Builds the cell of a slot from the points of `near`, and counts its neighbours. `limit2` is the squared distance of
+/// the farthest point of `near`; neighbours with a cosine between normals below `least` are skipped.
 ///
-/// Returns the number of neighbours that take part, and the number that would if normals had no sign. The third result
-/// is the sum of the squared sines of the angles between the tangent plane and all of `near`.
+/// Returns the number of neighbours used, and the number that would be used if normals had no sign. The third result is
+/// the sum of the squared sines of the angles between the tangent plane and all of `near`.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
@@ -506,7 +513,7 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// A longer row of neighbours than usual.
+/// Neighbours found by a wider search, at most [`MOST_IN_CELL`].
 struct WideRow {
     slots: [u32; MOST_IN_CELL],
     len: usize,
@@ -531,7 +538,7 @@ impl std::ops::Deref for WideRow {
     }
 }
 
-/// Areas of closed cells, and the sum of their moments.
+/// Areas of the closed cells around a point, and the sum of the cells' second moments.
 struct Smooth {
     areas: [f32; MOST_AREAS],
     len: usize,

@@ -1,9 +1,9 @@
-//! A hierarchy of oriented boxes around shapes, searched for the nearest shape. Axis-aligned boxes of slivers that meet
+//! Hierarchy of oriented boxes around shapes, searched for the nearest shape. Axis-aligned boxes of slivers that meet
 //! in a point, as in a fan, all overlap; oriented boxes don't.
 //!
-//! Boxes around groups of long shapes that cross overlap however they are oriented. Where the two halves of a node
-//! overlap and its shapes are long, each long one is cut into two pieces, which are sorted into the hierarchy one by
-//! one (early split clipping: Ernst and Greiner 2007). A piece stands for its whole shape, so that distances are exact.
+//! Boxes around long shapes that cross each other overlap in any orientation. If the two halves of such a node overlap,
+//! each long shape is cut into two pieces, which are sorted into the hierarchy separately. The method is early split
+//! clipping (Ernst and Greiner 2007). Distances are computed to the whole shape of a piece, so that they are exact.
 
 use crate::eigen::symmetric3;
 use glam::DVec3;
@@ -15,83 +15,86 @@ use std::ops::Range;
 const LEAF: usize = 4;
 /// Tolerance for rounding, relative to the size of all shapes.
 const SLACK: f64 = 1e-9;
-/// Minimum number of shapes of a node that may have a hub while its parent has none. In ordinary meshes fewer triangles
-/// share a corner.
+/// Minimum number of shapes of a node that is tested for a hub (a shared corner) if its parent has none. In ordinary
+/// meshes fewer triangles share a corner.
 const LEAST_AT_HUB: usize = 16;
-/// Limits from which the long shapes of a node are cut: the number of its shapes, and the overlap of its two children
-/// along the axis by which they are divided, relative to both together. Triangles of a surface that are no slivers
-/// overlap by an eighth at most, where they are as many, and the pages of a book by a third.
+/// Limits from which the long shapes of a node are cut: the number of shapes, and the overlap of the node's two
+/// children. The overlap is measured along the dividing axis, relative to the extent of both. For as many triangles of
+/// an ordinary surface the overlap is an eighth at most; for the pages of a book it is a third.
 const CROSSING: (usize, f64) = (128, 0.5);
-/// The same limits within a node whose shapes were cut. Fewer shapes are compared one by one.
+/// Limits like [`CROSSING`] inside a node whose shapes were already cut. Nodes with fewer shapes are cheap to search
+/// one by one.
 const STILL_CROSSING: (usize, f64) = (8, 0.1);
-/// Smallest length of a shape that is cut, relative to the diagonal of its node, and largest breadth on either side,
-/// relative to the length. Wide shapes about one edge overlap however often they are cut.
+/// Smallest length of a shape that is cut, relative to the diagonal of its node.
 const LEAST_LENGTH: f64 = 0.2;
+/// Largest breadth of a shape that is cut, relative to its length. Wide shapes about one edge overlap however often
+/// they are cut.
 const MOST_BREADTH: f64 = 0.25;
-/// Maximum number of cuts, per shape on average and in total.
+/// Maximum number of cuts per shape, on average.
 const MOST_CUTS_EACH: usize = 63;
+/// Maximum number of cuts in total.
 const MOST_CUTS: usize = 1 << 20;
 /// Tolerance for rounding of a squared sine.
 const SINE2_SLACK: f64 = 1e-14;
 
-/// An oriented box around some points.
+/// Oriented box around some points.
 struct OrientedBox {
     center: DVec3,
-    /// Unit vectors at right angles.
+    /// Unit vectors along the box's sides, perpendicular to each other.
     axes: [DVec3; 3],
-    /// Half the box's size along each axis.
+    /// Half of the box's size along each axis.
     half: [f64; 3],
 }
 
-/// A box around some of the shapes.
+/// Node of the hierarchy: a box around some of the shapes.
 struct Node {
     bounds: OrientedBox,
     /// Range of a leaf's shapes in [`Boxes::order`].
     shapes: Range<usize>,
-    /// Index of the second child; the first child follows its node. 0 for a leaf.
+    /// Index of the second child, or 0 for a leaf. The first child follows its parent directly.
     second: usize,
-    /// The corner that all shapes share, if there are many and they do.
+    /// Corner that all shapes of the node share; `None` if they share none or are few.
     hub: Option<Box<Hub>>,
 }
 
-/// A corner that all shapes of a node share, as the slivers of a cone do. The boxes of slivers say little about points
-/// beyond the corner, to which all of them are equally near, and about points near it, where all boxes overlap.
+/// Corner that all shapes of a node share, as the slivers of a cone do. Boxes give poor bounds there: beyond the
+/// corner, all shapes are equally near, and close to the corner, all boxes overlap.
 struct Hub {
     corner: Fan,
-    /// The edge that all shapes share, as the pages of a book do; seen along itself, it is a corner.
+    /// Edge that all shapes share, as the pages of a book do. Projected along itself, the edge is a point.
     edge: Option<Fan>,
-    /// The first of the shapes.
+    /// Index of the first shape in the node.
     first: u32,
 }
 
-/// Directions of shapes about a point that they share.
+/// Directions of shapes around a point that they share.
 struct Fan {
-    /// The point, or the ends of an edge, which is projected to a point.
+    /// Shared point, twice, or the two ends of the shared edge.
     ends: [DVec3; 2],
-    /// Unit vector along the edge; zero for a point.
+    /// Unit vector along the shared edge; zero for a point.
     along: DVec3,
-    /// A box about the unit vectors from the point to all other corners, at right angles to the edge.
+    /// Box around the unit vectors from the point to all other corners, projected perpendicular to the edge.
     directions: OrientedBox,
-    /// A lower bound of the length of a mean, with any weights, of the unit vectors of one shape: 1 for slivers, less
-    /// for shapes that are wide at the centre.
+    /// Lower bound of the length of any weighted mean of one shape's unit vectors: 1 for slivers, less for shapes that
+    /// are wide at the shared point.
     least_mean: f64,
-    /// True if all shapes have exactly the same distance from points to which the centre is nearest.
+    /// True if all shapes have exactly the same distance from any point to which the shared point is nearest.
     are_equally_near: bool,
 }
 
-/// A hierarchy of boxes.
+/// Hierarchy of oriented boxes in which the nearest shape is searched.
 pub(crate) struct Boxes {
     /// Nodes in preorder: a node, its first subtree, its second subtree.
     nodes: Vec<Node>,
-    /// Shapes of the leaves. A shape that was cut is in several.
+    /// Shapes in the order of the leaves. A shape that was cut may be in several leaves.
     order: Vec<u32>,
     slack: f64,
 }
 
-/// Shapes and the pieces of those that are cut. A piece is addressed by a number above those of the shapes.
+/// Shapes, and the pieces of shapes that are cut. Pieces are numbered after the shapes.
 struct Pieces<'a, const N: usize> {
     shapes: &'a [[DVec3; N]],
-    /// Shape and corners of each piece.
+    /// Shape index and corners of each piece.
     cut: Vec<(u32, Vec<DVec3>)>,
 }
 
@@ -105,8 +108,8 @@ impl<const N: usize> Pieces<'_, N> {
         (i as usize).checked_sub(self.shapes.len()).map_or(i, |piece| self.cut[piece].0)
     }
 
-    /// Returns by how much the first `middle` pieces and the others overlap along an axis, relative to the extent of
-    /// all.
+    /// Returns the overlap of the first `middle` pieces and the others along an axis, relative to the extent of all
+    /// pieces.
     fn overlap(&self, order: &[u32], middle: usize, axis: DVec3) -> f64 {
         let ends = |half: &[u32]| {
             let along = half.iter().flat_map(|i| self.corners(*i)).map(|p| p.dot(axis));
@@ -116,8 +119,8 @@ impl<const N: usize> Pieces<'_, N> {
         (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
     }
 
-    /// Cuts the slender pieces of at least this length into halves, as long as `room` allows, and returns all; `None`
-    /// if none is cut.
+    /// Halves the slender pieces of at least this length, with at most `room` cuts. Returns all pieces; `None` if none
+    /// was cut.
     fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
         let mut all = Vec::with_capacity(2 * order.len());
         let mut cuts = 0;
@@ -149,18 +152,19 @@ fn distance2([a, b]: [DVec3; 2]) -> f64 {
     a.distance_squared(b)
 }
 
-/// True if all corners are near the segment between two of them.
+/// True if all corners are near the segment from `a` to `b`, within [`MOST_BREADTH`] of its length.
 fn is_slender(corners: &[DVec3], [a, b]: [DVec3; 2]) -> bool {
     let along = b - a;
     corners.iter().all(|p| (*p - a).cross(along).length() <= MOST_BREADTH * along.length_squared())
 }
 
-/// Returns the corners of the two halves of a flat convex shape, cut at right angles to a segment through its middle.
+/// Returns the corners of both halves of a flat convex shape, cut perpendicular to a segment through the segment's
+/// middle.
 fn halves(corners: &[DVec3], [start, end]: [DVec3; 2]) -> [Vec<DVec3>; 2] {
     let (middle, along) = (0.5 * (start + end), end - start);
     let height = |p: &DVec3| (*p - middle).dot(along);
     let (below, above): (Vec<DVec3>, Vec<DVec3>) = corners.iter().partition(|p| height(p) < 0.0);
-    // Lines between both sides meet the cut in a segment.
+    // The lines between both sides meet the cutting plane in a segment.
     let across = |a: &DVec3, b: &DVec3| *a + (*b - *a) * (height(a) / (height(a) - height(b)));
     let met: Vec<DVec3> = below.iter().flat_map(|a| above.iter().map(move |b| across(a, b))).collect();
     let ends = longest(&met);
@@ -171,7 +175,7 @@ fn halves(corners: &[DVec3], [start, end]: [DVec3; 2]) -> [Vec<DVec3>; 2] {
 }
 
 impl Boxes {
-    /// Builds boxes around shapes. Each shape is flat, and within the hull of its points.
+    /// Builds the hierarchy. Each shape is flat, and is the convex hull of its points.
     pub(crate) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
         let mut boxes = Self { nodes: Vec::new(), order: Vec::with_capacity(shapes.len()), slack: 0.0 };
         if !shapes.is_empty() {
@@ -184,8 +188,8 @@ impl Boxes {
         boxes
     }
 
-    /// Builds the boxes of some pieces, with `room` cuts at most, from the limits `crossing` on. `is_at_hub` is true if
-    /// the pieces share a corner.
+    /// Builds the nodes of some pieces. `room` is the maximum number of cuts, and `crossing` has the limits from which
+    /// pieces are cut. `is_at_hub` is true if the pieces share a corner.
     fn build<const N: usize>(
         &mut self,
         pieces: &mut Pieces<N>,
@@ -204,8 +208,8 @@ impl Boxes {
             self.nodes.push(Node { bounds, shapes: start..self.order.len(), second: 0, hub });
             return;
         }
-        // Split along the axis on which the shapes' centres are farthest apart. For slivers side by side this isn't the
-        // longest. About a hub, where boxes overlap, shapes are divided by their directions, whatever their lengths.
+        // Split along the axis on which the shapes' centres are farthest apart. For slivers next to each other, the
+        // longest axis is another one. At a hub, where boxes overlap, shapes are divided by their directions only.
         let fan = hub.as_ref().map(|hub| hub.edge.as_ref().unwrap_or(&hub.corner));
         let axes = fan.map_or(bounds.axes, |fan| fan.directions.axes);
         let place = |i: u32| {
@@ -243,12 +247,12 @@ impl Boxes {
         self.build(pieces, high, each, is_at_hub);
     }
 
-    /// Returns the smallest `distance` about `p`, and the index of its shape; the first of equally near shapes wins.
-    /// The result is infinite, with the index `usize::MAX`, if there are no shapes. `distance` maps a shape's index to
-    /// its distance from `p`, which must not be less than that of the shape's hull.
+    /// Returns the smallest `distance` from `p`, and the index of its shape; the first of equally near shapes wins.
+    /// Without shapes, the result is infinity and `usize::MAX`. `distance` maps a shape's index to the shape's distance
+    /// from `p`, which must not be less than the distance of the shape's convex hull.
     ///
-    /// The nearest boxes are opened first, in the whole hierarchy. The distance of a shape may be far larger than that
-    /// of its box, and boxes that contain `p` overlap.
+    /// The search opens the nearest box of the whole hierarchy first. The distance of a shape may be far larger than
+    /// the distance of its box, and boxes that contain `p` overlap.
     pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
         let mut open = BinaryHeap::with_capacity(64);
@@ -308,14 +312,14 @@ impl OrientedBox {
         DVec3::new(beyond(0), beyond(1), beyond(2)).length()
     }
 
-    /// The largest product of a vector with a point of the box.
+    /// Returns the largest dot product of a vector with a point of the box.
     fn support(&self, d: DVec3) -> f64 {
         self.center.dot(d) + (0..3).map(|k| (self.axes[k].dot(d) * self.half[k]).abs()).sum::<f64>()
     }
 }
 
 impl Node {
-    /// A lower bound of the distance between a point and the shapes.
+    /// Returns a lower bound of the distance between a point and the node's shapes.
     fn distance(&self, p: DVec3) -> f64 {
         let to_box = self.bounds.distance(p);
         self.hub.as_ref().map_or(to_box, |hub| to_box.max(hub.distance(p)))
@@ -323,11 +327,11 @@ impl Node {
 }
 
 impl Hub {
-    /// The hub of some pieces, if all share a corner.
+    /// Finds the hub of some pieces; `None` if they share no corner.
     fn of<const N: usize>(pieces: &Pieces<N>, order: &[u32]) -> Option<Self> {
         let first = pieces.corners(*order.first()?);
         let mut shared: Vec<DVec3> = first.to_vec();
-        // True while the corners that shapes share have the same numbers in all of them.
+        // True while the shared corners have the same indices in all shapes.
         let mut are_aligned = true;
         for i in order {
             let corners = pieces.corners(*i);
@@ -347,12 +351,12 @@ impl Hub {
         Some(Self { corner, edge, first: order.iter().map(|i| pieces.shape(*i)).min()? })
     }
 
-    /// True if the corner, or the edge, has the nearest point of every shape.
+    /// True if the shared corner or edge contains the nearest point of every shape.
     fn is_nearest(&self, p: DVec3) -> bool {
         self.corner.is_nearest(p) || self.edge.as_ref().is_some_and(|edge| edge.is_nearest(p))
     }
 
-    /// A lower bound of the distance between a point and the shapes.
+    /// Returns a lower bound of the distance between a point and the hub's shapes.
     fn distance(&self, p: DVec3) -> f64 {
         let from_corner = self.corner.distance(p);
         self.edge.as_ref().map_or(from_corner, |edge| from_corner.max(edge.distance(p)))
@@ -376,35 +380,35 @@ impl Fan {
         fan
     }
 
-    /// Returns the unit vectors from the point to the other corners of a shape.
+    /// Returns the unit vectors from the shared point to the other corners of a shape.
     fn directions_of<'a>(&'a self, shape: &'a [DVec3]) -> impl Iterator<Item = DVec3> + 'a {
         let others = shape.iter().filter(|p| !self.ends.contains(p));
         others.map(|p| self.across(*p).normalize_or_zero())
     }
 
-    /// Returns the vector from the edge to a point, at right angles to the edge.
+    /// Returns the vector from the shared edge (or point) to a point, perpendicular to the edge.
     fn across(&self, p: DVec3) -> DVec3 {
         let d = p - self.ends[0];
         d - self.along * d.dot(self.along)
     }
 
-    /// The distance of a point from the edge's line, and the largest product of its direction with those of the
-    /// corners.
+    /// Returns the distance of a point from the shared edge's line (or the shared point). The second value is the
+    /// largest dot product of the point's direction with the directions of the shapes.
     fn distance_and_support(&self, p: DVec3) -> (f64, f64) {
         let d = self.across(p);
         (d.length(), self.directions.support(d.normalize_or_zero()))
     }
 
-    /// True if the point, or the same point of the edge, is the nearest one of every shape.
+    /// True if the nearest point of every shape is the shared point, or the same point of the shared edge.
     fn is_nearest(&self, p: DVec3) -> bool {
         let [start, end] = self.ends;
         // Beyond the ends of an edge, other points of the shapes may be nearer.
         let is_beside = || start == end || (p - start).dot(self.along) >= 0.0 && (p - end).dot(self.along) <= 0.0;
-        // To within rounding, where the distance has its largest value and hardly changes.
+        // The test allows for rounding, because the distance has its maximum there and hardly changes.
         self.are_equally_near && is_beside() && self.distance_and_support(p).1 <= SLACK
     }
 
-    /// A lower bound of the distance between a point and the shapes.
+    /// Returns a lower bound of the distance between a point and the fan's shapes.
     fn distance(&self, p: DVec3) -> f64 {
         let (distance, support) = self.distance_and_support(p);
         // Directions within a shape are means of its corners' directions, which are shorter than 1.

@@ -8,20 +8,22 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::Vec2;
 
-/// Largest number of neighbours among which a cell is built.
+/// Largest number of neighbours whose bisectors may bound a cell.
 pub(crate) const MOST_IN_CELL: usize = 64;
-/// Largest number of corners: those of the initial square, and one more for each neighbour.
+/// Largest number of corners of a cell: those of the initial square, and one more for each neighbour.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
-/// Capacity for half as many corners more: where rounding has bent a polygon, cutting off a single corner leaves two.
+/// Capacity of the corner buffers. It allows for half as many corners more, because cutting one corner off a polygon
+/// that rounding has bent may leave two.
 const ROOM: usize = MOST_CORNERS + MOST_CORNERS / 2;
 
-/// Convex polygon around the origin, clipped by bisectors. The buffers are reused between cells.
+/// Voronoi cell of the origin: a convex polygon clipped by the bisectors between the origin and its neighbours. The
+/// buffers are reused between cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
     /// Coordinates of the corners, counter-clockwise.
     x: [f32; ROOM],
     y: [f32; ROOM],
-    /// One bit per corner, set if the edge from this corner to the next is part of a bisector.
+    /// One bit per corner, set if the edge from this corner to the next lies on a bisector, not on the initial square.
     bisectors: u128,
     len: usize,
 }
@@ -33,8 +35,8 @@ impl Default for Cell {
 }
 
 impl Cell {
-    /// Builds the cell of the origin within a square of half-width 1, among at most [`MOST_IN_CELL`] neighbours at (x,
-    /// y), nearest first.
+    /// Builds the cell of the origin inside a square of half-width 1. Its at most [`MOST_IN_CELL`] neighbours are at
+    /// (x, y), nearest first.
     #[inline(always)]
     pub(crate) fn build<S: Simd>(&mut self, simd: S, x: &[f32], y: &[f32]) {
         let mut few = Few::square(simd);
@@ -81,8 +83,8 @@ impl Cell {
         }
     }
 
-    /// Cuts off the part that is nearer to `n` than to the origin, for any number of corners, one by one. `half` is
-    /// half of the squared length of `n`.
+    /// Cuts off the part that is nearer to `n` than to the origin, corner by corner. Polygons may have any number of
+    /// corners. `half` is half of the squared length of `n`.
     fn clip(&mut self, n: Vec2, half: f32) {
         let from = self.clone();
         let beyond = |i: usize| from.x[i] * n.x + from.y[i] * n.y - half;
@@ -111,12 +113,12 @@ impl Cell {
         self.len += 1;
     }
 
-    /// True if bisectors bound the cell all around.
+    /// True if all edges of the cell lie on bisectors.
     pub(crate) fn is_closed(&self) -> bool {
         self.bisectors == (1 << self.len) - 1
     }
 
-    /// Returns the corners where two bisectors meet.
+    /// Returns the corners between two bisectors, which excludes corners on the initial square.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
         let mut both = match self.len {
             0 => 0,
@@ -129,7 +131,7 @@ impl Cell {
         })
     }
 
-    /// Returns the distance of the farthest of [`Cell::corners`]; 0 if there is none.
+    /// Returns the distance from the origin to the farthest of [`Cell::corners`]; 0 if there are none.
     pub(crate) fn reach(&self) -> f32 {
         self.corners().map(Vec2::length_squared).fold(0.0, f32::max).sqrt()
     }
@@ -155,7 +157,7 @@ impl Cell {
     }
 }
 
-/// Polygon with at most as many corners as there are SIMD lanes; lanes beyond the last corner repeat the first.
+/// Polygon with at most as many corners as SIMD lanes; lanes beyond the last corner repeat the first corner.
 #[derive(Clone, Copy)]
 struct Few<S: Simd> {
     x: f32x16<S>,
@@ -169,7 +171,8 @@ enum Clip<S: Simd> {
     /// The bisector doesn't meet the polygon.
     Missed,
     Cut(Few<S>),
-    /// The polygon gets more corners than there are lanes, or rounding has bent it.
+    /// The polygon gets more corners than there are lanes, or rounding has bent it. It must be clipped corner by
+    /// corner.
     Other,
 }
 
@@ -182,13 +185,13 @@ impl<S: Simd> Few<S> {
         Self { x, y, bisectors: 0, len: 4 }
     }
 
-    /// Returns the squared distance of the farthest corner.
+    /// Returns the squared distance from the origin to the farthest corner.
     #[inline(always)]
     fn reach2(&self) -> f32 {
         (self.x * self.x + self.y * self.y).reduce_max()
     }
 
-    /// Clips like [`Cell::clip`], with identical bits, but with all corners in SIMD lanes.
+    /// Clips like [`Cell::clip`], with bit-identical results, but with all corners in SIMD lanes.
     #[inline(always)]
     fn clip(&self, simd: S, n: [f32; 2], half: f32) -> Clip<S> {
         let Self { x, y, bisectors, len } = *self;
@@ -232,8 +235,8 @@ impl<S: Simd> Few<S> {
     }
 }
 
-/// Merges the lanes of `old` that are `kept` with the lanes of `new` that are `taken`, which go to the lanes `places`.
-/// Lanes that aren't `used` repeat the first.
+/// Merges the lanes of `old` selected by `kept` with the lanes of `new` selected by `taken`, both in order. The latter
+/// go to the lanes `places`. Lanes outside of `used` repeat the first lane.
 #[inline(always)]
 fn merge<S: Simd>(
     old: f32x16<S>,

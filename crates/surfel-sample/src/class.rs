@@ -1,9 +1,9 @@
 //! Classification of points by a table of evidence.
 //!
-//! A neighbourhood is measured once ([`Measured`]). Each piece of evidence compares one or two of the measured values
-//! with named thresholds, and [`TABLE`] gives the class of every combination of evidence. A class has one rule for the
-//! radius ([`PointClass::radius`], limited by [`PointClass::most`]) and one for the normal of a point without a stored
-//! normal ([`crate::points`] applies it):
+//! A neighbourhood is measured once ([`Measured`]). Each piece of evidence compares one or two of the measurements with
+//! named thresholds, and [`TABLE`] gives the class of every combination of evidence. Each class has one rule for the
+//! radius ([`PointClass::radius`], limited by [`PointClass::most`]). It has another rule for the normal of a point
+//! without a stored normal, which [`crate::points`] applies:
 //!
 //! | class | radius | normal |
 //! | --- | --- | --- |
@@ -14,17 +14,18 @@
 //! | line | up to the second neighbour | across the line, toward the outside |
 //! | isolated | up to the second neighbour | toward the outside |
 //!
-//! Points of the last three classes belong to no surface. Whatever their neighbours are, their disks are no larger than
-//! the density radius for the cloud's typical spacing, or 1.5 times that on lines.
+//! Points of the last three classes belong to no surface. Their disks are at most as large as the density radius for
+//! the cloud's typical spacing, or 1.5 times as large on lines.
 
-/// Density radius, relative to the square root of the area per point.
+/// Density radius of a splat, relative to the square root of the surface area per point. Neighbouring splats of this
+/// radius blend without holes.
 pub const DENSITY: f64 = 1.65;
-/// Radius relative to the reach of the Voronoi cell. The margin makes up for curvature and tilted neighbours. It also
-/// raises the weight at a corner from exp(−2) = 0.14 to exp(−2/1.15²) = 0.22 for each of the three or more splats that
-/// meet there.
+/// Radius that covers a point's Voronoi cell, relative to the distance of the cell's farthest corner. The margin makes
+/// up for curvature and tilted neighbours. It also raises the weight at a corner from exp(−2) = 0.14 to exp(−2/1.15²) =
+/// 0.22 for each of the three or more splats that meet there.
 pub(crate) const COVER: f64 = 1.15;
 
-/// Class of a point by the layout of the points around it.
+/// Class of a point, by the arrangement of the points around it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum PointClass {
@@ -64,14 +65,14 @@ impl PointClass {
         matches!(self, Self::Surface | Self::Border | Self::Crease)
     }
 
-    /// Returns the radius of a disk that covers its cell, whose corners are at most `reach` away. The radius is at
-    /// least [`Measured::least_radius`]; its maximum depends on the class.
+    /// Returns the radius of a disk that covers its cell; `reach` is the distance of the cell's farthest corner. The
+    /// radius is at least [`Measured::least_radius`]; its maximum depends on the class.
     pub(crate) fn covering(self, m: &Measured, reach: f32) -> f32 {
         let largest = if self == Self::Border { LARGEST_AT_BORDER } else { LARGEST };
         (COVER as f32 * reach).clamp(m.least_radius(), (largest * DENSITY) as f32 * m.spacing)
     }
 
-    /// Returns the radius of a disk from the measures of its neighbourhood and the `reach` of its cell's corners.
+    /// Returns the radius of a disk from its neighbourhood's measurements and the `reach` of its cell, in grid steps.
     pub(crate) fn radius(self, m: &Measured, reach: f32) -> f32 {
         let fourth = DENSITY as f32 * m.fourth;
         match self {
@@ -93,78 +94,82 @@ impl PointClass {
     }
 }
 
-/// Largest radius of a surface point, in units of its density radius. A wider gap is a gap of the scan, not of the
-/// sampling.
+/// Largest radius of a surface point, in units of its density radius. Larger disks would cover gaps that the scan
+/// really has.
 const LARGEST: f64 = 2.5;
-/// Largest radius of a border point, in units of its density radius. Corners of its cell may be far outside the
-/// surface.
+/// Largest radius of a border point, in units of its density radius. Corners of a border point's cell may be far
+/// outside the surface.
 const LARGEST_AT_BORDER: f64 = 1.5;
-/// Largest radius of a point on a line, in units of the density radius for the cloud's typical spacing. It exceeds 1,
-/// because a limb with few points around it has gaps that larger disks close.
+/// Largest radius of a point on a line, in units of the density radius for the cloud's typical spacing. The limit
+/// exceeds 1, because a limb with few points around it has gaps that only larger disks cover.
 const LARGEST_ON_LINE: f64 = 1.5;
-/// Angle in radians by which a surface may turn within a disk, so that the disk doesn't stick out past the outline. The
+/// Angle in radians by which a surface may turn within a disk before the disk would stick out past the outline. The
 /// turn is a root mean square over the nearest neighbours. If the surface turns by this angle within the density
-/// radius, the disk ends there, unless it needs a larger radius to cover its cell. The radius is at least [`LEAST`]
-/// times the square root of the area per point.
+/// radius, the disk ends there, unless it needs a larger radius to cover its cell.
 pub(crate) const FLAT: f32 = 0.7;
+/// Smallest radius of a disk on a turning surface, relative to the square root of the area per point.
 const LEAST: f32 = 1.0;
 
-/// Ratio of a point's spacing to the spacing of most of its neighbours beyond which the point is isolated.
+/// Ratio of a point's spacing to its neighbours' spacing. A point is isolated if the ratio is larger for most
+/// neighbours.
 pub(crate) const ALONE: f64 = 8.0;
-/// Range of sparseness over which the limits for a surface become stricter, from the usual to the strictest. Sparseness
-/// is the distance of the farthest neighbour, relative to the cloud's median.
+/// Range of sparseness over which the limits for a surface change from the usual to the strictest values. Sparseness is
+/// the distance of a point's farthest neighbour, relative to the cloud's median.
 const SPARSE: (f32, f32) = (2.0, 8.0);
-/// Largest mean squared sine of the angle between a tangent plane and the directions to the neighbours at which the
-/// neighbours form a plane. `ROUGH` is for points that aren't sparse (0.1 is 18°), and `ROUGH_WHERE_SPARSE` for the
-/// sparsest. Groups of strays, whose normals may agree by chance, measure 0.17 and more; sparse parts of scans measure
-/// less than 0.05.
+/// Largest mean squared sine, at points that aren't sparse, at which neighbours form a plane (0.1 is 18°). The angle is
+/// between the tangent plane and the directions to the neighbours.
 pub(crate) const ROUGH: f32 = 0.1;
+/// Largest mean squared sine at which neighbours form a plane, at the sparsest points. Groups of stray points, whose
+/// normals may agree by chance, measure 0.17 and more; sparse parts of scans measure less than 0.05.
 const ROUGH_WHERE_SPARSE: f32 = 0.05;
-/// Smallest coherence of the nearest normals ([`Measured::coherence`]) in a surface: `COHERENT` for points that aren't
-/// sparse, and `COHERENT_WHERE_SPARSE` for the sparsest. Half of all leaves measure 0.5 or less. Thin limbs, whose
-/// neighbours are all around the limb, measure more than 0.8.
+/// Smallest coherence of normals ([`Measured::coherence`]) in a surface, at points that aren't sparse. Half of all
+/// leaves measure 0.5 or less. Thin limbs, whose neighbours are all around the limb, measure more than 0.8.
 const COHERENT: f32 = 0.6;
+/// Smallest coherence of normals in a surface, at the sparsest points.
 const COHERENT_WHERE_SPARSE: f32 = 0.9;
-/// Inverse of the least fraction of closed cells in a surface, among those of a point and its neighbours that face the
-/// same way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's corner.
+/// Inverse of the smallest fraction of closed cells in a surface, among a point and its neighbours that face the same
+/// way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's corner.
 const SURROUNDED: usize = 3;
-/// Fraction of neighbours in other planes above which another surface meets the point's own. Such neighbours are
-/// leaves, strays, or the other side of a thin edge.
+/// Fraction of neighbours in other planes above which a point is where two surfaces meet. Such neighbours are leaves,
+/// stray points, or the other side of a thin edge.
 const CUT: f32 = 0.25;
 
-/// Measures of one point's neighbourhood; lengths are in steps of the sorted points' grid.
+/// Measurements of one point's neighbourhood; lengths are in steps of the sorted points' grid.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measured {
-    /// Square root of the area per point; the distance of the second neighbour if few points are surrounded.
+    /// Square root of the area per point, or the distance of the second neighbour if few cells around the point are
+    /// closed.
     pub(crate) spacing: f32,
-    /// Distances of the second and the fourth neighbour.
+    /// Distance of the second neighbour.
     pub(crate) second: f32,
+    /// Distance of the fourth neighbour.
     pub(crate) fourth: f32,
-    /// Distance at which the surface has turned by [`FLAT`].
+    /// Distance along the surface at which the surface has turned by [`FLAT`].
     pub(crate) flat_reach: f32,
-    /// Distance of the farthest neighbour, relative to the cloud's median.
+    /// Distance of the farthest neighbour, relative to the cloud's median of such distances.
     pub(crate) sparseness: f32,
-    /// Mean squared sine of the angle between the tangent plane and the neighbours.
+    /// Mean squared sine of the angle between the tangent plane and the directions to the neighbours.
     pub(crate) roughness: f32,
     /// Mean agreement of the nearest normals with the point's own ([`crate::orient::coherence`]); 1 if not computed.
     pub(crate) coherence: f32,
     /// Fraction of the neighbours whose spacing is [`ALONE`] times smaller than the point's.
     pub(crate) denser: f32,
-    /// Number of neighbours that face the same way, plus the point itself, and the number of closed cells among them.
+    /// Number of neighbours that face the same way, plus the point itself.
     pub(crate) together: usize,
+    /// Number of closed cells among those of [`Self::together`].
     pub(crate) closed: usize,
     /// True if the point's own cell is open.
     pub(crate) is_open: bool,
-    /// True if only points of other scan lines, far beyond those of its own line, close the cell.
+    /// True if the cell is closed only by points of other scan lines, far beyond those of its own line.
     pub(crate) is_between_lines: bool,
-    /// Fraction of the neighbours that are in other planes.
+    /// Fraction of the neighbours that belong to other planes.
     pub(crate) elsewhere: f32,
 }
 
 impl Measured {
     /// Returns the smallest radius of a disk: the density radius, or less where the surface turns. Between scan lines
-    /// that are far apart a disk only covers its cell: at the last line a larger disk would stick out by more than the
-    /// gap's width.
+    /// that are far apart, the smallest radius is 0, and the disk only covers its cell. At the last line, a larger disk
+    /// would stick out by more than the gap's width.
     fn least_radius(&self) -> f32 {
         if self.is_between_lines {
             return 0.0;
@@ -172,17 +177,17 @@ impl Measured {
         self.flat_reach.clamp(LEAST * self.spacing, DENSITY as f32 * self.spacing)
     }
 
-    /// True if another surface meets the point's own.
+    /// True if another surface meets the surface at the point ([`CUT`]).
     pub(crate) fn is_cut(&self) -> bool {
         self.elsewhere > CUT
     }
 
-    /// True if enough cells around the point are closed for a surface.
+    /// True if enough cells around the point are closed for a surface ([`SURROUNDED`]).
     pub(crate) fn is_surrounded(&self) -> bool {
         self.closed > 0 && SURROUNDED * self.closed >= self.together
     }
 
-    /// True if the point is sparse and its roughness or its normals exclude a surface.
+    /// True if the point is sparse, and its roughness is too high or its normals too incoherent for a surface.
     fn is_scattered(&self) -> bool {
         let much = sparse(self.sparseness);
         much > 0.0
@@ -208,12 +213,12 @@ impl Measured {
     }
 }
 
-/// True if the evidence of a neighbourhood with this sparseness and roughness depends on its coherence.
+/// True if the class of a neighbourhood with this sparseness and roughness depends on the coherence of normals.
 pub(crate) fn needs_coherence(sparseness: f32, roughness: f32) -> bool {
     roughness > ROUGH || sparse(sparseness) > 0.0
 }
 
-/// Returns the position of a sparseness within the range [`SPARSE`], 0 to 1, on a logarithmic scale.
+/// Returns the position of a sparseness within the range [`SPARSE`], from 0 to 1 on a logarithmic scale.
 fn sparse(sparseness: f32) -> f32 {
     if sparseness <= SPARSE.0 { 0.0 } else { ((sparseness / SPARSE.0).ln() / (SPARSE.1 / SPARSE.0).ln()).min(1.0) }
 }
@@ -227,15 +232,15 @@ fn between(from: f32, to: f32, share: f32) -> f32 {
 pub(crate) struct Evidence(u8);
 
 impl Evidence {
-    /// Most neighbours are far closer to each other than to the point, or too few points are as sparse as it.
+    /// Most neighbours have a far smaller spacing than the point, or the point is one of few sparse points.
     pub(crate) const ALONE: u8 = 1 << 0;
-    /// The point is sparse, and its neighbours form no plane or their normals disagree.
+    /// The point is sparse, and its neighbours form no plane or their normals disagree too much.
     pub(crate) const SCATTERED: u8 = 1 << 1;
-    /// The neighbours form no plane and their normals disagree.
+    /// The neighbours form no plane and their normals disagree (a tangled point).
     pub(crate) const TANGLED: u8 = 1 << 2;
-    /// Many of the points around are tangled ([`Self::TANGLED`]), and they are about as thick as wide.
+    /// Many of the points around are tangled ([`Self::TANGLED`]), and these points are about as thick as wide.
     pub(crate) const AMONG_TANGLED: u8 = 1 << 3;
-    /// Few cells around the point are closed.
+    /// Too few cells around the point are closed for a surface.
     pub(crate) const UNSURROUNDED: u8 = 1 << 4;
     /// The point's own cell is open.
     pub(crate) const OPEN: u8 = 1 << 5;
@@ -243,7 +248,7 @@ impl Evidence {
     pub(crate) const BENT: u8 = 1 << 6;
     const COUNT: u32 = 7;
 
-    /// Returns this evidence, with `piece` added if `is_there`.
+    /// Returns this evidence, with the bit `piece` added if `is_there` is true.
     pub(crate) fn with(self, piece: u8, is_there: bool) -> Self {
         Self(self.0 | if is_there { piece } else { 0 })
     }
@@ -258,7 +263,7 @@ impl Evidence {
     }
 }
 
-/// Row of the table: the class, the evidence that must be present, and the evidence that must be absent.
+/// Row of [`TABLE`]: the class, the evidence that must be present, and the evidence that must be absent.
 type Row = (PointClass, u8, u8);
 
 /// Class of every combination of evidence; exactly one row matches each combination.
@@ -276,7 +281,7 @@ const TABLE: [Row; 7] = {
     ]
 };
 
-/// [`TABLE`] expanded, indexed by the bits of the evidence.
+/// Class of every combination of evidence, indexed by the evidence's bits; computed from [`TABLE`].
 const CLASSES: [PointClass; 1 << Evidence::COUNT] = {
     let mut classes = [PointClass::Surface; 1 << Evidence::COUNT];
     let mut bits = 0;

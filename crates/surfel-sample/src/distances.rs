@@ -5,7 +5,7 @@ use crate::parallel::map_each;
 use crate::progress::Progress;
 use glam::DVec3;
 
-/// Points or triangles, indexed for distances to them.
+/// Spatial index of points or triangles for exact distance queries.
 ///
 /// ```
 /// use surfel_model::glam::DVec3;
@@ -26,14 +26,14 @@ enum Shapes {
 }
 
 impl Distances {
-    /// Indexes points.
+    /// Builds the index of points.
     pub fn to_points(points: Vec<DVec3>) -> Self {
         let points: Vec<[DVec3; 1]> = points.into_iter().map(|p| [p]).collect();
         let boxes = Boxes::new(&points);
         Self { shapes: Shapes::Points(points), boxes }
     }
 
-    /// Indexes triangles.
+    /// Builds the index of triangles, given by their corners.
     pub fn to_triangles(triangles: Vec<[DVec3; 3]>) -> Self {
         let boxes = Boxes::new(&triangles);
         Self { shapes: Shapes::Triangles(triangles), boxes }

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-/// A symmetric 3×3 matrix: xx, xy, xz, yy, yz, zz.
+/// Symmetric 3×3 matrix as its six entries xx, xy, xz, yy, yz, zz.
 pub(crate) type Symmetric3 = [f64; 6];
 
 /// Computes the eigenvalues, in ascending order, and the unit eigenvectors of a symmetric matrix by cyclic Jacobi
@@ -45,8 +45,8 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     (order.map(|i| a[i][i] * scale), order.map(|i| DVec3::from_array(v[i]).normalize_or(DVec3::Z)))
 }
 
-/// Computes the eigenvalues, in ascending order, of a symmetric matrix without negative eigenvalues, and the unit
-/// eigenvector of the smallest one.
+/// Computes the eigenvalues of a positive semidefinite matrix, in ascending order, and the unit eigenvector of the
+/// smallest one.
 ///
 /// Newton's method finds the smallest root of the characteristic polynomial from below, where the polynomial is
 /// concave. The eigenvector is the cross product of two rows. If all rows are nearly parallel, [`symmetric3`] is used
@@ -88,14 +88,15 @@ pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
     (values.map(|v| v * trace), crosses[largest] / lengths[largest].sqrt())
 }
 
-/// Maximum number of Newton steps of [`smallest3`]: from a triple root, each step covers a third of the way.
+/// Maximum number of Newton steps of [`smallest3`]. From a triple root, each step covers a third of the way.
 const NEWTON: usize = 24;
 /// Squared length of the largest cross product of two rows, for a matrix of trace 1, below which [`symmetric3`] is
-/// used. There the two smaller eigenvalues differ by less than 1e-6; rounding, divided by the square of that, turns the
-/// eigenvector by 1e-4.
+/// used. Below this limit the two smaller eigenvalues differ by less than 1e-6, and rounding would turn the eigenvector
+/// by 1e-4.
 const PARALLEL: f64 = 1e-12;
 
-/// Computes the eigenvalues (larger first) of [[xx, xy], [xy, yy]] and the larger one's unit eigenvector.
+/// Computes the eigenvalues of the matrix [[xx, xy], [xy, yy]], larger first, and the unit eigenvector of the larger
+/// one.
 pub(crate) fn symmetric2(xx: f64, xy: f64, yy: f64) -> ([f64; 2], DVec2) {
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
     let radius = (half * half + xy * xy).sqrt();

@@ -6,7 +6,7 @@ use surfel_model::ModelError;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SampleError {
-    /// The input is empty.
+    /// The input has no elements.
     #[error("the {what} has no {missing}, expected at least one: check that the file is complete")]
     Empty {
         /// "point cloud" or "mesh".
@@ -22,7 +22,7 @@ pub enum SampleError {
         /// Number of triangles.
         triangles: usize,
     },
-    /// Positions that are not finite; `PointCloud::drop_non_finite` removes them.
+    /// Some positions are not finite; `PointCloud::drop_non_finite` removes their points.
     #[error("point {index} has a position that is not finite, and so have {count} of {total}: drop them first")]
     NotFinite {
         /// Index of the first such point, counted from 0.
@@ -35,21 +35,21 @@ pub enum SampleError {
     /// There are more elements than indices can address.
     #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
     TooMany {
-        /// The kind of element.
+        /// Kind of element, such as "points".
         what: &'static str,
         /// Number of elements found.
         found: usize,
-        /// The limit.
+        /// Largest accepted number of elements.
         limit: usize,
     },
     /// An option is out of its range.
     #[error("{option} is {found}, expected {expected}")]
     Option {
-        /// The option's name.
+        /// Name of the option.
         option: &'static str,
-        /// The value found.
+        /// Value of the option.
         found: String,
-        /// The range expected.
+        /// Accepted range, in words.
         expected: &'static str,
     },
     /// The data breaks a rule of the model.

@@ -1,8 +1,9 @@
-//! Detection of foliage, and its rule for normals.
+//! Detection of foliage, and the normals of its points.
 //!
-//! Leaves form no surface, and planes through them point anywhere. A point is foliage if many points around it are
-//! tangled (no common plane, normals disagree) and the neighbourhood is thick. The normal of a foliage point is that of
-//! the crown: away from the mean of the points around it, with some weight toward the outside.
+//! Leaves form no surface, and planes through their points have arbitrary normals. A point is foliage if many points
+//! around it are tangled (no common plane, disagreeing normals) and the neighbourhood is thick. The normal of a foliage
+//! point approximates the outside of the tree's crown. It points away from the mean of the points around, with some
+//! weight toward the outside of the cloud.
 
 use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
@@ -15,31 +16,32 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Fraction of tangled neighbours from which a point is foliage. Here and in [`THICK`], the second value is for points
+/// Fraction of tangled neighbours above which a point is foliage. Here and in [`THICK`], the second value is for points
 /// with large disks and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
-/// Smallest fraction of the neighbours' variance, perpendicular to their best-fitting plane, in a thick neighbourhood.
-/// A ball measures a third; a plane with noise as large as its points' spacing measures a tenth.
+/// Smallest variance perpendicular to the neighbours' best-fitting plane in a thick neighbourhood, as a fraction of the
+/// total variance. A ball measures a third; a plane with noise as large as its points' spacing measures a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Fraction of tangled points above which a cloud may be a forest. In a forest, every point is tested for foliage.
+/// Fraction of tangled points above which a cloud may be a forest. In a forest, every point is tested as foliage.
 const FOREST: f64 = 0.25;
-/// Fraction of the tangled points with thick surroundings above which such a cloud is a forest. A noisy surface has as
-/// many tangled points, but is thin: with noise as large as the spacing, 0.4 % of its points have thick surroundings.
+/// Fraction of the tangled points with a thick neighbourhood above which the cloud is a forest. A noisy surface has as
+/// many tangled points, but is thin. With noise as large as the spacing, 0.4 % of its points have a thick
+/// neighbourhood.
 const FOREST_THICK: f64 = 0.25;
-/// Maximum number of tangled points whose surroundings decide whether a cloud is a forest.
+/// Maximum number of tangled points that are tested to decide whether a cloud is a forest.
 const FOREST_SAMPLE: usize = 4096;
-/// Cosine of the largest tilt of ground disks in a forest; steeper disks are limited in size.
+/// Cosine of the largest tilt (60°) of ground disks in a forest; steeper disks are limited in size.
 const STEEP: f64 = 0.5;
-/// Weight of the direction toward the outside in a normal, relative to the spread of the neighbours.
+/// Weight of the outside direction in a foliage normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of a point whose neighbours form no plane ([`Evidence::TANGLED`]), in units of the density radius for
-/// the typical spacing.
+/// Largest radius of a tangled point ([`Evidence::TANGLED`]) that isn't foliage, in units of the density radius for the
+/// typical spacing.
 const MOST: f64 = 1.3;
-/// Radius above which a surface point is tested for foliage, in the same units.
+/// Radius above which a surface point is tested as foliage, in units of the density radius for the typical spacing.
 const LARGE: f64 = 2.0;
 
-/// Reclassifies foliage points without stored normals, and assigns them normals of the crown. Their disks reach to the
-/// fourth neighbour, because the space between leaves was not measured.
+/// Reclassifies foliage points without stored normals, and gives them the normals of the crown. Their disks reach to
+/// the fourth neighbour at most, because the space between leaves was not measured.
 pub(crate) fn find(
     points: &SortedPoints,
     oriented: &mut [Oriented],
@@ -100,8 +102,7 @@ pub(crate) fn find(
     }
 }
 
-/// True for a forest: a cloud in which many points are tangled, and whose tangled points have thick surroundings. Every
-/// point of a forest is a candidate for foliage.
+/// True if the cloud is a forest: many points are tangled, and the tangled points have thick neighbourhoods.
 fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) -> bool {
     let tangled: Vec<usize> = (0..points.len()).filter(|slot| is_tangled[*slot]).collect();
     if tangled.len() as f64 <= FOREST * points.len() as f64 {

@@ -1,4 +1,4 @@
-//! Interior weight: the Σw of a cloud inside its own surface.
+//! Estimation of the interior weight: the sum of splat weights (Σw) inside a cloud's own surface.
 
 use crate::parallel::map_tasks;
 use crate::tree::KdTree;
@@ -7,22 +7,22 @@ use std::collections::HashMap;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
-/// Maximum number of splats that are probed.
+/// Maximum number of probes, and so of splats at which Σw is measured.
 const PROBES: usize = 4096;
-/// Number of splats summed by one task. It is fixed, so that the order of summation doesn't depend on the number of
+/// Number of splats per task. The number is fixed, so that the order of summation doesn't depend on the number of
 /// threads.
 const CHUNK: usize = 1 << 14;
 
-/// Largest mean number of probes that a splat may meet. Where more disks overlap, as those of slivers about one corner,
-/// fewer splats are probed, so that the work doesn't grow with the product of splats and probes.
+/// Largest mean number of probes whose lines a splat may meet. If more disks overlap, as with slivers about one corner,
+/// fewer splats are probed. Otherwise the work would grow with the product of splats and probes.
 const MOST_MET: usize = 256;
-/// Number of splats by which this mean is measured.
+/// Number of splats from which the mean number of probes per splat is estimated.
 const EXAMINED: usize = 256;
 
-/// Number of splats from which splats far from all probes are sifted out by a grid first.
+/// Number of splats from which a grid first excludes splats far from all probes.
 const LEAST_SIFTED: usize = 16 * PROBES;
 
-/// A line along a splat's normal through the middle of one quarter of the splat.
+/// Line along a splat's normal, through the middle of one quarter of the splat, along which Σw is measured.
 struct Probe {
     at: DVec3,
     normal: DVec3,
@@ -32,14 +32,14 @@ struct Probe {
 /// Computes the interior weight: Σw inside the cloud's own surface at cutoff 2, as defined in rendering model §5
 /// (coverage).
 ///
-/// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums w_j at p_k + ½s_k +
-/// ½t_k seen along k's normal. The sum is over all splats (k included) whose normals agree within 60° and whose plane
-/// the line meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty
-/// cloud, and for balls.
+/// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums the weights w_j at the
+/// point p_k + ½s_k + ½t_k, projected along the normal of splat k. The sum includes all splats (also k) whose normals
+/// agree within 60° and whose plane the line meets within r_max of that point. Clips are ignored. The weight is
+/// dimensionless. Returns `None` for an empty cloud, and for balls.
 ///
-/// Where a splat may meet more than 256 probes on average, m is reduced in proportion, as the rendering model defines.
+/// If a splat may meet more than 256 probes on average, m is reduced in proportion, as the rendering model defines.
 ///
-/// The probes are stored in a tree and all splats are tested against it, so only the probes need memory.
+/// Only the probes are stored in a tree, and all splats are tested against it, which limits memory.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
     if cloud.is_balls() {
@@ -74,20 +74,21 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
 }
 
-/// Probes of a cloud in a spatial index.
+/// Probes of a cloud, in a spatial index.
 struct Probes {
-    /// Probes without repetitions.
+    /// Distinct probes.
     all: Vec<Probe>,
-    /// Index in `all` of each probe.
+    /// Index in `all` of each probe, including repeated ones.
     of: Vec<usize>,
     tree: KdTree,
-    /// Largest reach, and bounds, of the probes below each node.
+    /// Largest reach of the probes below each tree node.
     largest: Vec<f64>,
+    /// Bounds of the probes below each tree node.
     bounds: Vec<(DVec3, DVec3)>,
 }
 
 impl Probes {
-    /// Probes `m` splats of a cloud.
+    /// Creates the probes of `m` splats, spread evenly over the cloud.
     fn new(cloud: &SplatCloud, m: usize) -> Self {
         let (all, of) = distinct((0..m).map(|i| probe(cloud, nth(i, m, cloud.len()))).collect());
         let tree = KdTree::new(&all.iter().map(|p| p.at).collect::<Vec<_>>());
@@ -95,7 +96,7 @@ impl Probes {
         Self { largest: tree.largest_below(&reach), bounds: tree.bounds_below(), tree, all, of }
     }
 
-    /// Probes as many splats as the interior weight needs, or fewer if splats meet too many.
+    /// Creates as many probes as the interior weight needs, or fewer if splats meet too many of them.
     fn few_enough(cloud: &SplatCloud) -> Self {
         let m = cloud.len().min(PROBES);
         let probes = Self::new(cloud, m);
@@ -114,7 +115,7 @@ impl Probes {
         if met <= most { probes } else { Self::new(cloud, (m * most).div_ceil(met)) }
     }
 
-    /// Visits all probes whose line may meet a splat, and some others.
+    /// Visits all probes whose line may meet a splat. Some other probes are visited too.
     fn visit(&self, splat: &Splat, visit: &mut impl FnMut(usize)) {
         let enters = |node: usize| splat.may_meet(self.bounds[node], self.largest[node]);
         self.tree.visit_below(&enters, &mut |slot| visit(self.tree.index(slot)));
@@ -129,26 +130,27 @@ impl Probes {
     }
 }
 
-/// Returns the index of the i-th of `m` splats spread evenly over `count`.
+/// Returns the index of the i-th of `m` splats, spread evenly over `count`.
 fn nth(i: usize, m: usize, count: usize) -> usize {
     (i as u128 * count as u128 / m as u128) as usize
 }
 
-/// Grid cells with splats near probes. In a large cloud, most splats are near no probe.
+/// Grid cells close to probes. In a large cloud, most splats are far from all probes and need no exact test.
 struct Nearby {
-    /// Side of a cell, and the largest radius of splats that the grid can exclude.
+    /// Side of a cell, which is also the largest radius of splats that the grid can exclude.
     side: f64,
-    /// One bit per cell, indexed by a hash.
+    /// One bit per cell, set if the cell is close to a probe; cells are indexed by a hash.
     cells: Vec<u64>,
 }
 
 impl Nearby {
-    /// Number of bits of a hash: 512 KiB for all cells, about 500,000 of which are near probes.
+    /// Number of bits of a cell's hash. The table has 512 KiB, and about 500,000 cells are usually close to probes.
     const BITS: u32 = 22;
     /// Maximum number of cells along a probe's reach; about five are usual.
     const MOST_ALONG: i64 = 16;
 
-    /// Marks the cells near probes at these places with this reach; `None` if the reaches are too uneven for one grid.
+    /// Marks the cells close to probes at `places` with these reaches. `None` if the reaches vary too much for one
+    /// grid.
     fn of(places: &[DVec3], reach: &[f64]) -> Option<Self> {
         let side = 1.5 * crate::radii::median(&mut reach.to_vec())?;
         let mut nearby = Self { side, cells: vec![0; 1 << (Self::BITS - 6)] };
@@ -182,7 +184,7 @@ impl Nearby {
         (mixed.wrapping_mul(FACTORS[0]) >> (64 - Self::BITS)) as usize
     }
 
-    /// False if no probe's line meets a splat with this centre and radius.
+    /// False if no probe's line can meet a splat with this centre and radius.
     #[inline]
     fn may_meet(&self, center: DVec3, radius: f64) -> bool {
         let bit = Self::bit(self.cell(center));
@@ -190,7 +192,7 @@ impl Nearby {
     }
 }
 
-/// Merges equal probes, and returns the index of each probe's representative: many splats in one place sum the same.
+/// Merges equal probes, and returns the index of each probe's representative. Splats in the same place have equal sums.
 fn distinct(probes: Vec<Probe>) -> (Vec<Probe>, Vec<usize>) {
     let mut known = HashMap::with_capacity(probes.len());
     let mut different = Vec::with_capacity(probes.len());
@@ -210,7 +212,7 @@ fn probe(cloud: &SplatCloud, k: usize) -> Probe {
     Probe { at: cloud.data().centers.get(k) + 0.5 * (s + t), normal: cloud.normal(k), reach: cloud.radius_max(k) }
 }
 
-/// A splat, prepared for the test against probes' lines.
+/// Splat prepared for intersection with the probes' lines.
 struct Splat {
     center: DVec3,
     radius: f64,
@@ -220,11 +222,11 @@ struct Splat {
     sides: [(DVec3, f64); 2],
 }
 
-/// Axes of a splat by which a point of its plane is expressed.
+/// Axes in which points of a splat's plane are expressed.
 enum Axes {
     /// Unit axes of a disk, and its radius.
     Disk { s: DVec3, t: DVec3, r: f64 },
-    /// Half-axes, each divided by its largest coordinate, and these two coordinates.
+    /// Half-axes, each divided by its largest absolute coordinate, and these two coordinates.
     Ellipse { s: DVec3, t: DVec3, scales: [f64; 2] },
 }
 
@@ -250,11 +252,12 @@ impl Splat {
         Self { center, radius, normal, axes, sides }
     }
 
-    /// False if no line of the probes within these bounds meets the splat; `largest` is the probes' largest reach.
+    /// False if no line of the probes within these bounds can meet the splat; `largest` is the largest reach of the
+    /// probes.
     ///
-    /// A line that meets the splat starts at a height of at most `largest` over its plane, at 60° to its normal at
-    /// most. Its start is therefore within √3 heights of the ellipse. The test excludes most probes of a sliver; a test
-    /// by its bounding ball would accept all of a fan's.
+    /// A line that meets the splat starts at a height of at most `largest` over the splat's plane, and at most 60° off
+    /// its normal. The start is therefore within √3 heights of the ellipse. The test excludes most probes for a sliver;
+    /// a test by the splat's bounding ball would accept all probes of a fan.
     fn may_meet(&self, (low, high): (DVec3, DVec3), largest: f64) -> bool {
         // Tolerance for rounding, also of the coordinates themselves.
         let hair =

@@ -1,4 +1,4 @@
-//! SIMD operations on sixteen lanes: compaction of selected lanes, and ranks of a few values.
+//! SIMD operations on sixteen lanes: packing of selected lanes, and ranking of a few values.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
@@ -6,7 +6,7 @@ use fearless_simd::{f32x16, mask32x16, u32x16};
 /// Number of SIMD lanes.
 pub(crate) const LANES: usize = 16;
 
-/// Numbers 0 to 15.
+/// Indices of the sixteen lanes, 0 to 15.
 const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// Returns sixteen consecutive numbers, the first of which is `first`.
@@ -15,7 +15,7 @@ pub(crate) fn numbers<S: Simd>(simd: S, first: u32) -> u32x16<S> {
     u32x16::load_array(simd, NUMBERS) + u32x16::splat(simd, first)
 }
 
-/// Writes the lanes selected by `kept` to `to`, from index `at` on. Up to sixteen elements are overwritten there.
+/// Writes the lanes selected by `kept` to `to`, starting at index `at`. Up to sixteen elements are overwritten.
 #[inline(always)]
 pub(crate) fn compress<S: Simd, T: SimdElement, V>(values: V, kept: mask32x16<S>, to: &mut [T], at: usize)
 where

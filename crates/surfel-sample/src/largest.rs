@@ -1,7 +1,8 @@
-//! Limit of a disk's size by its surroundings.
+//! Limit of a splat's size by the sizes of its neighbours.
 //!
-//! No disk is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A quick test exempts most
-//! points without a neighbour search: no radius within the possible distance of those neighbours is small enough.
+//! No splat is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A quick test exempts most
+//! points without a neighbour search. It shows that no radius within the possible distance of those neighbours is small
+//! enough.
 
 use crate::nearest::Search;
 use crate::parallel::map_each;
@@ -11,14 +12,15 @@ use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 
 /// Number of neighbours whose median radius limits a point's own.
 const AROUND: usize = 100;
-/// Largest radius, relative to the median.
+/// Largest radius of a splat, relative to the median radius of its neighbours.
 const TIMES: f64 = 6.0;
-/// Maximum number of rounds: a smaller disk lowers the medians of others. Three rounds have always sufficed.
+/// Maximum number of rounds. A smaller disk lowers the medians of its neighbours, so rounds repeat; three have always
+/// sufficed.
 const ROUNDS: usize = 16;
-/// Fraction of the limit to which splats are shortened. The margin covers the rounding of an ellipse's axis ratio.
+/// Fraction of the limit to which splats are shortened. The margin allows for the rounding of an ellipse's axis ratio.
 const ROUNDING: f64 = 1.0 - 2e-4;
 
-/// Shortens splats that are larger than their surroundings allow.
+/// Shortens splats that are larger than their neighbours allow.
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
@@ -69,7 +71,7 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     Some(*all[..count].select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Smallest radius in each leaf, each group of leaves, and so on, for each level of boxes.
+/// Smallest radius in each box, for each level of the hierarchy: leaves, groups of leaves, and so on.
 struct Least {
     levels: Vec<Vec<f32>>,
 }
@@ -85,7 +87,7 @@ impl Least {
         Self { levels }
     }
 
-    /// True if some radius near box `index` of a level may be so small that the box's largest radius exceeds [`TIMES`]
+    /// True if a radius near box `index` of a level may be small enough that the box's largest radius exceeds [`TIMES`]
     /// the median.
     fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
         let mut size = LEAF * FAN.pow(level as u32);

@@ -2,8 +2,8 @@
 
 use crate::parallel::map_tasks;
 
-/// Number of standard deviations of a value's logarithm, for the normal part of the values, beyond which it is an
-/// outlier.
+/// Number of standard deviations above the median beyond which a value is an outlier. The standard deviation is that of
+/// the logarithms of the values, estimated robustly.
 const DEVIATIONS: f64 = 3.5;
 /// Median absolute deviation of a normal distribution, in standard deviations.
 const MAD: f64 = 0.674_489_75;
@@ -11,22 +11,22 @@ const MAD: f64 = 0.674_489_75;
 /// Median and spread of positive values.
 pub(crate) struct Spread {
     pub(crate) median: f64,
-    /// Standard deviation of the logarithms, estimated from the median absolute deviation.
+    /// Standard deviation of the values' natural logarithms, estimated from the median absolute deviation.
     spread: f64,
 }
 
 impl Spread {
-    /// Returns the largest value that is no outlier: [`DEVIATIONS`] above the median, or `times` the median if that is
-    /// more.
+    /// Returns the largest value that is no outlier: [`DEVIATIONS`] above the median, or `times` the median, whichever
+    /// is larger.
     pub(crate) fn most(&self, times: f64) -> f64 {
         self.median * (DEVIATIONS * self.spread).exp().max(times)
     }
 }
 
-/// Measures the spread of values; `None` if none is positive.
+/// Measures the median and spread of the positive values with indices 0..`count`; `None` if there are none.
 pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Spread> {
     let median = median_of(count, &value)?;
-    // The ratio to the median, above 1 in both directions, has the same order as the absolute difference of logarithms.
+    // The larger of v/median and median/v has the same order as the absolute difference of the logarithms.
     let times = |i: usize| match value(i) {
         v if v > 0.0 => (v / median).max(median / v),
         _ => 0.0,
@@ -35,9 +35,9 @@ pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Optio
     Some(Spread { median: f64::from(median), spread })
 }
 
-/// Returns the lower median of the positive values with indices 0..`count`, without a copy of all of them.
+/// Returns the lower median of the positive values with indices 0..`count`, without copying all of them.
 pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
-    /// Number of low bits of a positive float that its bin ignores.
+    /// Number of low bits of a positive float that the histogram's bins ignore.
     const SHIFT: u32 = 16;
     const BINS: usize = 1 << (31 - SHIFT);
     let tasks = count.div_ceil(1 << 14).clamp(1, 32);

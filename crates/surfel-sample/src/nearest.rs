@@ -1,5 +1,5 @@
-//! Exact nearest neighbours of points in Morton order. All points near a leaf are gathered once, side by side; each
-//! query from that leaf then scans them by SIMD.
+//! Exact nearest neighbours of points in Morton order. The points near a leaf are gathered once into contiguous
+//! columns, and each query from that leaf scans them by SIMD.
 
 use crate::lanes::{LANES, compress, numbers, rank};
 use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
@@ -12,27 +12,28 @@ const MOST: usize = 2048;
 const ROOM: usize = MOST + 2 * LEAF;
 /// Maximum number of times that candidates are gathered for one query before it falls back to a tree search.
 const MOST_GATHERED: usize = 8;
-/// Factor from one query's farthest squared distance to the bound of the next query; most queries are within it.
+/// Factor from one query's farthest squared distance to the first search radius of the next query. Most queries need no
+/// larger radius.
 const LIKELY: f32 = 1.5;
-/// Number of survivors up to which they are ranked by SIMD; more are sorted.
+/// Number of survivors (candidates within the search radius) up to which SIMD ranks them; more are sorted.
 const RANKED: usize = 96;
-/// Number of survivors beyond those asked for that is small enough to stop narrowing the distance, and the maximum
-/// number of steps: equal distances can't be separated.
+/// Number of survivors beyond the requested neighbours at which the search radius is small enough.
 const SPARE: usize = LANES;
+/// Maximum number of steps that narrow the search radius; equal distances can't be separated.
 const MOST_NARROWED: usize = 16;
-/// Maximum number of levels of boxes, with [`FAN`] boxes in a group.
+/// Maximum number of levels in the hierarchy of boxes, with [`FAN`] boxes per group.
 const MOST_LEVELS: usize = 10;
 /// Largest number of neighbours of a query.
 pub(crate) const MOST_NEIGHBOURS: usize = 128;
 
-/// Returns the squared distance in steps, as computed by every search.
+/// Returns the squared distance between two points in squared grid steps. All searches use this function.
 #[inline(always)]
 pub(crate) fn distance2(p: [i32; 3], q: [i32; 3]) -> f32 {
     let [x, y, z] = [(p[0] - q[0]) as f32, (p[1] - q[1]) as f32, (p[2] - q[2]) as f32];
     x * x + y * y + z * z
 }
 
-/// Points near a leaf, in slot order, as columns with room for whole SIMD steps.
+/// Points near a leaf in slot order, as columns with capacity for whole SIMD steps.
 #[derive(Clone, Debug, Default)]
 struct Candidates {
     x: Vec<i32>,
@@ -42,37 +43,38 @@ struct Candidates {
     count: usize,
 }
 
-/// Candidates within a distance, in slot order.
+/// Candidates within the search radius, in slot order.
 #[derive(Clone, Debug, Default)]
 struct Survivors {
     distances2: Vec<f32>,
-    /// Indices of the candidates.
+    /// Indices of the survivors among the candidates.
     places: Vec<u32>,
     ranks: Vec<u32>,
     keys: Vec<u64>,
 }
 
-/// A search with its buffers. Queries in the order of slots are the fastest.
+/// Nearest-neighbour search with its buffers. Queries in the order of slots are the fastest.
 ///
-/// Results depend only on the points: the nearest by squared distance in f32, ties in the order of slots.
+/// Results depend only on the points. Neighbours are ordered by squared distance in f32, and equal distances by slot.
 pub(crate) struct Search<'a> {
     points: &'a SortedPoints,
     level: Level,
     candidates: Candidates,
-    /// Leaf for which the candidates were gathered, and the squared distance from each of its points within which no
-    /// candidate is missing.
+    /// Leaf for which the candidates were gathered.
     leaf: usize,
+    /// Squared distance from every point of the leaf within which the candidates are complete.
     complete2: f32,
     /// Last query in this leaf: its position, the squared distance of its farthest neighbour, and the number of
     /// neighbours.
     last: Option<([i32; 3], f32, usize)>,
-    /// Largest squared distance of a farthest neighbour divided by the number of neighbours, in the previous leaf
-    /// (`typical2`) and in this one (`largest2`).
+    /// Largest squared distance of a farthest neighbour, divided by the number of neighbours, in the previous leaf.
     typical2: f32,
+    /// Largest squared distance of a farthest neighbour, divided by the number of neighbours, in the current leaf.
     largest2: f32,
     survivors: Survivors,
-    /// Neighbours found last, and their squared distances.
+    /// Slots of the neighbours found by the last query.
     slots: [u32; MOST_NEIGHBOURS],
+    /// Squared distances of these neighbours.
     distances2: [f32; MOST_NEIGHBOURS],
 }
 
@@ -94,8 +96,8 @@ impl<'a> Search<'a> {
     }
 
     /// Returns the `count` (at most [`MOST_NEIGHBOURS`]) nearest neighbours of a point, nearest first, without the
-    /// point itself, and the squared distance of the farthest. A small cloud may have fewer. `guess2` estimates that
-    /// squared distance; 0 if unknown.
+    /// point itself. The second value is the squared distance of the farthest one. A small cloud may have fewer
+    /// neighbours. `guess2` is an estimate of the squared distance, or 0.
     pub(crate) fn nearest(&mut self, slot: usize, count: usize, guess2: f32) -> (&[u32], f32) {
         let count = count.min(self.points.len() - 1).min(MOST_NEIGHBOURS);
         if count == 0 {
@@ -110,7 +112,7 @@ impl<'a> Search<'a> {
         (&self.slots[..count], farthest2)
     }
 
-    /// Gathers the candidates for a leaf whose queries need the points within a squared distance.
+    /// Prepares for queries from a leaf by gathering all points within a squared distance.
     pub(crate) fn expect(&mut self, leaf: usize, reach2: f32) {
         self.enter(leaf);
         if reach2 > 0.0 && self.points.len() > MOST {
@@ -119,7 +121,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Starts with a new leaf.
+    /// Resets the state for queries from a new leaf.
     fn enter(&mut self, leaf: usize) {
         if leaf != self.leaf {
             if self.largest2 > 0.0 {
@@ -129,7 +131,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Searches among the leaf's candidates; false if they are too many or too few.
+    /// Searches the leaf's candidates; returns false if they are too many or too few.
     fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
         let leaf = slot / LEAF;
         self.enter(leaf);
@@ -150,8 +152,8 @@ impl<'a> Search<'a> {
             let b = self.points.bounds(leaf);
             want2 = distance2(b.lo, b.hi) * 0.25;
         }
-        // Squared radius of the first scan; if it finds too few, a second one is wider, and a third scans all
-        // candidates.
+        // Squared radius of the first scan. If the scan finds too few points, a second scan is wider, and a third
+        // covers all candidates.
         let (mut first2, mut is_guess) = if near2 > 0.0 { (near2, true) } else { (f32::INFINITY, false) };
         want2 = want2.min(sure2);
         want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
@@ -181,7 +183,7 @@ impl<'a> Search<'a> {
         false
     }
 
-    /// Collects the points within a squared distance of the leaf's box; false if there are too many.
+    /// Gathers the points within a squared distance of the leaf's box; returns false if there are too many.
     fn gather(&mut self, reach2: f32) -> bool {
         self.complete2 = -1.0;
         // The relative error of squares in f32 is below 2⁻²².
@@ -199,8 +201,8 @@ impl<'a> Search<'a> {
         true
     }
 
-    /// Finds the `count` nearest candidates within a squared distance, nearest first, and returns the number of
-    /// candidates within it. Nothing is found if these are fewer.
+    /// Finds the `count` nearest candidates within a squared distance, nearest first. Returns the number of candidates
+    /// within the distance; if this is less than `count`, no neighbours are stored.
     fn scan(&mut self, q: [i32; 3], bound2: f32, count: usize) -> usize {
         let (candidates, survivors) = (&self.candidates, &mut self.survivors);
         survivors.distances2.resize(ROOM, 0.0);
@@ -232,7 +234,7 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// Searches the tree from its root, without candidates.
+    /// Searches the hierarchy of boxes from its root, without candidates.
     fn alone(&mut self, q: [i32; 3], count: usize) -> bool {
         let levels = self.points.levels();
         let mut found: Vec<u64> = Vec::with_capacity(count + 1);
@@ -277,7 +279,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Collects the points in `region`, in the order of their slots; false if there are too many.
+/// Collects the points in `region` in the order of their slots; returns false if there are too many.
 #[inline(always)]
 fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidates: &mut Candidates) -> bool {
     let levels = points.levels();
@@ -348,8 +350,8 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
-/// Selects the candidates within a squared distance, drops the farthest if they are far more than `count`, and ranks
-/// the rest unless it is too many. Returns the number of selected candidates and of those left.
+/// Selects the candidates within a squared distance. If far more than `count` are selected, the farthest are dropped;
+/// the rest is ranked unless still too many. Returns the number of selected and of remaining candidates.
 #[inline(always)]
 fn scan_by<S: Simd>(
     simd: S,
@@ -386,8 +388,8 @@ fn scan_by<S: Simd>(
     (n, left)
 }
 
-/// Drops the farthest of `n` survivors, so that at least `count` and, unless many are equally far, at most `most` are
-/// left. Returns the number left.
+/// Drops the farthest of `n` survivors. At least `count` remain and, unless many distances are equal, at most `most`.
+/// Returns the number of remaining survivors.
 #[inline(always)]
 fn narrow<S: Simd>(simd: S, survivors: &mut Survivors, n: usize, (count, most): (usize, usize)) -> usize {
     let room = n.next_multiple_of(LANES);
@@ -421,7 +423,7 @@ fn narrow<S: Simd>(simd: S, survivors: &mut Survivors, n: usize, (count, most): 
         };
         let (d2, place) = (f32x16::load_array_ref(simd, distances2), u32x16::load_array_ref(simd, places));
         let near = d2.simd_le(bound);
-        // At most as many are left as have been read.
+        // The write position never passes the read position.
         compress(d2, near, &mut survivors.distances2, left);
         compress(place, near, &mut survivors.places, left);
         left += near.to_bitmask().count_ones() as usize;

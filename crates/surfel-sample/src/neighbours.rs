@@ -1,4 +1,4 @@
-//! Table of the nearest neighbours of all points.
+//! Table with the nearest neighbours of every point.
 
 use crate::SampleError;
 use crate::nearest::Search;
@@ -7,10 +7,10 @@ use crate::progress::Progress;
 use crate::sorted::SortedPoints;
 use glam::DVec3;
 
-/// Number of points in a task.
+/// Number of points per task.
 const CHUNK: usize = 4096;
 
-/// Distinct points, addressed by slots, and their neighbours.
+/// Distinct points and their nearest neighbours, addressed by slot (the place in sorted order).
 #[derive(Debug)]
 pub(crate) struct Neighbours {
     pub(crate) points: SortedPoints,
@@ -44,12 +44,12 @@ impl Neighbours {
         Ok(Self { points, degree, table, slot_of })
     }
 
-    /// Number of distinct points.
+    /// Returns the number of distinct points.
     pub(crate) fn len(&self) -> usize {
         self.points.len()
     }
 
-    /// Returns the position of a slot's point, in steps from the centre of all points.
+    /// Returns the position of a slot's point, in grid steps from the centre of all points.
     pub(crate) fn point(&self, slot: usize) -> DVec3 {
         self.points.point(slot)
     }

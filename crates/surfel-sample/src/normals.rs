@@ -9,34 +9,36 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
 use glam::{DVec3, Vec3};
 
-/// Ratio of the middle to the largest variance below which neighbours count as collinear (all on one scan line, say)
-/// and more of them are searched. A 16-neighbourhood that touches the adjacent scan lines is above 0.05.
+/// Ratio of the middle to the largest variance of a neighbourhood below which its points count as collinear, such as a
+/// single scan line. A wider search then follows. A neighbourhood of 16 that touches the adjacent scan lines is above
+/// 0.05.
 pub(crate) const COLLINEAR: f64 = 0.02;
 
-/// Number of neighbours in a second search, if the first ones don't surround a point. A circle of 48 reaches the
+/// Number of neighbours in the second search, if the first ones are collinear. A circle of 48 points reaches the
 /// adjacent scan line up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
 
-/// Number of neighbours in a last search, if the second finds a line too. A circle of 128 reaches the adjacent scan
-/// line up to a spacing ratio of 1:50.
+/// Number of neighbours in the last search, if those of the second are collinear too. A circle of 128 points reaches
+/// the adjacent scan line up to a spacing ratio of 1:50.
 pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
-/// Ratio of the smallest to the middle variance up to which neighbours form a plane that decides how a disk is
-/// oriented. The first value is for neighbours on the point's side. The stricter second is for all neighbours, used if
-/// few are on its side: the point may be in a corner.
+/// Largest ratio of the smallest to the middle variance at which neighbours form a plane that may override a stored
+/// normal. The first value is for neighbours on the point's side of the surface. The stricter second one is for all
+/// neighbours, used if few are on that side: the point may be in a corner.
 const PLANAR: [f64; 2] = [0.1, 0.01];
-/// Cosine of the angle between a stored normal and the normal of the neighbours' plane (20°) from which both agree.
+/// Smallest cosine (20°) between a stored normal and the normal of the neighbours' plane at which the two agree.
 const FITS: f64 = 0.94;
-/// Cosine between a neighbour's stored normal and a point's own from which both are on the same side.
+/// Smallest cosine between the stored normals of a neighbour and a point at which both are on the same side of the
+/// surface.
 const SAME_SIDE: f32 = 0.5;
-/// Maximum mean squared sine at which stored normals fit a curved surface. The angle is between the line to a
-/// neighbour and the plane perpendicular to the mean of both stored normals. Spheres and cylinders measure 0; the limit
-/// is that of a common tilt of 14°.
+/// Largest mean squared sine at which stored normals fit a curved surface. The angle is between the line to a neighbour
+/// and the plane perpendicular to the mean of both stored normals. Spheres and cylinders measure 0; a common tilt of
+/// 14° measures the limit.
 const CURVED: f32 = 0.03;
-/// Smallest number of neighbours on a side that determine its plane.
+/// Smallest number of neighbours on the point's side that determine the plane.
 const FEWEST: usize = 6;
 
-/// Estimates a unit normal of arbitrary sign from the nearest neighbours `near` of a point. `farthest2` is the squared
-/// distance of the farthest one, in squared steps.
+/// Estimates the unit normal of a point, with arbitrary sign, from its nearest neighbours `near`. `farthest2` is the
+/// distance of the farthest one, in squared grid steps.
 pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
     let is_line = |values: [f64; 3]| values[1] <= COLLINEAR * values[2];
     let (values, normal) = smallest3(covariance(points, slot, near));
@@ -53,12 +55,12 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
     smallest3(covariance(points, slot, widest)).1
 }
 
-/// Returns the unit normal of the disk of a point with a stored normal: the stored normal if it fits the layout of the
-/// neighbours, else the normal of the neighbours' plane on the same side. Neighbours whose stored normals disagree are
-/// ignored, because they are beyond a crease or on the back of a thin sheet.
+/// Returns the unit normal of the disk of a point with a stored normal. The stored normal is used if it fits the
+/// arrangement of the neighbours, else the normal of the neighbours' plane on the same side. Neighbours whose stored
+/// normals disagree are ignored, because they are beyond a crease or on the back of a thin surface.
 ///
 /// On a curved surface, the neighbours to one side of a point form another plane than the point's own. Stored normals
-/// reveal curvature: on a circle, the line between two points is at right angles to the mean of their normals.
+/// reveal such curvature: on a circle, the line between two points is perpendicular to the mean of their normals.
 pub(crate) fn laid(
     points: &SortedPoints,
     slot: usize,
@@ -92,8 +94,8 @@ pub(crate) fn laid(
     (if cosine < 0.0 { -normal } else { normal }).as_vec3()
 }
 
-/// Returns the normal of a disk on a line of points: across the line, and toward the outside as far as possible. `None`
-/// if the neighbours of the last search aren't collinear, because a plane through them is a better estimate.
+/// Returns the normal of a disk on a line of points: perpendicular to the line, and toward the outside as far as
+/// possible. `None` if the neighbours aren't collinear, because a plane through them is a better estimate.
 pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
     let (values, vectors) = symmetric3(covariance(points, slot, near));
     let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;
@@ -106,7 +108,8 @@ pub(crate) fn wider(farthest2: f32, count: usize) -> f32 {
     1.3 * farthest2 * (WIDE as f32 / count.max(1) as f32)
 }
 
-/// Returns the covariance of a point and `neighbours` about their mean, times their number, in squared steps.
+/// Returns the covariance of a point and `neighbours` about their mean, times the number of points, in squared grid
+/// steps.
 pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32]) -> Symmetric3 {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) =
         dispatch!(Level::new(), simd => sums_by(simd, points, slot, neighbours));
@@ -121,21 +124,21 @@ pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32])
     ]
 }
 
-/// Returns the vector between two points, in steps.
+/// Returns the vector from point `a` to point `b`, in grid steps.
 #[inline]
 pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
     let (p, q) = (points.at(a), points.at(b));
     Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
-/// Sums the offsets of `neighbours` from a point, and their products xx xy xz yy yz zz.
+/// Sums the offsets of `neighbours` from a point, and the offsets' products xx xy xz yy yz zz.
 #[inline(always)]
 fn sums_by<S: Simd>(simd: S, points: &SortedPoints, slot: usize, neighbours: &[u32]) -> ([f64; 3], [f64; 6]) {
     let p = points.at(slot);
     let zero = f32x16::splat(simd, 0.0);
     let (mut first, mut second) = ([zero; 3], [zero; 6]);
     for part in neighbours.chunks(LANES) {
-        // Offsets from the point are exact, so nothing cancels far from the origin; zeros add nothing.
+        // Offsets from the point are exact, so no precision is lost far from the origin. Unused lanes are zero.
         let mut d = [[0.0_f32; LANES]; 3];
         for (i, j) in part.iter().enumerate() {
             let q = points.at(*j as usize);

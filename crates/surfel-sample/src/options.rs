@@ -10,19 +10,19 @@ pub struct PointOptions {
     pub radius_scale: f64,
     /// Number of neighbours for normals and spacing; 6 to 64, default 16.
     pub neighbours: usize,
-    /// Position that estimated normals point to, in world coordinates. `None` uses the scanner's position if the points
-    /// store one; otherwise normals point outward, as far as the points allow to detect it.
+    /// Position that estimated normals face, in world coordinates. `None` uses the scanner's position if the file
+    /// states one; otherwise normals face outward, as far as the points allow to detect it.
     pub viewpoint: Option<DVec3>,
-    /// Largest number of points in one place that become splats, at least 1; default all. More splats in one place look
-    /// the same, and they slow rendering down.
+    /// Largest number of coincident points that become splats, at least 1; default all. Further splats in the same
+    /// place look the same and slow rendering down.
     pub coincident: usize,
     /// True to make elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
-    /// True to make the splats of foliage level (normal +z), for points without stored normals: seen from above, level
+    /// True to make the splats of foliage level (normal +z), for points without stored normals. Seen from above, level
     /// splats leave no gaps. Default false.
     pub level_where_scattered: bool,
-    /// True to orient disks by stored normals even if these don't fit the layout of the neighbours. The normals of a
-    /// mesh's faces, for example, are those of its surface. Default false.
+    /// True to orient disks by stored normals even if these don't fit the arrangement of the neighbours. Suitable for
+    /// normals that come from the faces of a mesh. Default false.
     pub lays_by_normals: bool,
     /// True to estimate the cloud's interior weight, which takes about a sixth of the time; default true.
     pub interior_weight: bool,
@@ -67,24 +67,23 @@ pub struct PointReport {
     pub normals_estimated: usize,
     /// Number of splats whose radius is stored in the file.
     pub radii_given: usize,
-    /// Median of the stored radii, relative to the cloud's spacing, if they are too large for splats. Such radii become
-    /// an extra column of the splats.
+    /// Median of the stored radii, relative to the cloud's spacing, if the radii are too large for splats. Radii are
+    /// then estimated, and the stored ones become an extra column.
     pub radii_too_large: Option<f64>,
     /// Number of points that coincide with an earlier one.
     pub duplicates: usize,
-    /// Number of coincident points that were dropped because of [`PointOptions::coincident`]. Points coincide if they
-    /// are within 2⁻³⁰ of the extent.
+    /// Number of coincident points dropped because of [`PointOptions::coincident`]. Points coincide if their distance
+    /// is below 2⁻³⁰ of half the cloud's extent.
     pub left_out: usize,
     /// Number of points of each class, in the order of [`PointClass::ALL`].
     pub classes: [usize; PointClass::ALL.len()],
-    /// Number of points of [`PointClass::Isolated`]: far from their neighbours, or too sparse and uneven for a surface.
-    /// Their radii are no larger than the cloud's typical one.
+    /// Number of points of class [`PointClass::Isolated`]: far from their neighbours, or too sparse and uneven for a
+    /// surface. Their radii are no larger than the cloud's typical radius.
     pub isolated: usize,
-    /// Number of points whose stored normal doesn't fit the layout of the points around; such a normal is for shading
-    /// only.
+    /// Number of points whose stored normal doesn't fit the arrangement of the points around. Such a normal is used for
+    /// shading only.
     pub normals_off: usize,
-    /// Indices, ascending, of the splats made level because their points are foliage; empty unless the options request
-    /// it.
+    /// Indices, ascending, of the splats made level because of [`PointOptions::level_where_scattered`].
     pub level: Vec<u32>,
     /// Number of splats that are ellipses with an axis ratio above 1.5; 0 if the cloud consists of disks.
     pub ellipses: usize,

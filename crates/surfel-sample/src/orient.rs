@@ -1,12 +1,12 @@
 //! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. An edge connects a point to one
-//! of its nearest neighbours. The strongest edges within a block join its points to patches. The few patches then get
-//! consistent signs by the votes of all edges between them.
+//! of its nearest neighbours. Within a block of points, the strongest edges join points to patches with consistent
+//! signs. The votes of all edges between patches then decide the signs of the few patches.
 //!
-//! The relation of two normals is measured after one of them is mirrored to the other's place, across the plane between
-//! the two points. The source is König and Gumhold 2009, "Consistent propagation of normal orientations in point
-//! clouds". The mirrored normal is right around creases too. An edge counts less the more it leaves the tangent planes,
-//! because it may lead to another sheet. Union-finds store the sign of each element relative to its root: no tree is
-//! ever built or walked.
+//! An edge's *relation* says whether two normals are on the same side of the surface. For this, one normal is mirrored
+//! across the plane halfway between the two points, and compared with the other. The source is König and Gumhold 2009,
+//! "Consistent propagation of normal orientations in point clouds". The mirrored normal is right around creases too.
+//! The steeper an edge is to the tangent planes, the less it counts, because it may lead to another surface.
+//! Union-finds store the sign of each element relative to its root, so that no tree is built or traversed.
 
 use crate::class::ROUGH;
 use crate::median::spread;
@@ -19,22 +19,22 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Number of points in a task and its patches.
+/// Number of points per task; patches don't extend beyond a task's points.
 const BLOCK: usize = RUN;
-/// Absolute relation of an edge from which its two points are joined at once, in any order. With noise as large as one
+/// Absolute relation of an edge above which its two points are joined at once, in any order. With noise as large as one
 /// spacing, 0.75 turns 2 to 9 % of a torus's points the wrong way, and 0.95 turns 2 to 3.5 %.
 const STRONG: f32 = 0.95;
-/// Absolute mean relation of the edges between two patches below which they are joined only if one of them is small.
+/// Absolute mean relation of the edges between two patches below which the patches are joined only if one is small.
 const WEAK: f32 = 0.25;
 /// Number of points below which a patch is small.
 const SMALL: u32 = 16;
-/// Ratio of distances that marks a stray: the distance to a point over that of the point's own farthest neighbour.
-/// Edges to such points are ignored at first.
+/// Ratio that marks a stray point: the distance to a neighbour over the neighbour's own farthest distance. Edges with a
+/// larger ratio are ignored at first.
 const ALONE: f32 = 3.0;
-/// Number of nearest neighbours searched for strong edges, and used for the coherence of normals.
+/// Number of nearest neighbours tested for strong edges, and compared for the coherence of normals.
 pub(crate) const NEAREST: usize = 8;
 
-/// Normal of a point's disk, and the distance of the point's neighbours.
+/// Normal of a point's disk, and the distance of the point's farthest neighbour.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Oriented {
     /// Unit normal.
@@ -44,16 +44,16 @@ pub(crate) struct Oriented {
 }
 
 impl Oriented {
-    /// Returns a point with this normal and unknown neighbours.
+    /// Creates an entry with this normal and unknown neighbours.
     pub(crate) fn alone(normal: Vec3) -> Self {
         Self { normal, ..Self::default() }
     }
 }
 
-/// Side that estimated normals point to.
+/// Rule that gives the side to which estimated normals point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outside {
-    /// Toward this position, in steps.
+    /// Toward this position, in grid steps from the centre of all points.
     Toward(DVec3),
     /// Away from the volume that the points enclose; up if there is none.
     Outward {
@@ -65,7 +65,7 @@ pub(crate) enum Outside {
 }
 
 impl Outside {
-    /// Returns the unit direction toward the outside at a position (in steps) that is in no surface.
+    /// Returns the unit direction toward the outside for a point in no surface; `place` is in grid steps.
     pub(crate) fn at(self, place: DVec3) -> DVec3 {
         match self {
             Self::Toward(viewpoint) => (viewpoint - place).normalize_or(DVec3::Z),
@@ -77,11 +77,11 @@ impl Outside {
 /// Computes a unit normal for each slot: the normal in `given` if it isn't zero, else one estimated from the `degree`
 /// nearest neighbours.
 ///
-/// A given normal is preserved if it fits the layout of the neighbours. The majority of the given normals decides the
-/// sign of all points connected with them.
+/// A given normal is preserved if it fits the arrangement of the neighbours. The majority of the given normals decides
+/// the sign of all points connected with them.
 ///
-/// With `level_where_scattered`, estimated normals of points whose neighbours form no plane point up. The second result
-/// is true for the slots of such points, or empty if there are none.
+/// With `level_where_scattered`, estimated normals point up (+z) if the neighbours form no plane. The second result
+/// flags the slots of such points, or is empty if there are none.
 pub(crate) fn normals(
     points: &SortedPoints,
     degree: usize,
@@ -147,14 +147,15 @@ pub(crate) fn normals(
     (all, level)
 }
 
-/// Output of one task.
+/// Input and output of one task: its points' normals, and their patches.
 struct Block<'a> {
     oriented: &'a mut [Oriented],
     labels: &'a mut [u16],
     patches: Patches,
 }
 
-/// Returns the relation of the normals at two points: 1 for the same side, −1 for opposite sides, near 0 if unclear.
+/// Returns the relation of the normals at two points: 1 for the same side of the surface, −1 for opposite sides, near 0
+/// if unclear.
 #[inline]
 fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3)) -> f32 {
     let d = offset(points, a, b);
@@ -173,9 +174,9 @@ fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) 
     near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
 }
 
-/// Returns the coherence of the normals around a point: the mean cosine between its normal and those of `near`,
-/// mirrored to its place. A smooth surface measures 1, however thin a limb it is; normals that point anywhere measure
-/// about 0.
+/// Returns the coherence of the normals around a point. It is the mean cosine between the point's normal and the
+/// normals of `near`, each mirrored to the point's place. A smooth surface measures 1, also around a thin limb; random
+/// normals measure about 0.
 pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usize, near: &[u32]) -> f32 {
     let n = oriented[slot].normal;
     let mirrored = |j: &u32| {
@@ -185,13 +186,13 @@ pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usiz
     near.iter().map(mirrored).sum::<f32>() / near.len() as f32
 }
 
-/// True if all neighbours of point `b` are far nearer to it than `a`, which may then be a stray.
+/// True if all neighbours of point `b` are far nearer to `b` than `a` is; `a` may then be a stray point.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
     offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
 }
 
-/// Union-find that stores the sign of each element relative to its root.
+/// Union-find in which each element has a sign relative to the root of its set.
 struct SignedSets {
     parent: Vec<u32>,
     flipped: Vec<bool>,
@@ -206,7 +207,7 @@ impl SignedSets {
         Self { parent: (0..count as u32).collect(), flipped: vec![false; count], sizes, count }
     }
 
-    /// Returns the root of `i`, and true if `i` is flipped against it. Halves the path on the way.
+    /// Returns the root of `i`, and true if `i` is flipped relative to the root. Halves the path on the way.
     fn find(&mut self, i: u32) -> (u32, bool) {
         let (mut at, mut flip) = (i as usize, false);
         loop {
@@ -237,7 +238,7 @@ impl SignedSets {
     }
 }
 
-/// Sum of the relations of all edges between two patches.
+/// Sum of the relations of all edges between two patches; the sign decides their relative orientation.
 #[derive(Clone, Copy, Debug)]
 struct Vote {
     patches: [u32; 2],
@@ -252,7 +253,7 @@ impl Vote {
         Self { patches: [a.min(b), a.max(b)], sum: if flip { -relation } else { relation }, count: 1.0 }
     }
 
-    /// Returns the same vote between the sets that contain the patches.
+    /// Converts a vote between two patches to a vote between the sets that contain the patches.
     fn between(self, sets: &mut SignedSets) -> Self {
         let ((a, fa), (b, fb)) = (sets.find(self.patches[0]), sets.find(self.patches[1]));
         Self { count: self.count, ..Self::new(a, b, self.sum, fa ^ fb) }
@@ -271,14 +272,14 @@ fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
         }
         is_same
     });
-    // One vote per pair remains of one vote per edge.
+    // The list shrinks from one vote per edge to one per pair.
     votes.shrink_to_fit();
     votes
 }
 
-/// Joins sets in rounds. In each round, every set is joined along its clearest vote (the largest absolute sum) for
-/// which `counts` returns true. Then the votes between the new sets are summed. Returns the votes between the remaining
-/// sets.
+/// Joins sets in rounds until no vote counts. In each round, every set is joined along its clearest vote (the largest
+/// absolute sum) for which `counts` returns true. The votes between the new sets are then summed. Returns the votes
+/// between the remaining sets.
 fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &SignedSets) -> bool) -> Vec<Vote> {
     let mut clearest = vec![None; sets.parent.len()];
     loop {
@@ -305,7 +306,7 @@ fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &
     }
 }
 
-/// Patches of a block. Data per point or per edge is stored in columns shared by all blocks, because many small
+/// Patches of a block of points. Data per point or per edge is in columns shared by all blocks, because many small
 /// allocations would not be returned to the system when freed.
 #[derive(Clone, Debug, Default)]
 struct Patches {
@@ -313,15 +314,15 @@ struct Patches {
     sizes: Vec<u32>,
     /// Votes between patches of the block.
     votes: Vec<Vote>,
-    /// Range of this block's edges to other blocks, in the list of such edges of all blocks.
+    /// Range of this block's edges in the shared list of edges between blocks.
     edges: Range<usize>,
 }
 
-/// Bit of a point's label that is set if the point's normal is flipped against its patch.
+/// Bit of a point's label that is set if the point's normal is flipped relative to the patch.
 const FLIPPED: u16 = 1 << 15;
 
 impl Patches {
-    /// Finds the patches of a block, writes each point's patch to `labels`, and appends the edges to other blocks to
+    /// Finds the patches of a block, and writes each point's patch to `labels`. Edges to other blocks are appended to
     /// `all_edges`.
     fn new(
         points: &SortedPoints,
@@ -400,7 +401,7 @@ struct Atlas {
 }
 
 impl Atlas {
-    /// Returns the patch of a slot, and true if the slot's normal is flipped against the patch.
+    /// Returns the patch of a slot, and true if the slot's normal is flipped relative to the patch.
     fn of(&self, slot: usize) -> (u32, bool) {
         let label = self.labels[slot];
         (self.first[slot / BLOCK] + u32::from(label & !FLIPPED), label & FLIPPED != 0)
@@ -442,7 +443,7 @@ fn orient(
     if sets.count > 1 {
         bridge(points, all, &atlas, &mut sets);
     }
-    // The root of each patch, and true if the patch's normals must be flipped against it.
+    // The root of each patch, and true if the patch is flipped relative to the root.
     let roots: Vec<(u32, bool)> = (0..sets.parent.len() as u32).map(|p| sets.find(p)).collect();
     let signs = signs(points, all, given, &atlas, &roots, up);
     for_chunks(all, BLOCK, &|from, chunk| {
@@ -456,7 +457,7 @@ fn orient(
     });
 }
 
-/// Joins sets that no edge joins (distant scan lines, strays) by a search for more neighbours.
+/// Joins sets without edges between them (distant scan lines, stray points) by a search for more neighbours.
 fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..sets.parent.len() as u32).map(|p| sets.find(p).0).collect();
     // The other sets find the largest one: searches from its points would cost far more.
@@ -479,7 +480,7 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut Sig
     join_by(votes.concat(), sets, |_, _| true);
 }
 
-/// Returns the directions in which a set's extreme points vote: toward the faces and corners of a cube.
+/// Returns the 14 directions in which a set's extreme points vote: toward the faces and corners of a cube.
 fn directions() -> [DVec3; 14] {
     let mut all = [DVec3::ZERO; 14];
     for (i, d) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
@@ -492,17 +493,17 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// Number of votes below which a set counts as an open sheet. A valley whose sides rise by 10° gets about as many votes
-/// from below.
+/// Number of outward votes below which a set counts as an open surface. A valley whose sides rise by 10° gets about as
+/// many votes from below.
 const SHEET: f64 = 2.0;
 
-/// Evidence for the sign of a patch, or of a set of patches.
+/// Evidence for the sign of a patch, or of a set of patches: given normals, upward parts, and extreme points.
 #[derive(Clone)]
 struct Evidence {
     given: i64,
     up: f64,
     count: f64,
-    /// Extreme point in each direction, strays excluded: its coordinate along the direction, and its slot.
+    /// Extreme point in each direction, without stray points: the coordinate along the direction, and the slot.
     extremes: [(f64, u32); 14],
 }
 
@@ -512,7 +513,8 @@ impl Default for Evidence {
     }
 }
 
-/// Returns, for each root, true if its set must be flipped. `up` is the up axis, and true if it is certain.
+/// Returns a flag per root, true if its set must be flipped. The last argument is the up axis, and true if it is
+/// certain.
 fn signs(
     points: &SortedPoints,
     all: &[Oriented],
@@ -522,7 +524,7 @@ fn signs(
     (up, is_certain): (DVec3, bool),
 ) -> Vec<bool> {
     let directions = directions();
-    // Strays are outermost, and give no information about a surface.
+    // Stray points are outermost, but don't describe the surface.
     let farthest = |slot: usize| all[slot].farthest2.sqrt();
     let most = spread(all.len(), farthest).map_or(f64::INFINITY, |spread| spread.most(2.0));
     let found = map_tasks(atlas.blocks.len(), |i| {
@@ -578,11 +580,11 @@ fn signs(
         if e.given != 0 {
             return e.given < 0;
         }
-        // A closed surface gets close to 14 votes. A sheet gets about none, because its extreme points look the same
-        // from both sides; so does a shallow valley seen from below. The up axis then decides. If that is undecided too
-        // (a wall), the outward votes decide, however few.
-        // If the up axis is certain, a valley of any depth is ground: all its normals have upward parts, while those of
-        // an object add up to little.
+        // A watertight surface gets close to 14 votes. An open sheet gets about none, because its extreme points are
+        // the same from both sides, and so does a shallow valley seen from below. The up axis then decides. If the up
+        // axis is undecided too (a wall), the outward votes decide, however few. If the up axis is certain, a valley of
+        // any depth is ground: all its normals have upward parts, while the upward parts of an object's normals nearly
+        // cancel.
         let outward = outward(e);
         let level = e.up.abs() / e.count;
         let is_ground = is_certain && level > outward.abs() / directions.len() as f64;

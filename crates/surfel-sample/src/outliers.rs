@@ -1,13 +1,12 @@
 //! Detection of a cloud's outliers.
 //!
-//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) removes points. The mean distance of
-//! such a point to its nearest neighbours is above mean + n·σ of all points. A far stray makes σ arbitrarily large, and
-//! a clean cloud loses 2 to 5 % of its points. Here the centre is therefore the median, and the spread is the median
-//! absolute deviation, both of logarithms, which measure ratios of density. 3.5 such deviations are Iglewicz and
-//! Hoaglin's limit (1993).
+//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) compares each point's mean distance to
+//! its nearest neighbours with mean + n·σ over all points. A far stray point makes σ arbitrarily large, and a clean
+//! cloud loses 2 to 5 % of its points. This module therefore uses the median and the median absolute deviation, both of
+//! logarithms, which measure ratios of density. A limit of 3.5 such deviations is that of Iglewicz and Hoaglin (1993).
 //!
-//! A second rule compares each point with its own neighbours (like local outlier factors, Breunig et al. 2000). It
-//! finds strays near dense parts if the density varies too much for a global limit.
+//! A second rule compares each point with its own neighbours (like local outlier factors, Breunig et al. 2000). The
+//! rule finds stray points near dense parts if the density varies too much for a global limit.
 //!
 //! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
 
@@ -22,24 +21,25 @@ use surfel_model::PointCloud;
 
 /// Number of neighbours for a point's mean distance, as in PDAL's `filters.outlier`.
 const NEIGHBOURS: usize = 8;
-/// Number of distinct points below which rules 1 and 2 find no outliers.
+/// Number of distinct points below which rules 1 and 2 of [`outliers`] find no outliers.
 const LEAST_POINTS: usize = 2 * NEIGHBOURS;
-/// Distance from the centre, in medians of this distance, beyond which a point is always an outlier. A grid that
-/// contains such a point has no cells for the others.
+/// Distance from the cloud's centre beyond which a point is always an outlier, in units of the median distance. A grid
+/// that contained such a point would have all other points in one cell.
 const FARTHEST: f64 = 1e4;
-/// Number of points from which the centre and the median distance are computed.
+/// Number of points in the sample from which the centre and the median distance are computed.
 const SAMPLE: usize = 1 << 20;
 
-/// Returns, for each point, true if it is an outlier; never all of them.
+/// Finds the outliers of a point cloud: returns a flag per point, true for an outlier. Some points always remain.
 ///
-/// Let d be a point's mean distance to its 8 nearest others (coincident points count as one). The point is an outlier
-/// if
+/// Let d be a point's mean distance to its 8 nearest neighbours (coincident points count as one). The point is an
+/// outlier if any of three rules applies:
 /// 1. d is more than 8 times the cloud's median d, and ln d is more than 3.5 standard deviations above the median
-///    (estimated from the median absolute deviation); or
-/// 2. d is more than 8 times the d of more than half of these 8 points; or
-/// 3. the point is 10,000 times as far from the centre of all points as half of them are.
+///    (estimated from the median absolute deviation);
+/// 2. d is more than 8 times the d of more than half of these 8 neighbours;
+/// 3. the point is more than 10,000 times as far from the cloud's centre as half of all points are.
 ///
-/// Nine strays in one place are not found. In clouds of fewer than 16 distinct points, rules 1 and 2 find no outliers.
+/// Groups of nine or more stray points in one place are not found. In clouds of fewer than 16 distinct points, rules 1
+/// and 2 find no outliers.
 ///
 /// Sources: rule 1 is statistical outlier removal (Rusu et al. 2008, §3.1.1) with median and median absolute deviation
 /// in place of mean and σ; rule 2 follows local outlier factors (Breunig et al. 2000); rule 3 is our own.
@@ -73,7 +73,7 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     Ok(found)
 }
 
-/// Returns, for each point, true if it is far from all others by the third rule.
+/// Applies the third rule of [`outliers`]: returns a flag per point, true if the point is far from the cloud's centre.
 fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     let taken = count.min(SAMPLE);
     let sample: Vec<DVec3> =
@@ -88,7 +88,7 @@ fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     map_each(count, &NoProgress, || (), |(), i| is_far(i))
 }
 
-/// Returns the mean distance to the nearest neighbours, in steps, one per slot.
+/// Returns the mean distance of each slot's point to its nearest neighbours, in grid steps.
 fn distances(points: &SortedPoints) -> Vec<f32> {
     let mean = |search: &mut Search<'_>, slot: usize| {
         let (near, _) = search.nearest(slot, NEIGHBOURS, 0.0);

@@ -11,7 +11,8 @@ use std::sync::{Mutex, PoisonError};
 /// state.
 const CHUNK: usize = 512;
 
-/// Returns `work` of each index in 0..count, computed in parallel with one `state` per chunk. Reports finished steps.
+/// Returns `work(state, i)` for each index i in 0..count, computed in parallel. Each chunk of indices creates its own
+/// `state` and reports its steps when it ends.
 pub(crate) fn map_each<T: Clone + Default + Send, S>(
     count: usize,
     progress: &dyn Progress,
@@ -29,7 +30,7 @@ pub(crate) fn map_each<T: Clone + Default + Send, S>(
     results
 }
 
-/// Returns `work` of each index in 0..count, computed in parallel with one task per index.
+/// Returns `work(i)` for each index i in 0..count, computed in parallel with one task per index.
 pub(crate) fn map_tasks<T: Clone + Default + Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut results = vec![T::default(); count];
     for_chunks(&mut results, 1, &|i, result| result[0] = work(i));

@@ -14,25 +14,24 @@ use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
-/// Radius for a cloud without spacing (one point, or all points in one place), in object units.
+/// Radius of splats in a cloud without spacing (one point, or all points in one place), in object units.
 const LONE_RADIUS: f64 = 1.0;
 
-/// Comment that marks a cloud as made of points, so that its up axis is detected as for points.
+/// Comment of a cloud that was made of points. Detection of the up axis uses the comment.
 pub const OF_POINTS: &str = "made of points";
 
-/// Maximum median of a file's radii, in units of the cloud's typical spacing. Radii with a larger median aren't used as
-/// splat radii.
+/// Largest median of a file's radii, in units of the cloud's typical spacing, at which the radii are used for splats.
 pub const MOST_SPACINGS: f64 = 5.0;
 
-/// Makes a splat of each point.
+/// Converts a point cloud to splats, one per point, except for coincident points that the options drop.
 ///
-/// A stored normal (finite, not zero) becomes the disk's normal if it fits the layout of the neighbouring points.
+/// A stored normal (finite, not zero) becomes the disk's normal if it fits the arrangement of the neighbouring points.
 /// Otherwise the disk gets the normal of the neighbours' plane, on the stored normal's side, and the stored normal
-/// becomes the shading normal. Points without normals get estimated ones, oriented by [`PointOptions::viewpoint`].
+/// becomes the shading normal. Points without normals get estimated normals, oriented by [`PointOptions::viewpoint`].
 ///
-/// Stored radii are used unless their median exceeds [`MOST_SPACINGS`]. Other radii come from the local spacing and the
-/// class of the point ([`PointClass`]), so that surfaces have no holes and all other points stay small. Where the
-/// sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
+/// Stored radii are used unless their median exceeds [`MOST_SPACINGS`]. All other radii are estimated from the local
+/// spacing and the class of the point ([`PointClass`]), so that surfaces have no holes and other points stay small. If
+/// the sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
 ///
 /// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is
 /// estimated.
@@ -41,8 +40,8 @@ pub const MOST_SPACINGS: f64 = 5.0;
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
-/// Sources: normals by principal component analysis (Hoppe et al. 1992, §3.2); signs by votes between neighbours, whose
-/// relation is that of König and Gumhold 2009; radii and classes are our own.
+/// Sources: normals by principal component analysis (Hoppe et al. 1992, §3.2); signs by votes between neighbours, which
+/// are compared as in König and Gumhold 2009; radii and classes are our own.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without points, [`SampleError::NotFinite`] if [`PointCloud::drop_non_finite`] was not called,
@@ -154,14 +153,15 @@ impl GivenNormals<'_> {
     }
 }
 
-/// Radii stored in a file, if they are usable as radii of splats.
+/// Radii stored in a file, if they are usable as splat radii.
 struct GivenRadii<'a> {
     radii: &'a [f32],
     scale: f64,
 }
 
 impl<'a> GivenRadii<'a> {
-    /// Returns the radii of points with this spacing; `None` if no radius is valid, or if they are too large.
+    /// Checks the stored radii of a cloud with this spacing. `None` if no radius is valid, or if the radii are too
+    /// large.
     fn new(radii: &'a [f32], spacing: f64, options: &PointOptions, report: &mut PointReport) -> Option<Self> {
         let is_radius = |r: f32| r > 0.0 && r.is_finite();
         let value = |i: usize| if is_radius(radii[i]) { radii[i] } else { 0.0 };
@@ -173,21 +173,21 @@ impl<'a> GivenRadii<'a> {
         Some(Self { radii, scale: options.radius_scale })
     }
 
-    /// Returns the scaled radius of a point, if it has one.
+    /// Returns the scaled radius of a point; `None` if the point has no valid radius.
     fn get(&self, i: usize) -> Option<f32> {
         let radius = self.radii.get(i).copied().filter(|r| *r > 0.0 && r.is_finite())?;
         Some(assemble::radius32(f64::from(radius) * self.scale))
     }
 }
 
-/// Normals of disks, one per slot.
+/// Normals of the splats' disks, one per slot.
 struct Layout {
     oriented: Vec<Oriented>,
-    /// Flag per slot, true if the neighbours form no plane, so that the estimated normal points up; empty if there are
-    /// no such slots.
+    /// Flag per slot, true if the neighbours form no plane and the estimated normal therefore points up. Empty if there
+    /// are no such slots.
     is_level: Vec<bool>,
-    /// Flag per slot, true if a stored normal doesn't fit the layout of the neighbours; empty if all stored normals
-    /// fit.
+    /// Flag per slot, true if a stored normal doesn't fit the arrangement of the neighbours. Empty if all stored
+    /// normals fit.
     is_off: Vec<bool>,
 }
 
@@ -284,7 +284,7 @@ fn face_outside(
     }
 }
 
-/// All properties of the splats except their sizes.
+/// Results of the conversion from which the splats' columns are built, apart from the sizes.
 struct Made<'a> {
     slot_of: Vec<u32>,
     /// Input index of each splat; `None` if both indices are the same.
@@ -292,7 +292,7 @@ struct Made<'a> {
     layout: Layout,
     given: GivenNormals<'a>,
     given_radii: Option<GivenRadii<'a>>,
-    /// Object units per step, times [`PointOptions::radius_scale`].
+    /// Factor from grid steps to object units, times [`PointOptions::radius_scale`].
     scale: f64,
 }
 
@@ -303,8 +303,8 @@ impl Made<'_> {
         (input, self.slot_of[input] as usize)
     }
 
-    /// Returns the normal of an input point's disk: the stored normal if it fits the layout of its slot, else the
-    /// layout's normal on the same side.
+    /// Returns the normal of an input point's disk. The stored normal is used if it fits the arrangement of its slot,
+    /// else the slot's normal on the same side.
     fn disk_normal(&self, input: usize, slot: usize) -> Vec3 {
         let own = self.layout.oriented[slot].normal;
         // A stored normal may be too short or too long for f32.
@@ -315,12 +315,12 @@ impl Made<'_> {
         }
     }
 
-    /// Returns the stored normal of an input point.
+    /// Returns the stored normal of an input point, if it is usable in f32.
     fn shading_normal(&self, input: usize) -> Option<Vec3> {
         self.given.get(input).map(DVec3::as_vec3).filter(|n| n.is_finite() && *n != Vec3::ZERO)
     }
 
-    /// Returns the shading normals, if some differ from the normals of the disks.
+    /// Returns the shading normals; `None` if all are equal to the normals of the disks.
     fn shading_normals(&self, count: usize) -> Option<Column3> {
         let normal = |i: usize| {
             let (input, slot) = self.place(i);

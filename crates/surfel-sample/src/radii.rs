@@ -1,15 +1,15 @@
 //! Estimation of splat radii from the local spacing of points.
 //!
-//! Two rules apply in a surface, and the larger radius wins. The *density* rule makes the weights of neighbours add up:
-//! the radius is [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the
-//! renderer's kernel exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule leaves no holes where the sampling is
-//! uneven: a splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose
-//! cells are all covered has no holes.
+//! Two rules apply to points in a surface, and the larger radius wins. The *density* rule makes the weights of
+//! neighbours add up. The radius is [`DENSITY`] times the square root of the local area per point, for which Σw is
+//! about 3.7 (the renderer's kernel exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule leaves no holes if the
+//! sampling is uneven. A splat reaches past the farthest corner of its own Voronoi cell in the tangent plane: a plane
+//! whose cells are all covered has no holes.
 //!
-//! The covering rule alone applies if the surface turns within the density radius, because a larger disk would stick
-//! out. Points in no surface have small disks: [`crate::class`] lists the rule of each class. Where cells are stretched
-//! alike over a neighbourhood (scan lines), the splat is an ellipse. The same rules then apply after the affine map
-//! that makes the cells round. Finally, [`crate::largest`] limits all disks.
+//! Only the covering rule applies if the surface turns within the density radius, because a larger disk would stick
+//! out. Points in no surface get small disks: [`crate::class`] lists the rule of each class. If the cells of a
+//! neighbourhood are stretched in the same direction (scan lines), the splat is an ellipse. The same rules then apply
+//! after the affine map that makes the cells round. Finally, [`crate::largest`] limits all splats.
 
 use crate::block::{Block, Scale, tangents};
 pub(crate) use crate::class::{COVER, DENSITY};
@@ -24,33 +24,33 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use std::sync::{Mutex, PoisonError};
 
-/// Thresholds for parts of a surface with too few points, such as a few returns from a spire. A point is sparse if its
-/// spacing is more than `SPARSE` times that of the cloud. A sparse point with fewer than `FEW` sparse points within
-/// `FEW_REACH` times its spacing is isolated, like a stray. In a sparse surface about 80 points are within that
-/// distance, and at its border 40.
+/// Ratio of a point's spacing to the cloud's typical spacing above which the point is sparse.
 const SPARSE: f64 = 2.0;
+/// Smallest number of sparse points around a sparse point in a surface. A point with fewer is isolated, like a few
+/// returns from a spire. In a sparse surface about 80 points are within [`FEW_REACH`], and at its border 40.
 const FEW: usize = 24;
+/// Distance within which sparse points are counted, in units of the point's spacing.
 const FEW_REACH: f64 = 5.0;
-/// Radius, in density radii of the cloud, from which a sparse point is tested for too few points. It is also the
-/// largest radius of samples of a mesh that few others surround.
+/// Radius above which a sparse point is tested for too few neighbours, in units of the cloud's density radius. Samples
+/// of a mesh on a line have at most this radius.
 const LARGE: f64 = 2.5;
-/// Smallest fraction of surface points in a cloud whose typical spacing is computed from these points alone.
+/// Fraction of surface points in a cloud above which the typical spacing is computed from these points alone.
 const IN_SURFACES: f64 = 0.1;
 
-/// Smallest fraction of stretched points in a cloud whose splats are ellipses. Random samplings have about 5 %
-/// stretched points by chance.
+/// Fraction of stretched points in a cloud above which splats are ellipses. Random samplings have about 5 % stretched
+/// points by chance.
 const STRETCHED_SHARE: f64 = 0.1;
-/// Number of points per task. A task also measures the points around its block, which their own tasks measure again.
-/// For random points on a surface, these are about a tenth of a block.
+/// Number of points per task. A task also measures the points around its block, which belong to other tasks. For random
+/// points on a surface, these are about a tenth of a block.
 const BLOCK: usize = 2 * RUN;
 
-/// Sizes and classes, one per slot; lengths are in steps of [`SortedPoints`].
+/// Sizes of all splats and the evidence for the classes of their points. Lengths are in grid steps of [`SortedPoints`].
 #[derive(Debug)]
 pub(crate) struct Sizes {
     all: Vec<Size>,
-    /// One ellipse per slot if the cloud is stretched, else empty.
+    /// One ellipse per slot, or empty if the sampling of the cloud isn't stretched.
     ellipses: Vec<Ellipse>,
-    /// Typical spacing of the cloud.
+    /// Typical spacing of the cloud, in grid steps.
     pub(crate) typical: f64,
     /// Number of splats that are ellipses; 0 if the cloud isn't stretched.
     pub(crate) stretched: usize,
@@ -74,7 +74,7 @@ impl Sizes {
         self.all[slot].evidence
     }
 
-    /// Limits the radius `own` of a slot's disk to what its class allows.
+    /// Returns the radius `own` of a slot's disk, limited to what the class of the point allows.
     fn bounded(&self, slot: usize, own: f32) -> f64 {
         if own <= 0.0 {
             return DENSITY * self.typical;
@@ -150,18 +150,17 @@ impl Sizes {
     }
 }
 
-/// Spacing of the points, in steps: measured, or given beforehand.
+/// Spacing of points in grid steps, either measured or given.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
-    /// The spacing is measured; the value is the fallback for a cloud that has none (a single point).
+    /// The spacing is measured; the value is the fallback for a cloud without spacing (a single point).
     Unknown(f64),
-    /// Average spacing, the same everywhere. The density rule uses it instead of a measurement.
+    /// The spacing is given: the average spacing, the same everywhere, which the density rule uses.
     Known(f64),
 }
 
 /// Measures the size and class of each slot's point from its `degree` nearest neighbours. `oriented` has one entry per
-/// slot. `level` is true for slots whose normals point up because the neighbours form no plane; it is empty if there
-/// are none.
+/// slot. `level` has a flag per slot, true if the normal points up because the neighbours form no plane, or is empty.
 pub(crate) fn sizes(
     points: &SortedPoints,
     (oriented, level): (&[Oriented], &[bool]),
@@ -215,8 +214,8 @@ fn typical(all: &[Size]) -> Option<f64> {
     median_of(all.len(), |i| if counts(&all[i]) { all[i].spacing } else { 0.0 }).map(f64::from)
 }
 
-/// Returns the slots of large splats at sparse points with fewer than [`FEW`] sparse points around them. Within a
-/// sparse part of a surface, each point has more sparse points around it; at the border, about half as many.
+/// Returns the slots of large splats at sparse points with fewer than [`FEW`] sparse points around them. A point inside
+/// a sparse part of a surface has more sparse points around it; a point at the border has about half as many.
 fn few(points: &SortedPoints, sizes: &Sizes) -> Vec<usize> {
     let spacing = |slot: usize| f64::from(sizes.all[slot].spacing);
     let is_sparse = |slot: usize| spacing(slot) > SPARSE * sizes.typical;

@@ -1,36 +1,36 @@
-//! Size of a point: the radius of its disk, or an ellipse.
+//! Size of a point's splat: the radius of its disk, and an ellipse if the points around are stretched.
 
 use crate::class::Evidence;
 
-/// Axis ratio from which sampling counts as anisotropic.
+/// Axis ratio above which sampling counts as anisotropic.
 pub(crate) const STRETCHED: f64 = 1.5;
 
-/// Axis ratio of the longest ellipse.
+/// Largest axis ratio of an ellipse.
 pub(crate) const MOST_STRETCHED: f64 = 48.0;
 
-/// Size of one point as estimated from its neighbourhood, and the evidence for its class.
+/// Size of one point's splat, estimated from the neighbourhood, and the evidence for the point's class.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Size {
-    /// Radius of a disk; 0 if there are no neighbours.
+    /// Radius of the disk in grid steps; 0 if there are no neighbours.
     pub(crate) radius: f32,
-    /// Square root of the area per point.
+    /// Square root of the area per point, in grid steps.
     pub(crate) spacing: f32,
     pub(crate) evidence: Evidence,
 }
 
-/// Ellipse that fits a point better than its disk, in 64 bits; a ratio of 0 means that there is none.
+/// Ellipse of a splat, in 64 bits. A ratio of 0 means that the splat is a disk.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ellipse {
-    /// Square root of the product of the half-axes.
+    /// Square root of the product of the half-axes, in grid steps.
     pub(crate) mean: f32,
-    /// Angle of the long axis in the normal's tangent frame, as a fraction of half a turn.
+    /// Angle of the long axis in the normal's tangent frame, in units of half a turn / [`Self::STEPS`].
     angle: u16,
-    /// Axis ratio (long to short), as a fraction of [`MOST_STRETCHED`].
+    /// Axis ratio (long to short), in units of [`MOST_STRETCHED`] / [`Self::STEPS`].
     pub(crate) ratio: u16,
 }
 
 impl Ellipse {
-    /// Number of steps in half a turn, and in the range of ratios.
+    /// Number of quantisation steps for half a turn, and for the range of axis ratios.
     const STEPS: f64 = 65_535.0;
 
     pub(crate) fn new(mean: f32, angle: f64, ratio: f64) -> Self {
@@ -39,12 +39,12 @@ impl Ellipse {
         Self { mean, angle: (turn * Self::STEPS).round() as u16, ratio }
     }
 
-    /// Returns the angle in radians.
+    /// Returns the angle of the long axis in the tangent frame, in radians.
     pub(crate) fn angle(self) -> f64 {
         f64::from(self.angle) / Self::STEPS * std::f64::consts::PI
     }
 
-    /// Returns the axis ratio; 0 if there is no ellipse.
+    /// Returns the axis ratio (long to short); 0 if there is no ellipse.
     pub(crate) fn ratio(self) -> f64 {
         f64::from(self.ratio) / Self::STEPS * MOST_STRETCHED
     }

@@ -1,4 +1,4 @@
-//! Distinct points along a Morton curve, in fixed point, with a hierarchy of boxes.
+//! Distinct points in Morton order, with fixed-point coordinates and a hierarchy of bounding boxes.
 
 use crate::SampleError;
 use crate::parallel::{for_chunks, map_tasks};
@@ -8,18 +8,18 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Number of points in a leaf: one SIMD step. On 1 M points, 32 are slower by 1/20, and 64 by 1/7.
+/// Number of points per leaf: one SIMD step. On 1 M points, leaves of 32 are slower by 1/20, and leaves of 64 by 1/7.
 pub(crate) const LEAF: usize = 16;
-/// Number of points in a run: a power of two of leaves.
+/// Number of points per run, which is a power of two of leaves.
 pub(crate) const RUN: usize = 256 * LEAF;
-/// Number of boxes in one box of the next level.
+/// Number of child boxes per box of the hierarchy.
 pub(crate) const FAN: usize = 8;
-/// Largest coordinate to either side of the centre: the difference of two coordinates fits an i32.
+/// Largest absolute coordinate, in grid steps from the centre. The difference of two coordinates fits an i32.
 const REACH: f64 = 1_073_741_823.0;
-/// Number of points in a task.
+/// Number of points per task.
 const CHUNK: usize = 1 << 15;
 
-/// Axis-aligned box, corners included.
+/// Axis-aligned box, including its corners, in grid steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     pub(crate) lo: [i32; 3],
@@ -63,7 +63,7 @@ impl Bounds {
     }
 }
 
-/// Boxes below one box of the next level, side by side. Slots after the last box are empty and meet no region.
+/// The [`FAN`] child boxes of one box, as columns. Unused places hold empty boxes, which meet no region.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Boxes {
     lo: [[i32; FAN]; 3],
@@ -98,11 +98,11 @@ impl Boxes {
     }
 }
 
-/// Distinct points in a memory order in which neighbours in space are mostly close together. A point is addressed by
-/// its *slot*, its place in that order: runs of 4096 points along a Morton curve, each run in k-d order.
+/// Distinct points, sorted so that neighbours in space are mostly close together in memory. A point is addressed by its
+/// *slot*, its place in that order: runs of 4096 points along a Morton curve, each run in k-d order.
 ///
-/// Coordinates are whole steps from the centre of all points. A step is 2⁻³⁰ of half their extent. Points closer than a
-/// step coincide, and differences are exact however far from the origin the points are.
+/// Coordinates are whole grid steps from the centre of all points. A step is 2⁻³⁰ of half their extent. Points closer
+/// than a step coincide. Differences of coordinates are exact however far from the origin the points are.
 #[derive(Debug)]
 pub(crate) struct SortedPoints {
     pub(crate) x: Vec<i32>,
@@ -110,13 +110,13 @@ pub(crate) struct SortedPoints {
     pub(crate) z: Vec<i32>,
     /// Input indices ordered by slot; the indices of coincident points are consecutive and ascending.
     order: Vec<u32>,
-    /// Index in `order` of each slot's first input, and the end of the last slot; empty if no points coincide.
+    /// Index in `order` of each slot's first input, and the end of the last slot's inputs; empty if no points coincide.
     starts: Vec<u32>,
-    /// Boxes of leaves, of groups of [`FAN`] leaves, and so on, up to the level that is a single group.
+    /// Bounding boxes of leaves, of groups of [`FAN`] leaves, and so on, up to a level with a single group.
     levels: Vec<Vec<Boxes>>,
     /// Centre of all points, in object coordinates.
     pub(crate) center: DVec3,
-    /// Object units per step.
+    /// Size of a grid step, in object units.
     pub(crate) step: f64,
 }
 
@@ -214,7 +214,7 @@ impl SortedPoints {
         [self.x[slot], self.y[slot], self.z[slot]]
     }
 
-    /// Returns a slot's position, in steps from the centre.
+    /// Returns a slot's position as a vector, in steps from the centre.
     #[inline]
     pub(crate) fn point(&self, slot: usize) -> DVec3 {
         DVec3::new(f64::from(self.x[slot]), f64::from(self.y[slot]), f64::from(self.z[slot]))
@@ -232,20 +232,20 @@ impl SortedPoints {
         slots(&self.order, &self.starts)
     }
 
-    /// Returns the slot of each input point, and frees the points.
+    /// Returns the slot of each input point, and frees all other data.
     pub(crate) fn into_slots(self) -> Vec<u32> {
         let Self { x, y, z, order, starts, levels, .. } = self;
         drop((x, y, z, levels));
         slots(&order, &starts)
     }
 
-    /// Returns the boxes of leaves, of groups of [`FAN`] leaves, and so on. The boxes below box `i` of a level are
-    /// group `i` of the level below.
+    /// Returns the bounding boxes of leaves, of groups of [`FAN`] leaves, and so on. The children of box `i` of a level
+    /// are group `i` of the level below.
     pub(crate) fn levels(&self) -> &[Vec<Boxes>] {
         &self.levels
     }
 
-    /// Returns the box of a leaf.
+    /// Returns the bounding box of a leaf.
     #[inline]
     pub(crate) fn bounds(&self, leaf: usize) -> Bounds {
         self.levels[0][leaf / FAN].get(leaf % FAN)
@@ -295,8 +295,8 @@ fn extent(total: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Result<(
     Ok((fold(DVec3::min, |p| p.0).unwrap_or(DVec3::ZERO), fold(DVec3::max, |p| p.1).unwrap_or(DVec3::ZERO)))
 }
 
-/// Removes all but the first of equal points, and returns where the inputs of each remaining point start; empty if no
-/// points are equal.
+/// Removes all but the first of equal points. Returns the start of each remaining point's inputs; empty if all points
+/// are distinct.
 fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
     let total = x.len();
     let is_first = |i: usize| i == 0 || x[i] != x[i - 1] || y[i] != y[i - 1] || z[i] != z[i - 1];
@@ -315,8 +315,8 @@ fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
     starts
 }
 
-/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions. On a Morton
-/// curve they aren't where the curve jumps. Returns the previous index of each point.
+/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions. Along a Morton
+/// curve alone they aren't, because the curve jumps. Returns the previous index of each point.
 fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
     let mut from = vec![0_u32; x.len()];
     let columns = x.chunks_mut(RUN).zip(y.chunks_mut(RUN)).zip(z.chunks_mut(RUN)).zip(from.chunks_mut(RUN));
@@ -333,8 +333,8 @@ fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
     from
 }
 
-/// Splits the items recursively along the longest side of their box, at a whole number of leaves, down to single
-/// leaves.
+/// Splits the items recursively along the longest side of their bounding box, at a whole number of leaves, down to
+/// single leaves.
 fn split(items: &mut [([i32; 3], u32)]) {
     let leaves = items.len().div_ceil(LEAF);
     if leaves < 2 {
@@ -351,7 +351,7 @@ fn split(items: &mut [([i32; 3], u32)]) {
     split(right);
 }
 
-/// Reorders the inputs of slots, which move from the places `from`.
+/// Moves the inputs of slots: slot `i` gets the inputs that slot `from[i]` had.
 fn reordered(order: Vec<u32>, starts: Vec<u32>, from: &[u32]) -> (Vec<u32>, Vec<u32>) {
     if starts.is_empty() {
         let mut new = vec![0_u32; order.len()];

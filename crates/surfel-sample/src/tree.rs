@@ -1,10 +1,10 @@
-//! A k-d tree over fixed points: exact nearest neighbours and range queries, with deterministic results.
+//! K-d tree over fixed points: exact nearest neighbours and range queries, with deterministic results.
 
 use glam::DVec3;
 
 /// Maximum number of points in a leaf. On 1 M points, 8 to 16 are within 5 % of each other.
 const LEAF: usize = 12;
-/// Number of points below which one thread builds a subtree.
+/// Number of points below which a subtree is built by one thread.
 const PARALLEL: usize = 8192;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -13,15 +13,15 @@ struct Node {
     axis: u8,
 }
 
-/// A point in tree order, with its index in the input.
+/// Point in tree order, with its index in the input.
 #[derive(Clone, Copy, Debug)]
 struct Item {
     point: DVec3,
     index: u32,
 }
 
-/// A balanced k-d tree. Its items are addressed by *slot*, their place in tree order, where neighbours are close
-/// together in memory; [`KdTree::index`] maps a slot to the input.
+/// Balanced k-d tree of points. Its items are addressed by *slot*, their place in tree order, in which neighbours are
+/// close together in memory. [`KdTree::index`] maps a slot to the input.
 #[derive(Debug)]
 pub(crate) struct KdTree {
     items: Vec<Item>,
@@ -52,7 +52,8 @@ impl KdTree {
         self.items[slot].index as usize
     }
 
-    /// Fills `found` with the `found.limit` items nearest to `query`, nearest first, equal distances by slot.
+    /// Fills `found` with the `found.limit` items nearest to `query`, nearest first; equal distances are ordered by
+    /// slot.
     pub(crate) fn nearest(&self, query: DVec3, found: &mut Nearest) {
         found.items.clear();
         self.search(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, found);
@@ -99,8 +100,8 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits, leaf by leaf, all slots whose item is within `radius` plus its own reach of `query`, and some others.
-    /// `largest` comes from [`KdTree::largest_below`], or is empty for items without reach.
+    /// Visits, leaf by leaf, all slots whose item is within `radius` plus its own reach of `query`. Some other slots
+    /// are visited too. `largest` comes from [`KdTree::largest_below`], or is empty for items without reach.
     pub(crate) fn near(&self, query: DVec3, radius: f64, largest: &[f64], visit: &mut impl FnMut(usize)) {
         self.walk(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, radius, largest, visit);
     }
@@ -142,7 +143,7 @@ impl KdTree {
         }
     }
 
-    /// Returns, for each node, the bounds of the items below it.
+    /// Returns, for each node, the bounding box of the items below it.
     pub(crate) fn bounds_below(&self) -> Vec<(DVec3, DVec3)> {
         let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); self.nodes.len()];
         self.fill_bounds(0, self.nodes.len(), 0, self.items.len(), &mut bounds);
@@ -168,7 +169,8 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits, leaf by leaf, the slots below nodes for which `enters` and those of all their ancestors are true.
+    /// Visits, leaf by leaf, the slots below every node for which `enters` is true, as it is for all of the node's
+    /// ancestors.
     pub(crate) fn visit_below(&self, enters: &impl Fn(usize) -> bool, visit: &mut impl FnMut(usize)) {
         self.walk_below((0, self.nodes.len()), (0, self.items.len()), enters, visit);
     }
@@ -211,7 +213,7 @@ fn build(items: &mut [Item], nodes: &mut [Node]) {
     }
 }
 
-/// Nearest items found so far, nearest first. The buffer is reused between queries, so that none allocates.
+/// Nearest items found by a query, nearest first. The buffer is reused, so that no query allocates.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {
     /// Maximum number of items; at least 1.
@@ -222,13 +224,13 @@ pub(crate) struct Nearest {
 }
 
 impl Nearest {
-    /// Creates a query for the `limit` nearest items within `distance`.
+    /// Creates the buffer for queries of the `limit` nearest items within `distance`.
     pub(crate) fn within(limit: usize, distance: f64) -> Self {
         let limit = limit.max(1);
         Self { limit, bound: distance * distance, items: Vec::with_capacity(limit) }
     }
 
-    /// Limits further queries to `distance`.
+    /// Limits subsequent queries to items within `distance`.
     pub(crate) fn look_within(&mut self, distance: f64) {
         self.bound = distance * distance;
     }

@@ -18,46 +18,47 @@ use surfel_model::{
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
 
-/// Size of an automatic image, in pixels.
+/// Default size of an automatic image: width and height in pixels.
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
 /// Fraction of an automatic image's width or height that the scene fills.
 const FILL: f64 = 0.9;
-/// The same fraction if shadows need room around the scene.
+/// Fraction like [`FILL`] for scenes on a ground, whose shadows need space around the scene.
 const FILL_ABOVE_GROUND: f64 = 0.8;
-/// Layers of transparent splats in automatic images. Two panes of glass have four surfaces; everything behind the third
-/// is blended as one layer.
+/// Number of layers of transparent splats in automatic images. Two panes of glass have four surfaces. Surfaces behind
+/// the third are blended as one layer.
 const LAYERS: u32 = 4;
-/// Depth tolerance for flat parts and sharp splats, in radii: their splats lie exactly in the surface and need hardly
-/// any.
+/// Depth tolerance, in splat radii, for objects of flat parts and for sharp splats. Their splats lie exactly in the
+/// surface, so that a small tolerance suffices.
 const FLAT_TOLERANCE: f64 = 0.1;
-/// Depth tolerance for splats as fine as their mesh, in radii: with a larger one, close surfaces behind would shine
-/// through.
+/// Depth tolerance, in splat radii, for splats as fine as the triangles of their mesh. With a larger tolerance,
+/// surfaces close behind would shine through.
 const FINE_TOLERANCE: f64 = 0.3;
-/// Ambient light of automatic scenes, linear RGB; bright enough that shadows stay readable.
+/// Ambient light of automatic scenes in linear RGB, bright enough that details in shadow are visible.
 const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
 
 /// Options for an automatic scene.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct AutoOptions {
-    /// Up axis; `None`: as a file or its format states, else estimated from the objects' shape ([`auto_up`]).
+    /// Up axis. `None` uses the axis that a file or its format states, or else an estimate from the shape
+    /// ([`auto_up`]).
     pub up: Option<Up>,
-    /// Side from which the scene is viewed.
+    /// Direction from which the scene is viewed.
     pub view: ViewChoice,
     /// Projection of the camera.
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
-    /// Camera to use instead of a framed one.
+    /// Camera that replaces the framed one.
     pub camera: Option<Camera>,
-    /// Background, linear RGB and straight alpha in [0, 1]. `None`: white, or grey if most of the scene is white and
-    /// drawn by `unlit` or `edl`.
+    /// Background in linear RGB and straight alpha in [0, 1]. `None` uses white, or grey if most of the scene is white
+    /// and the shader is `unlit` or `edl`.
     pub background: Option<[f64; 4]>,
     /// Settings of the renderer.
     pub settings: Settings,
-    /// True if the framed camera leaves room for the scene to turn about its up axis.
+    /// True if the framed camera leaves enough space for the scene to turn about its up axis.
     pub turning: bool,
-    /// True if the framed camera leaves room for shadows on the ground.
+    /// True if the framed camera leaves enough space for shadows on the ground.
     pub ground: bool,
 }
 
@@ -91,8 +92,8 @@ impl Default for AutoOptions {
     }
 }
 
-/// Returns the transparency method for files without a scene file, and a note about it. `None` if no splat is
-/// transparent, and for Gaussians, which [`ObjectFacts::transparent`] excludes. `paths` are the objects' paths.
+/// Returns the transparency method for files without a scene file, and a note about it. Returns `None` if no splat is
+/// transparent, and for trained Gaussians ([`ObjectFacts::transparent`]). `paths` are the paths of the objects.
 pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Transparency, ObjectNote)> {
     let (_, path) = loaded.facts.iter().zip(paths).find(|(facts, _)| facts.transparent)?;
     let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
@@ -100,8 +101,8 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
 }
 
-/// Returns the settings for files of trained Gaussians without a scene file, and a note about them; `None` for
-/// surfaces. `paths` are the objects' paths.
+/// Returns the settings for files of trained Gaussians without a scene file, and a note about them. Returns `None` for
+/// other objects. `paths` are the paths of the objects.
 pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
     let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
     let text = "drawn as trained, Gaussian over Gaussian (`composite=over`; surface draws them as opaque surfaces)";
@@ -109,9 +110,9 @@ pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Setting
     Some((settings, ObjectNote { path, text: text.to_owned() }))
 }
 
-/// Returns the depth tolerance for files without a scene file; `None` for the default. Objects of flat parts, such as
-/// buildings, and sharp splats need next to none, and splats as fine as their mesh little. With the default a floor
-/// would shine through the wall that it ends at, and skin through eyebrows.
+/// Returns the depth tolerance for files without a scene file; `None` for the default. The tolerance is small for
+/// objects of flat parts, such as buildings, for sharp splats, and for splats as fine as their mesh. With the default,
+/// a floor would shine through the wall at its end, and skin through eyebrows.
 pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     let needed = loaded.facts.iter().map(|facts| match facts {
         ObjectFacts { flat: true, .. } => Some(FLAT_TOLERANCE),
@@ -122,10 +123,10 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     largest.flatten().map(DepthTolerance::Relative)
 }
 
-/// Selects balls for objects whose points don't suffice to estimate a surface ([`ObjectFacts::sparse`]), unless their
-/// options state a kind of splat. If one object gets balls because its points are few and rough, all objects with few
-/// points get balls, so that compared files look alike. `objects` are those of `loaded`, in order. Returns a note for
-/// each changed file.
+/// Selects balls for objects whose points aren't sufficient to estimate a surface ([`ObjectFacts::sparse`]), unless
+/// their options state a kind of splat. If one object gets balls because its points are few and rough, all objects with
+/// few points get balls, so that compared files look alike. `objects` has the same order as `loaded`. Returns a note
+/// for each changed file.
 pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
     let any_few = loaded.facts.iter().any(|facts| facts.sparse == Some(SparseReason::Few));
     let mut notes = Vec::new();
@@ -143,8 +144,8 @@ pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec
     notes
 }
 
-/// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
-/// states it decides; otherwise the objects' shape does ([`upright`]).
+/// Determines the up axis of objects without a scene file, and the reason. The axis comes from the first file whose
+/// content or format states it, or else from the objects' shape ([`upright`]).
 pub fn auto_up(loaded: &LoadedObjects) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
@@ -153,16 +154,16 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
     })
 }
 
-/// Creates the scene file of objects without one, with suitable camera, lights and materials.
+/// Creates a scene file for loaded objects, with camera, lights and materials that suit them.
 ///
 /// # Errors
-/// [`Error::Model`] for objects without a finite extent that can be framed. The camera and settings of the options are
-/// checked when they are used, not here.
+/// [`Error::Model`] for objects without a finite extent, which can't be framed. The camera and settings in the options
+/// are validated when they are used, not here.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
     scene_by(&Estimates::default(), objects, loaded, options)
 }
 
-/// Creates a scene file like [`auto_scene`], and reuses cached estimates of the loaded objects.
+/// Creates a scene file like [`auto_scene`], using cached estimates about the loaded objects.
 pub fn scene_by(
     estimates: &Estimates,
     objects: Vec<ObjectFile>,
@@ -189,7 +190,7 @@ pub fn scene_by(
         }
     };
     let mut objects = objects;
-    // A camera that can't be drawn is refused where it is.
+    // An invalid camera is reported later, where the scene is drawn.
     let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
     let all = || loaded.facts.iter().zip(&loaded.objects);
     let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
@@ -213,8 +214,8 @@ pub fn scene_by(
     })
 }
 
-/// True if the splats cover a closed surface from outside: stated by their file, derived from their mesh, or detected
-/// in a cloud.
+/// True if the splats cover a watertight surface from outside. This is stated by the file, derived from the mesh, or
+/// estimated from the cloud.
 fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
@@ -222,11 +223,12 @@ fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     facts.closed || is_judged && looks_closed()
 }
 
-/// Returns an object's material. Colours are shown as bright as they are, with white ones slightly darkened. Objects
-/// without colours appear as light grey clay, which leaves room for highlights.
+/// Returns an object's material. Objects with colours are shown at their brightness times `exposure`. Objects without
+/// colours appear as light grey clay, which leaves a range for highlights.
 ///
-/// The backs of watertight objects are culled: their splats extend slightly past the silhouette and would fringe it.
-/// Backs are drawn only where thin sheets lie over other surfaces, which would shine through without them.
+/// The back faces of watertight objects are culled: their splats extend slightly beyond the silhouette and would form a
+/// fringe. Back faces are drawn only for thin sheets over other surfaces, which would otherwise shine through the
+/// sheets.
 fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
     let cull = if hides_its_back { Cull::Back } else { Cull::None };
     if facts.colored {
@@ -237,18 +239,18 @@ fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Materia
     }
 }
 
-/// A scene and the scene file that describes it.
+/// Scene, and the scene file that describes it.
 #[derive(Clone, Debug)]
 pub struct LoadedScene {
-    /// The scene file, as read or as created for bare geometry. Paths are as given.
+    /// Scene file as read, or as created for geometry files. Its paths are unchanged.
     pub file: SceneFile,
-    /// The scene, with all files loaded.
+    /// Scene with all files loaded.
     pub scene: Scene,
-    /// Notes on what was dropped, assumed or estimated, per file.
+    /// Notes on data that was dropped, assumed or estimated, for each file.
     pub notes: Vec<ObjectNote>,
 }
 
-/// Opens one scene file (`.json`), or any number of geometry files as one scene that is framed and lit automatically.
+/// Opens a scene file (`.json`), or any number of geometry files as one scene that is framed and lit automatically.
 ///
 /// # Errors
 /// - [`Error::Io`] for a file that can't be read or is damaged;

@@ -1,5 +1,4 @@
-//! Detection of watertight clouds: clouds that enclose what they were sampled from, so that inner sides are never
-//! visible.
+//! Detection of watertight clouds of splats: closed surfaces whose inner side isn't visible from any direction.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -8,25 +7,27 @@ use surfel_framing::ViewAxes;
 use surfel_framing::patches::{MOST, Patch, Patches};
 use surfel_framing::viewpoint::draw;
 
-/// Side of a thumbnail in pixels. Holes of a pixel's size are detected, such as in the web of a rocker arm of 10,000
-/// points.
+/// Side of a test image in pixels. Holes as large as a pixel are detected, such as those in the web of a rocker arm of
+/// 10,000 points.
 const SIDE: usize = 128;
-/// Largest fraction of a view of a watertight surface that faces away. Disks of the far side extend past rims, by 0.1
-/// for a teapot of 2,000 points and by 0.125 for a wolf of as many. Some view of an open surface shows a third.
+/// Largest fraction of a watertight surface's image that may face away. Disks of the far side extend beyond
+/// silhouettes: the fraction is 0.1 for a teapot and 0.125 for a wolf, each of 2,000 points. For an open surface, a
+/// third of the image faces away in some view.
 const RIMS: f64 = 0.15;
-/// Largest fraction of a view that faces away elsewhere than at rims: 0.001 for a cat's thin tail, 0.0026 for visible
-/// holes in a rocker arm's web.
+/// Largest fraction of an image that may face away elsewhere than at silhouettes. Measured: 0.001 for a cat's thin
+/// tail, 0.0026 for visible holes in a rocker arm's web.
 const HOLES: f64 = 0.0012;
-/// Ratio of depth to length across the view up to which a surface is even, not a rim.
+/// Largest ratio of depth to lateral distance of a continuous surface. Steeper steps in depth are silhouettes.
 const STEEPEST: f64 = 3.0;
-/// Growth factor of patches that face the view if they are a sample of a cloud and have gaps between them.
+/// Growth factor of front-facing patches if they are only a sample of a cloud, so that they leave no gaps.
 const GROWN: f64 = 2.0;
 
-/// True if a cloud is watertight: in every view it looks the same with and without its inner side, except at rims. The
-/// views are along the axes and diagonals of a cube. Estimated normals that point inward somewhere would show as a hole
-/// there.
+/// True if a cloud is watertight: in every view, its image is the same with and without back-facing splats, except at
+/// silhouettes. The views are along the axes and diagonals of a cube. Where estimated normals point inwards, the cloud
+/// seems to have a hole.
 pub(crate) fn is_closed(patches: &Patches) -> bool {
-    // Of the 27 cells of a 3×3×3 grid, those at the centres of faces and at the corners.
+    // These are the cells at the centres of faces and at the corners of a 3×3×3 grid, and exclude the other 13 of 27
+    // cells.
     let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
     let directions: Vec<DVec3> = all.filter(|d| [1.0, 3.0].contains(&d.length_squared())).collect();
     directions.into_par_iter().all(|forward| {
@@ -35,9 +36,9 @@ pub(crate) fn is_closed(patches: &Patches) -> bool {
     })
 }
 
-/// Returns two fractions of the pixels visible along a direction: those that face away and hide a surface that doesn't,
-/// and the part of them that isn't at rims. A pixel isn't at a rim if nothing within the disk's reach is much farther
-/// away.
+/// Returns two fractions of the pixels that the cloud covers, seen along a direction. The first is that of pixels which
+/// face away and hide a front-facing surface, or nothing. The second is that of the same pixels without those at
+/// silhouettes. A pixel isn't at a silhouette if no pixel within the disk's reach is much farther away.
 fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let (right, up) = forward.any_orthonormal_pair();
     let axes = ViewAxes { right, up, forward };
@@ -62,10 +63,10 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     (share(away), share(holes))
 }
 
-/// Maximum depths over squares of a thumbnail whose sides are powers of two. They make queries fast even for a few
-/// splats that cover the whole thumbnail.
+/// Maximum depths over squares of an image whose sides are powers of two. Queries are fast even if a few splats cover
+/// the whole image.
 struct Farthest {
-    /// For each power of two, the largest depth of the square that begins at each pixel.
+    /// Largest depth within the square that begins at each pixel, for each power of two as the square's side.
     levels: Vec<Vec<f64>>,
 }
 
@@ -74,7 +75,7 @@ impl Farthest {
         let mut levels = vec![pixels.iter().map(|(depth, _)| *depth).collect::<Vec<f64>>()];
         while 1 << levels.len() <= SIDE {
             let (half, last) = (1 << (levels.len() - 1), &levels[levels.len() - 1]);
-            // Squares that extend beyond the thumbnail are never queried.
+            // Squares that extend beyond the image are never queried.
             let at = |x: usize, y: usize| last[y.min(SIDE - 1) * SIDE + x.min(SIDE - 1)];
             let largest = |i: usize| {
                 let (x, y) = (i % SIDE, i / SIDE);
@@ -85,7 +86,8 @@ impl Farthest {
         Self { levels }
     }
 
-    /// Returns the largest depth within a square of this reach around a pixel; infinity beyond the thumbnail.
+    /// Returns the largest depth within a square around a pixel, `reach_px` to each side; infinity if the square isn't
+    /// within the image.
     fn around(&self, pixel: usize, reach_px: f64) -> f64 {
         let (x, y, reach) = (pixel % SIDE, pixel / SIDE, reach_px.ceil().min(SIDE as f64) as usize);
         if x.min(y) < reach || x.max(y) + reach >= SIDE {
@@ -93,7 +95,7 @@ impl Farthest {
         }
         let side = 2 * reach + 1;
         let power = side.ilog2();
-        // Four overlapping squares cover it.
+        // Four overlapping squares with sides of a power of two cover the square.
         let rest = side - (1 << power);
         let at = |dx: usize, dy: usize| self.levels[power as usize][(y - reach + dy) * SIDE + x - reach + dx];
         at(0, 0).max(at(rest, 0)).max(at(0, rest)).max(at(rest, rest))

@@ -1,4 +1,4 @@
-//! Estimates of loaded objects that don't depend on the camera, computed once for all images of a session.
+//! Estimates about loaded objects that are computed once for all images of a session.
 
 use crate::lights::Lighting;
 use crate::whites::Whites;
@@ -9,7 +9,7 @@ use surfel_framing::strays::Sphere;
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Scene, Up};
 
-/// Cache of estimates. All requests that share it must have the same loaded objects.
+/// Cache of estimates about loaded objects. All requests that share it must have the same loaded objects.
 #[derive(Debug, Default)]
 pub struct Estimates {
     framed: OnceLock<LoadedObjects>,
@@ -21,7 +21,7 @@ pub struct Estimates {
     camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
 }
 
-/// Returns the value of a key, computed again only if the key differs from the last one.
+/// Returns the value for a key. The value is computed again only if the key differs from the last one.
 fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: impl FnOnce(&K) -> V) -> V {
     let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
     match &*known {
@@ -41,14 +41,14 @@ impl Estimates {
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
     }
 
-    /// Returns the sphere that is framed: without stray points, unless the options ask for all classes. `None` if all
-    /// points are framed.
+    /// Returns the sphere that is framed, which excludes stray points. Returns `None` if all points are framed: there
+    /// are no stray points, or the options select all classes.
     pub fn kept(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<Sphere> {
         let find = || if loaded.frames_all() { None } else { surfel_framing::without_strays_of(scene) };
         *self.kept.get_or_init(find)
     }
 
-    /// Returns the middle of the framed part of the scene ([`surfel_framing::center_within`]).
+    /// Returns the centre of the framed part of the scene ([`surfel_framing::center_within`]).
     pub fn center(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<DVec3> {
         *self.center.get_or_init(|| surfel_framing::center_within(scene, self.kept(loaded, scene)))
     }
@@ -57,13 +57,13 @@ impl Estimates {
         self.whites.get_or_init(|| Whites::of(loaded))
     }
 
-    /// Returns a flag per object, true if its back is never visible because it is watertight. `estimate` computes the
-    /// flags on the first call.
+    /// Returns one flag per object, true if it is watertight, so that its back faces are never visible. `estimate`
+    /// computes the flags on the first call.
     pub fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
         self.closed.get_or_init(estimate)
     }
 
-    /// Returns the properties of the objects that determine their lights, for this up axis.
+    /// Returns the properties of the objects that determine their lights, for an up axis.
     pub fn lighting(&self, loaded: &LoadedObjects, up: Up) -> Lighting {
         last(&self.lighting, up, |up| Lighting::of(loaded, *up))
     }

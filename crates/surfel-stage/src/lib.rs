@@ -1,12 +1,13 @@
-//! Scenes of files that state none: camera, lights, materials, background and settings, chosen from the loaded objects.
+//! Automatic scenes for files without a scene file: camera, lights, materials, background and settings, chosen to suit
+//! the loaded objects.
 //!
 //! Main functions and types, in reading order:
 //!
-//! 1. [`open`]: a scene file, or any number of geometry files, as a [`LoadedScene`];
-//! 2. [`auto_up`], [`auto_composite`], [`auto_transparency`], [`auto_depth_tolerance`] and [`auto_points_as`]: single
-//!    choices, each with a note that gives the reason;
-//! 3. [`auto_scene`]: the scene file of objects without one, by [`AutoOptions`];
-//! 4. [`studio_lights`]: three lights that follow the camera; [`NamedLight`]: the skies of named lights.
+//! 1. [`open`]: opens a scene file, or any number of geometry files, as a [`LoadedScene`];
+//! 2. [`auto_up`], [`auto_composite`], [`auto_transparency`], [`auto_depth_tolerance`] and [`auto_points_as`]: make
+//!    single choices, most of them with a note that gives the reason;
+//! 3. [`auto_scene`]: creates the scene file for loaded objects, according to [`AutoOptions`];
+//! 4. [`studio_lights`]: returns three lights that follow the camera; [`NamedLight`]: skies of named lights.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), surfel_load::Error> {
@@ -17,8 +18,8 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above `surfel-load`, whose objects it looks at, and `surfel-framing`, which estimates views and
-//! cameras. It draws no image.
+//! The crate is above `surfel-load`, which loads the objects, and `surfel-framing`, which estimates views and cameras.
+//! It draws no image.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -6,21 +6,22 @@ use surfel_framing::patches::Patches;
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Light, Up};
 
-/// Key light: direction toward it along the camera's right, up and backward axes, and linear RGB.
+/// Key light: direction toward it along the camera's right, up and backward axes, and its colour in linear RGB.
 const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]);
-/// Soft fill light, in the form of [`KEY`].
+/// Soft fill light, in the same form as [`KEY`].
 const FILL: (DVec3, [f64; 3]) = (DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]);
-/// Rim light, in the form of [`KEY`].
+/// Rim light, in the same form as [`KEY`].
 const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
-/// Limits for the length of the mean normal: from the first value on a surface partly counts as facing one way, from
-/// the second fully. Normals spread over 30° have a mean of length 0.93.
+/// Range of the mean normal's length over which a surface counts increasingly as facing one direction, from not at all
+/// to fully. For normals spread over 30°, the length is 0.93.
 const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
-/// Cosine of the angle between the surface normal and a raking key light: 60°, which is 30° above the surface.
+/// Cosine of the angle between the surface normal and a raking key light: 60°, so that the light is 30° above the
+/// surface.
 const RAKING: f64 = 0.5;
-/// Limits like [`FACES_ONE_WAY`] for points around ground, such as an aerial survey or a mobile scan. Their normals
-/// face up by 0.5 to 0.9 on average (or all down) in woods and streets, and by less for bodies and rooms.
+/// Range like [`FACES_ONE_WAY`] for scans around ground, such as aerial surveys and mobile scans. In woods and streets,
+/// their normals face up by 0.5 to 0.9 on average (or all face down); for bodies and rooms it is less.
 const FACES_UP: (f64, f64) = (0.4, 0.55);
-/// Least cosine between the mean normal and the up axis for points to count as lying around ground.
+/// Smallest cosine between the mean normal and the up axis for a scan that counts as taken around ground.
 const UP: f64 = 0.9;
 /// Largest factor by which a raking light is brightened.
 const STRONGEST: f64 = 1.4;
@@ -36,14 +37,14 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
 /// Properties of objects that determine their lights for any camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Lighting {
-    /// Direction that the objects face as a whole, a unit vector or zero.
+    /// Mean facing direction of the objects: a unit vector, or zero.
     facing: DVec3,
-    /// Strength with which the key light rakes over the objects, 0 to 1.
+    /// Strength of raking light, from 0 (key light from the front) to 1 (key light lowered to the raking angle).
     share: f64,
 }
 
 impl Lighting {
-    /// Estimates the properties of objects whose up axis is `up`.
+    /// Estimates the properties of objects with the up axis `up`.
     pub fn of(loaded: &LoadedObjects, up: Up) -> Self {
         if loaded.facts.iter().any(|facts| facts.colored) {
             return Self { facing: DVec3::ZERO, share: 0.0 };
@@ -54,17 +55,17 @@ impl Lighting {
         Self { facing: facing.normalize_or_zero(), share }
     }
 
-    /// Returns [`studio_lights`] with a raking key light for objects without colours that face one way as a whole, such
-    /// as ground, walls and reliefs, and for points around ground. As in hillshaded maps, raking light shows slopes;
-    /// with light from the front they hardly differ from level areas. Coloured objects keep the normal key light: their
-    /// colours show the slopes, and often already contain light.
+    /// Returns [`studio_lights`], whose key light is lowered to a raking angle for some objects without colours. These
+    /// are objects that face one direction as a whole, such as ground, walls and reliefs, and scans around ground. As
+    /// in hillshaded maps, raking light shows slopes, which hardly differ from level areas in frontal light. Coloured
+    /// objects get the normal key light, because their colours show the slopes, and often contain light already.
     pub fn lights(self, camera: &Camera) -> Vec<Light> {
         lights(camera, |key| raking(key, self.facing, self.share))
     }
 }
 
-/// Returns how strongly the key light rakes over a surface with this mean of unit normals, 0 to 1. `up` is the up axis
-/// of points.
+/// Returns the strength of raking light, 0 to 1, for a surface with the mean unit normal `facing`. `up` is the up axis
+/// of objects made from points.
 fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     let ramp = |(from, to): (f64, f64)| ((facing.length() - from) / (to - from)).clamp(0.0, 1.0);
     match up {
@@ -73,7 +74,8 @@ fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     }
 }
 
-/// Returns the three lights. `key` maps the unit vector toward the key light to its direction and brightness factor.
+/// Returns the three lights. `key` maps the unit vector toward the key light to its new direction and a brightness
+/// factor.
 fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     let ViewAxes { right, up, forward } = ViewAxes::of(camera);
     let toward = |(from, _): (DVec3, [f64; 3])| (right * from.x + up * from.y - forward * from.z).normalize();
@@ -83,10 +85,10 @@ fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     vec![light(key, KEY.1.map(|c| c * strength)), light(toward(FILL), FILL.1), light(toward(RIM), RIM.1)]
 }
 
-/// Lowers a light over a surface: moves the direction `toward` it by the fraction `share` to the raking angle from the
-/// unit `normal`. Also returns a brightness factor that keeps level areas nearly as bright.
+/// Lowers a light toward a surface. Rotates the direction `toward` it by the fraction `share` of the way to the raking
+/// angle from the unit `normal`. Also returns a brightness factor that preserves most of the brightness of level areas.
 fn raking(toward: DVec3, normal: DVec3, share: f64) -> (DVec3, f64) {
-    // A surface may be visible from either side, and the light comes from the visible side.
+    // A surface may be visible from either side; the light is on the visible side.
     let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
     let from = normal.dot(toward);
     let along = (toward - normal * from).normalize_or_zero();

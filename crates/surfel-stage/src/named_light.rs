@@ -1,10 +1,10 @@
-//! Skies of named lights.
+//! Named lights, and the skies by which they are realised.
 
 use glam::DVec3;
 use surfel_framing::ViewAxes;
 use surfel_model::{Camera, Sky, SkyArea};
 
-/// A named light.
+/// Light that is selected by its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NamedLight {
     /// Lights that follow the camera, without shadows.
@@ -17,21 +17,21 @@ pub enum NamedLight {
     Sun,
 }
 
-/// Share of even light, so that what no direction reaches isn't black: splats inside of a body that show through gaps,
-/// and the inside of foliage.
+/// Strength of constant ambient light. It lightens surfaces that no direction of the sky reaches: splats inside of a
+/// body that are visible through gaps, and the inside of foliage.
 const EVEN: f64 = 0.08;
 
-/// Strengths of a named light's sky, and its area.
+/// Strengths of a named light's sky, and its area light.
 struct Parts {
     above: f64,
     below: f64,
-    /// Direction along the camera's right, the horizontal direction toward the camera, and up; half-angle in degrees;
-    /// strength.
+    /// Area light: its direction along the camera's right, the horizontal direction toward the camera, and up; its
+    /// half-angle in degrees; and its strength.
     area: Option<(DVec3, f64, f64)>,
 }
 
 impl NamedLight {
-    /// Returns the name in the flag `--light`.
+    /// Returns the light's name as a value of the option `light`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Headlight => "headlight",
@@ -52,12 +52,12 @@ impl NamedLight {
         }
     }
 
-    /// Returns the light's sky for a scene with this up axis, oriented by the first `camera`. The sky stays fixed when
-    /// the camera moves. `None` for lights that follow the camera.
+    /// Returns the light's sky for a scene with the up axis `up`, oriented by the first `camera`. The sky stays fixed
+    /// when the camera moves. Returns `None` for lights that follow the camera.
     pub fn sky(self, up: DVec3, camera: &Camera) -> Option<Sky> {
         let Parts { above, below, area } = self.parts()?;
         let ViewAxes { right, .. } = ViewAxes::of(camera);
-        // A view along the up axis has a right axis that is horizontal, too.
+        // The right axis is nearly horizontal in all views, including those along the up axis.
         let level = (right - up * up.dot(right)).normalize_or(up.any_orthonormal_vector());
         let toward_camera = level.cross(up);
         let areas = area.map(|(from, half_angle_deg, strength)| SkyArea {

@@ -1,5 +1,5 @@
-//! Thin sheets over other surfaces, such as a roof over walls. There back faces are drawn, since only the underside of
-//! a sheet separates its top from what lies below (rendering model §5).
+//! Detection of thin sheets over other surfaces, such as a roof over walls. Their back faces are drawn, because the
+//! underside of a sheet separates its top from surfaces below it (rendering model §5).
 
 use glam::DVec3;
 use std::collections::HashMap;
@@ -7,18 +7,18 @@ use surfel_framing::patches::{Patch, Patches};
 use surfel_model::Object;
 use surfel_render::View;
 
-/// Cosine of 60°: a surface whose normal is within 60° of the reverse of a patch's normal is the underside of a sheet.
+/// Cosine of 60°. A surface whose normal is within 60° of the opposite of a patch's normal is the underside of a sheet.
 const ALIKE: f64 = 0.5;
-/// Share of the patches, and number of them, that lie on a sheet over another surface at least.
+/// Minimum fraction of an object's patches, and minimum number of them, that lie on a sheet over another surface.
 const LEAST: (f64, usize) = (0.001, 4);
-/// Pixels that the depth tolerance reaches behind a surface, along its normal, beside a splat's radius: its slope term
-/// at a grazing angle.
+/// Additional reach of the depth tolerance behind a surface, in pixels along its normal: the slope term at a grazing
+/// angle. It is added to the splat's radius.
 const REACH_PX: f64 = 1.5;
-/// Depths of surfaces in contact differ by less than this share.
+/// Relative difference of depths below which surfaces are in contact.
 const CONTACT: f64 = 1e-3;
 
-/// True if a thin sheet of an object lies over another of its surfaces, so near that the depth tolerance of a view
-/// reaches through the sheet.
+/// True if an object has a thin sheet over another of its surfaces, within the reach of a view's depth tolerance.
+/// Without back faces, the surface would shine through the sheet.
 pub(crate) fn covers_other_surfaces(object: &Object, view: &View) -> bool {
     let Some(patches) = Patches::of(std::slice::from_ref(object)) else { return false };
     let middle = view.view_from_world * (patches.middle - view.eye);
@@ -34,12 +34,12 @@ fn radius(patch: &Patch) -> f64 {
     patch.axes[0].length().max(patch.axes[1].length())
 }
 
-/// Returns the cell of a grid that a position is in.
+/// Returns the index of the grid cell that contains a position. `cell` is the side of a cell.
 fn cell_of(position: DVec3, cell: f64) -> [i32; 3] {
     (position / cell).floor().to_array().map(|index| index as i32)
 }
 
-/// Patches by the cell of a grid.
+/// Grid of patches, by cell.
 struct Grid<'a> {
     cell: f64,
     cells: HashMap<[i32; 3], Vec<&'a Patch>>,
@@ -47,7 +47,7 @@ struct Grid<'a> {
 
 impl<'a> Grid<'a> {
     fn new(patches: &'a Patches) -> Self {
-        // About as large as the patches are on average.
+        // A cell is about as large as an average patch.
         let cell = 2.0 * (patches.area / patches.all.len() as f64).sqrt();
         let mut cells: HashMap<[i32; 3], Vec<&Patch>> = HashMap::new();
         for patch in &patches.all {
@@ -56,7 +56,7 @@ impl<'a> Grid<'a> {
         Self { cell, cells }
     }
 
-    /// True if below a patch, within a depth, there is first a surface that faces away and then one that doesn't.
+    /// True if there is first a back-facing and then a front-facing surface below a patch, within the depth `reach`.
     fn lies_over_others(&self, patch: &Patch, reach: f64) -> bool {
         let lateral = radius(patch);
         let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);

@@ -1,28 +1,28 @@
-//! Brightness of loaded objects, and the exposure and background that follow from it.
+//! Brightness statistics of loaded objects, from which exposure and background are derived.
 
 use surfel_framing::patches::Patches;
 use surfel_load::LoadedObjects;
 use surfel_model::Shader;
 
-/// Largest linear light that a white surface of [`material`]'s factors reflects in an automatic scene, before exposure:
-/// between key light and fill, including the highlight.
+/// Largest linear light that a white surface with the factors of [`material`] reflects in an automatic scene, before
+/// exposure. It occurs between key light and fill light and includes the highlight.
 const BRIGHTEST: f64 = 1.04;
-/// Linear light that exposure reduces the brightest surfaces to, so that white objects show their shape.
+/// Linear light to which exposure reduces the brightest surfaces, so that the shape of white objects is visible.
 const HEADROOM: f64 = 0.9;
-/// Fraction of the surface that counts as stray highlights and is ignored when estimating the brightest colour.
+/// Fraction of the surface that counts as stray highlights, and is ignored when the brightest colour is estimated.
 const HIGHLIGHTS: f64 = 0.02;
-/// White surfaces: the linear albedo from which they blend into a white background, and the fraction of the surface
-/// from which the background becomes grey.
+/// Criteria for a grey background: smallest linear albedo of a white surface, and fraction of white surface above which
+/// the background becomes grey. Unlit white surfaces would blend into a white background.
 const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
-/// Linear grey, perceptually halfway between black and white.
+/// Linear grey that is perceptually halfway between black and white.
 const GREY: f64 = 0.18;
 
 /// Brightness statistics of objects.
 #[derive(Debug)]
 pub(crate) struct Whites {
-    /// Largest albedo of the coloured surfaces, in their largest channel and without stray highlights.
+    /// Largest albedo of the surfaces, over all colour channels and without stray highlights.
     brightest: f64,
-    /// Fraction of all surface that is white; surfaces without colours are white.
+    /// Fraction of the surface that is white. Surfaces without colours count as white.
     share: f64,
 }
 
@@ -44,14 +44,15 @@ impl Whites {
         Self { brightest: brightest.map_or(1.0, |(albedo, _)| albedo), share: white / patches.area }
     }
 
-    /// Returns the factor for the materials of coloured objects, at most 1. All objects share it, so that their colours
-    /// stay comparable.
+    /// Returns the exposure: a factor for the materials of coloured objects, at most 1. All objects share it, so that
+    /// their colours remain comparable.
     pub(crate) fn exposure(&self) -> f64 {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// Returns the background for a shader. A lit white surface is darker than a white background along its outline,
-    /// which faces away from the lights. Unlit surfaces aren't, and with `edl` only edges beside something nearer are.
+    /// Returns the background for a shader. Lit white surfaces are darker than a white background at their outlines,
+    /// which face away from the lights. Unlit surfaces aren't, and `edl` darkens only edges next to nearer surfaces, so
+    /// that they get a grey background.
     pub(crate) fn background(&self, shader: Shader) -> [f64; 4] {
         let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }

@@ -1,4 +1,4 @@
-//! The drawing thread: answers the requests of all pages, one after another.
+//! Drawing thread, which answers the requests of all pages, one after another.
 
 use crate::desk::{Answer, Desk, layer_of};
 use crate::hub::{Hub, Job, Next, Outgoing};
@@ -10,14 +10,14 @@ use surfel_app::wording::as_flags;
 use surfel_load::Error;
 use surfel_sample::Progress;
 
-/// Largest number of requests that wait for loading.
+/// Maximum number of requests that wait until the scene is loaded.
 const MAX_DEFERRED: usize = 64;
-/// Size of the image that the scene is first framed for.
+/// Image size, in pixels, for which the camera frames the scene before a page has stated its size.
 const FIRST_SIZE: [u32; 2] = [1024, 768];
-/// Least time between two messages about progress.
+/// Minimum time between two messages about progress.
 const PROGRESS_TIME: Duration = Duration::from_millis(100);
 
-/// Progress of loading, sent to all pages.
+/// Progress of loading, which is sent to all pages.
 struct Report<'a> {
     hub: &'a Hub,
     state: Mutex<Stage>,
@@ -57,7 +57,7 @@ impl Progress for Report<'_> {
     }
 }
 
-/// The drawing thread's state.
+/// State of the drawing thread.
 pub(crate) struct Artist {
     hub: Arc<Hub>,
     desk: Desk,
@@ -76,14 +76,15 @@ impl Artist {
         if let Err(problem) = self.load_first(note) {
             note(&format!("error: {problem}"));
         }
-        // Requests that only got a sample.
+        // These requests were answered only by an image of the sample.
         for job in std::mem::take(&mut self.deferred) {
             self.reply(&job);
         }
         let mut is_first = true;
         loop {
             let Next::Job(job) = hub.next() else { continue };
-            // The metadata of an exact image need the hash of each file: before the first, the page gets one without.
+            // The metadata of an exact image needs the hash of each file, which takes time. The page first gets an
+            // image without metadata.
             if job.request["do"] == "draw" && std::mem::take(&mut is_first) {
                 let _ = self.answer_by_sample(&job);
             }
@@ -91,7 +92,7 @@ impl Artist {
         }
     }
 
-    /// Answers a request, or sends its error.
+    /// Answers a request. If it fails, sends the error message to the page.
     fn reply(&mut self, job: &Job) {
         if let Err(problem) = &self.answer(job) {
             let request = &job.request;
@@ -101,7 +102,7 @@ impl Artist {
         }
     }
 
-    /// Answers a request, with progress for all pages.
+    /// Answers a request, and reports progress to all pages.
     fn answer(&mut self, job: &Job) -> Result<(), String> {
         let hub = self.hub.clone();
         let report = Report::new(&hub);
@@ -113,14 +114,14 @@ impl Artist {
         Ok(())
     }
 
-    /// Loads the files before the first request. Pages see a sample of many points meanwhile, and can move it.
+    /// Loads the files before the first request. Meanwhile, pages show a sample of the points, and can move the camera.
     fn load_first(&mut self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
         let text = |e: Error| e.to_string();
         let asked = self.desk.asked_of(&Value::Null, &self.desk.initial, FIRST_SIZE)?;
         let hub = self.hub.clone();
         let report = Report::new(&hub);
         let session = self.desk.session(&asked.key)?;
-        // A pool of one thread is busy with this function.
+        // With a single thread, this function occupies the pool, and nothing can be loaded beside it.
         let can_share = rayon::current_num_threads() > 1;
         let loader = if can_share { session.show_coarse(&asked.options.render, &report).map_err(text)? } else { None };
         if let Some(loader) = loader {
@@ -128,7 +129,7 @@ impl Artist {
             self.desk.session(&asked.key)?.adopt(loaded.map_err(text)?);
         }
         let mut notes = Vec::new();
-        // A page that is open already has a size and options of its own, which its image needs.
+        // An open page already has its own size and options, which its image needs.
         let of_page = self.hub.waiting_draw().and_then(|request| self.desk.asked_by_page(&request).ok());
         let asked = of_page.filter(|of_page| of_page.key == asked.key).unwrap_or(asked);
         let session = self.desk.session(&asked.key)?;
@@ -137,7 +138,7 @@ impl Artist {
         shown.map_err(text)
     }
 
-    /// Loads all points on another thread, and answers requests by the resident sample meanwhile.
+    /// Loads all points on another thread. Meanwhile, answers requests by images of the resident sample.
     fn show_sample(&mut self, loader: Loader) -> Result<Result<Loaded, Error>, String> {
         let hub = self.hub.clone();
         let (sender, receiver) = std::sync::mpsc::sync_channel(1);
@@ -151,7 +152,7 @@ impl Artist {
             if job.request["do"] == "draw" && self.answer_by_sample(&job).is_ok() && job.request["moving"] == true {
                 continue;
             }
-            // The exact image, and everything else, follows once all points are there.
+            // The exact image, and every other answer, follows when all points are loaded.
             let layer = |job: &Job| layer_of(&job.request);
             self.deferred.retain(|other| {
                 let are_draws = other.request["do"] == "draw" && job.request["do"] == "draw";
@@ -164,7 +165,7 @@ impl Artist {
         receiver.try_recv().map_err(|_| "the points could not be loaded".to_owned())
     }
 
-    /// Sends an image of the resident sample.
+    /// Sends an image of the resident sample, drawn like an image of a moving camera.
     fn answer_by_sample(&mut self, job: &Job) -> Result<(), String> {
         let mut request = job.request.clone();
         request["moving"] = true.into();

@@ -1,5 +1,5 @@
-//! Answers to the requests of pages: images, picks, copies and comparisons. It knows no server and no threads, so that
-//! the same code answers in a server, in a notebook's kernel and in a page's own WebAssembly.
+//! Answers to the requests of pages: images, picks, copies and comparisons. This code uses no server and no threads. It
+//! therefore also runs in a notebook's kernel and in a page's own WebAssembly.
 
 use crate::Config;
 use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, draw_timed, picked_json};
@@ -16,56 +16,56 @@ use surfel_render::clock::Instant;
 use surfel_render::{Frame, Planes, Renderer as _, Stats};
 use surfel_sample::Progress;
 
-/// Largest number of pixels of an image on the page.
+/// Maximum number of pixels of an image on the page.
 const MAX_PIXELS: u64 = 1 << 24;
-/// Largest number of pixels of a saved image.
+/// Maximum number of pixels of a saved image.
 const MAX_SAVED_PIXELS: u64 = 1 << 25;
-/// Largest number of pixels of an image by the backend `reference`, which takes as long as a hundred others.
+/// Maximum number of pixels of an image by the backend `reference`, which is about a hundred times slower than others.
 const MAX_REFERENCE_PIXELS: u64 = 1 << 21;
-/// Quality of images while something moves.
+/// JPEG quality, 0 to 100, of images while the camera moves.
 const JPEG_QUALITY: u8 = 85;
-/// Message about an input that the page can't choose.
+/// Error message for an input number that doesn't exist.
 const OTHER_INPUT: &str = "input: expected the number of an input";
-/// Type of an image whose file is its pixels: 8-bit sRGB and alpha, row by row.
+/// Media type of an image without a file format: raw pixels in 8-bit sRGB and alpha, row by row.
 const PIXELS: &str = "image/x-rgba";
 
 /// Answer to a request.
 pub(crate) enum Answer {
-    /// A message without a file.
+    /// A JSON message without a file.
     Text(Value),
-    /// A layer's newest image, which replaces older ones that wait.
+    /// A layer's newest image, which replaces the layer's older images in the outbox.
     Image(Vec<u8>),
     /// A message with a file.
     File(Vec<u8>),
 }
 
-/// Options and identifiers of a request for an image, read from the client's message.
+/// Options and identifiers of a client's request for an image.
 pub(crate) struct Asked {
     id: Value,
     layer: usize,
     state: State,
     size: [u32; 2],
     pub(crate) key: Key,
-    /// Names of the inputs for people and commands.
+    /// Names of the inputs, for display and for copied commands.
     names: Vec<PathBuf>,
     pub(crate) options: Options,
 }
 
-/// Sessions of one scene, and the options that pages can't change.
+/// Sessions of one scene, with the options that pages can't change.
 pub(crate) struct Desk {
     pub(crate) fixed: Fixed,
     pub(crate) initial: Map<String, Value>,
     sessions: Sessions,
-    /// True if images are sent as pixels, not as files.
+    /// True if images are sent as raw pixels instead of image files.
     sends_pixels: bool,
-    /// Scratch space for images.
+    /// Scratch buffer for encoded images.
     bytes: Vec<u8>,
-    /// Client and layer whose options each session shows, by the session's key: `None` if neither drew them. Without an
-    /// entry while only a sample is loaded.
+    /// Client and layer whose options each session shows, by the session's key. `None` if the options belong to no
+    /// client. A session has no entry while only a sample is loaded.
     shown_for: Vec<(Key, Option<Side>)>,
 }
 
-/// A client and one of its layers.
+/// Identifier of a client, and number of one of its layers.
 type Side = (usize, usize);
 
 impl Desk {
@@ -100,7 +100,7 @@ impl Desk {
         Ok(Self { fixed, initial, sessions, sends_pixels, bytes, shown_for: Vec::new() })
     }
 
-    /// Returns the first message to a page.
+    /// Returns the first message to a page, with its options and initial state.
     pub(crate) fn welcome(&self) -> Value {
         state::welcome(&self.fixed, &self.initial)
     }
@@ -118,7 +118,7 @@ impl Desk {
         }
     }
 
-    /// Shows the options of a moving image's client and layer, if the session shows those of another.
+    /// Shows the options of a client's layer, if the session currently shows those of another client or layer.
     fn show_for(&mut self, client: usize, asked: &Asked, progress: &dyn Progress) -> Result<(), String> {
         let side = (client, asked.layer);
         match self.shown_for.iter().find(|(key, _)| *key == asked.key) {
@@ -137,13 +137,13 @@ impl Desk {
         self.shown_for.truncate(MAX_SESSIONS);
     }
 
-    /// Reads a page's request for an image.
+    /// Parses a page's request for an image.
     #[cfg(feature = "server")]
     pub(crate) fn asked_by_page(&self, request: &Value) -> Result<Asked, String> {
         self.asked(request, MAX_PIXELS)
     }
 
-    /// Reads a request for an image.
+    /// Parses a request for an image of at most `most_pixels` pixels.
     fn asked(&self, request: &Value, most_pixels: u64) -> Result<Asked, String> {
         let side = |i: usize| request["size"][i].as_u64().and_then(|side| u32::try_from(side).ok());
         let size = side(0).zip(side(1)).map(|(w, h)| [w, h]).ok_or("size: expected [WIDTH, HEIGHT] in pixels")?;
@@ -159,7 +159,7 @@ impl Desk {
     pub(crate) fn asked_of(&self, request: &Value, state: &State, size: [u32; 2]) -> Result<Asked, String> {
         let mut fixed = self.fixed.clone();
         let mut state = state.clone();
-        // Of several inputs the page may show one, by its number.
+        // If there are several inputs, the page may show one of them, given by its number.
         if let Some(number) = state.remove("input") {
             let found = number.as_u64().and_then(|i| usize::try_from(i).ok());
             let names = found.and_then(|i| fixed.names.get(i).cloned());
@@ -188,7 +188,7 @@ impl Desk {
         self.show(asked, &surfel_sample::NoProgress).map(|_| ())
     }
 
-    /// Shows a scene. Returns notes.
+    /// Shows a scene, loading it if necessary. Returns the notes about it.
     fn show(&mut self, asked: &Asked, progress: &dyn Progress) -> Result<Vec<String>, String> {
         let session = self.session(&asked.key)?;
         let mut notes = Vec::new();
@@ -199,7 +199,7 @@ impl Desk {
         Ok(notes)
     }
 
-    /// Draws an exact image.
+    /// Draws an exact image of the requested options.
     fn draw(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let start = Instant::now();
         let asked = self.asked(request, MAX_PIXELS)?;
@@ -306,14 +306,14 @@ impl Desk {
         let asked = self.asked(request, MAX_SAVED_PIXELS)?;
         self.show(&asked, progress)?;
         let (_, png, _) = self.png(&asked)?;
-        // The memory of a large image isn't kept.
+        // A large image's memory is freed.
         self.bytes = Vec::new();
         self.session(&asked.key)?.release_memory();
         let header = json!({ "do": "saved", "id": asked.id, "type": "image/png", "size": asked.size });
         Ok(Answer::File(packed(&header, &png)))
     }
 
-    /// Draws two states and measures their difference; the first is the reference.
+    /// Draws two states of the page and measures their difference. The first is the reference.
     fn compare(&mut self, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let mut sides: Vec<(Frame, f64)> = Vec::new();
         let first = self.asked(request, MAX_PIXELS)?;
@@ -333,12 +333,13 @@ impl Desk {
     }
 }
 
-/// Returns the layer of a request: 0, or 1 for the image that is compared.
+/// Returns the layer of a request: 0, or 1 for the second image of a comparison.
 pub(crate) fn layer_of(request: &Value) -> usize {
     usize::from(request["layer"].as_u64().is_some_and(|layer| layer > 0))
 }
 
-/// Joins a header and a file: the header's length in four bytes, little-endian, the header and the file.
+/// Joins a header and a file into one message: the header's length in four bytes, little-endian, the header, and the
+/// file.
 fn packed(header: &Value, file: &[u8]) -> Vec<u8> {
     let header = header.to_string();
     let length = u32::try_from(header.len()).unwrap_or(u32::MAX);

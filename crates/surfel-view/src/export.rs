@@ -1,5 +1,5 @@
-//! Export of a page that draws by itself: one HTML file with the page, the drawing module and the scene's file, or a
-//! folder of these for a web server.
+//! Export of a page that draws without a server. The result is one HTML file with the page, the drawing module and the
+//! scene's file, or a folder of these for a web server.
 
 use crate::Config;
 use crate::desk::Desk;
@@ -16,17 +16,18 @@ use surfel_io::{IoError, RegularFile, atomic};
 use surfel_load::paths::is_stdin;
 use surfel_load::scene::is_scene_file;
 
-/// Largest file that is exported, in bytes. A browser holds it in memory several times.
+/// Maximum size of an exported file, in bytes. A browser has several copies of it in memory.
 const MAX_BYTES: u64 = 512 << 20;
-/// Name of the page in a folder.
+/// File name of the page in a folder.
 const INDEX: &str = "index.html";
-/// Size of the image that the page is tried with.
+/// Size of the image, in pixels, with which the export is tested.
 const TRIED_SIZE: [u32; 2] = [64, 48];
 
-/// Options that concern the machine of the export, not the scene.
+/// Options that concern the exporting machine, not the scene.
 const OF_MACHINE: [&str; 3] = ["backend", "adapter", "memory"];
 
-/// Returns the policy of a page, which runs its own code alone. `connects` is where it may read from.
+/// Returns the page's content security policy, by which the page runs only its own code. `connects` are the sources
+/// that the page may read from.
 fn policy(connects: &str) -> String {
     format!(
         "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src \
@@ -34,16 +35,16 @@ fn policy(connects: &str) -> String {
     )
 }
 
-/// The drawing module, for browsers with fused multiply-add and for others.
+/// File names and bytes of the drawing modules: for browsers with fused multiply-add, and for others.
 const MODULES: [(&str, &[u8]); 2] =
     [("fused.wasm", surfel_web_module::FUSED), ("emulated.wasm", surfel_web_module::EMULATED)];
 
-/// Scripts of the worker that draws.
+/// File names and texts of the scripts of the drawing worker.
 const WORKER: [(&str, &str); 2] =
     [("module.js", include_str!("../page/module.js")), ("worker.js", include_str!("../page/worker.js"))];
 
-/// Returns an HTML file that shows a scene in any browser, without a server. It holds one file, byte by byte, and the
-/// options of the configuration.
+/// Returns an HTML file that shows a scene in any browser, without a server. It contains the input file, byte by byte,
+/// and the options of the configuration.
 ///
 /// # Errors
 /// A message if the drawing module isn't built; for a scene file, several files, a file that refers to others, that
@@ -55,10 +56,11 @@ pub fn export(config: &Config) -> Result<Vec<u8>, String> {
     exported(&About::new(config, input, None), &bytes)
 }
 
-/// Writes a folder for a web server, which shows a scene in any browser: the page as `index.html`, the drawing modules,
-/// and the file under its own name. Of a COPC file the page reads what a view needs, by HTTP ranges.
+/// Writes a folder for a web server, which shows a scene in any browser. It contains the page as `index.html`, the
+/// drawing modules, and the input file under its own name. From a COPC file, the page reads only what a view needs, by
+/// HTTP ranges. Returns the size of the folder's files in bytes.
 ///
-/// `index.html` is written last, so that a page is there only with everything it needs.
+/// `index.html` is written last, so that the page never exists without the files that it needs.
 ///
 /// # Errors
 /// Errors of [`export`], except for the file's size. Also a message if a file of the folder can't be written, or exists
@@ -118,7 +120,7 @@ fn checked(config: &Config) -> Result<&Path, String> {
     Ok(input)
 }
 
-/// Draws the scene once, so that what can't be drawn is refused here, not in a browser.
+/// Draws the scene once, so that a scene that can't be drawn is refused now instead of in a browser.
 fn try_once(config: &Config) -> Result<(), String> {
     let mut desk = Desk::new(config)?;
     let asked = desk.asked_of(&json!(null), &desk.initial.clone(), TRIED_SIZE)?;
@@ -134,15 +136,15 @@ fn try_once(config: &Config) -> Result<(), String> {
     Ok(())
 }
 
-/// A file beside an exported page.
+/// Input file in the folder of an exported page.
 struct Beside {
     name: String,
     file_bytes: u64,
-    /// True if the page reads parts of it.
+    /// True if the page reads the file in ranges instead of as a whole.
     is_ranged: bool,
 }
 
-/// Description of an exported page.
+/// Description of the scene, which an exported page reads.
 struct About {
     /// Name of the input in copied commands.
     name: String,
@@ -157,19 +159,19 @@ impl About {
         Self { name: input.to_string_lossy().into_owned(), flags, beside }
     }
 
-    /// Returns the element that the page reads this from.
+    /// Returns the HTML element with this description as JSON.
     fn element(&self) -> String {
         let beside = self.beside.as_ref();
         let ranged = beside.filter(|beside| beside.is_ranged).map(|beside| beside.file_bytes);
         let name = beside.map(|beside| &beside.name);
         let about = json!({ "name": self.name, "flags": self.flags, "beside": name, "ranged": ranged }).to_string();
-        // Text of a script element ends at "</script", which this JSON doesn't contain.
+        // A script element ends at the text "</script". This JSON must not contain it.
         let about = about.replace('<', "\\u003c");
         format!("<script type=\"application/json\" id=\"exported\">{about}</script>\n")
     }
 }
 
-/// Returns bytes packed by gzip, as text in base64.
+/// Compresses bytes by gzip and returns them as base64 text.
 fn packed(bytes: &[u8]) -> Result<String, String> {
     let failed = |e: io::Error| format!("can't pack the page: {e}");
     let mut packed = GzEncoder::new(Vec::new(), Compression::best());
@@ -184,7 +186,7 @@ fn read(config: &Config, input: &Path) -> Result<Vec<u8>, String> {
     }
 }
 
-/// Returns the page with everything that it needs inside.
+/// Returns the page as one HTML file, which contains everything that the page needs.
 fn exported(about: &About, file: &[u8]) -> Result<Vec<u8>, String> {
     let mut before = about.element();
     for (id, bytes) in MODULES.iter().copied().chain([("file", file)]) {
@@ -193,12 +195,12 @@ fn exported(about: &About, file: &[u8]) -> Result<Vec<u8>, String> {
     page::with(&policy("data:"), &(before + &scripts())).map(String::into_bytes)
 }
 
-/// Returns the page of a folder.
+/// Returns the page for a folder, which reads the other files of the folder.
 fn beside_page(about: &About) -> Result<String, String> {
     page::with(&policy("'self'"), &(about.element() + &scripts()))
 }
 
-/// Returns the scripts of a page that draws by the module.
+/// Returns the script elements of a page that draws by the WebAssembly module.
 fn scripts() -> String {
     let script = |(id, script)| format!("<script type=\"text/plain\" id=\"{id}\">\n{script}</script>\n");
     WORKER.map(script).concat() + &page::script(include_str!("../page/export.js"))

@@ -1,4 +1,4 @@
-//! Access control: who may open the page and its socket.
+//! Access control of the page and its WebSocket, by tokens and by the request's host and origin.
 
 use crate::http::Request;
 use std::net::IpAddr;
@@ -8,7 +8,8 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Debug)]
 pub(crate) struct Guard {
     token: String,
-    /// Token that opens the page once, for the browser's command line, which other users of this machine can read.
+    /// One-time token for the address on the browser's command line, which other users of this machine can read. `None`
+    /// after it was used.
     once: Mutex<Option<String>>,
     cookie: String,
 }
@@ -16,27 +17,28 @@ pub(crate) struct Guard {
 impl Guard {
     /// Creates a guard with random tokens.
     pub(crate) fn new(port: u16) -> Result<Self, String> {
-        // Cookies don't distinguish ports, so the name does.
+        // Browsers send cookies to all ports of a host, so the cookie's name contains the port.
         Ok(Self { token: random_token()?, once: Mutex::new(Some(random_token()?)), cookie: format!("surfel-{port}") })
     }
 
-    /// Returns the token that opens the page once; `None` after it has been used.
+    /// Returns the one-time token; `None` after it was used.
     pub(crate) fn token_for_once(&self) -> Option<String> {
         self.once.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns the token.
+    /// Returns the permanent token of the server.
     pub(crate) fn token(&self) -> &str {
         &self.token
     }
 
-    /// Returns the header line that stores the token in the browser, out of reach of scripts and of requests from other
-    /// sites. A link on another page may lead here: the socket checks its origin.
+    /// Returns the header line that stores the token in the browser. Scripts can't read the cookie, and browsers don't
+    /// send it with requests from other sites, except for links to this page. The WebSocket therefore checks its
+    /// origin.
     pub(crate) fn set_cookie(&self) -> String {
         format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Lax\r\n", self.cookie, self.token)
     }
 
-    /// True if the request's address has the token, or the one that opens the page once, which is used up.
+    /// True if the address of the request contains the token or the one-time token, which becomes invalid.
     pub(crate) fn has_token(&self, request: &Request) -> bool {
         let mut given = request.query.split('&').filter_map(|pair| pair.strip_prefix("token="));
         given.any(|given| self.is_token(given) || self.uses_once(given))
@@ -47,7 +49,7 @@ impl Guard {
         once.take_if(|token| are_equal(given, token)).is_some()
     }
 
-    /// True if the request's cookie has the token.
+    /// True if the request has a cookie with the token.
     pub(crate) fn has_cookie(&self, request: &Request) -> bool {
         request.cookie(&self.cookie).is_some_and(|given| self.is_token(given))
     }
@@ -64,24 +66,26 @@ fn random_token() -> Result<String, String> {
     Ok(data_encoding::HEXLOWER.encode(&bytes))
 }
 
-/// True if two texts are equal. The time of the comparison doesn't depend on the characters.
+/// True if two texts are equal. The time of the comparison doesn't depend on the characters, so that it reveals nothing
+/// about the token.
 fn are_equal(given: &str, token: &str) -> bool {
     let differences = given.bytes().zip(token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
     given.len() == token.len() && differences == 0
 }
 
-/// True if the request names this machine as its host, so that no other site's name leads here.
+/// True if the request names this machine as its host. A foreign host name that resolves to this machine is refused.
 pub(crate) fn has_own_host(request: &Request) -> bool {
     request.header("host").is_some_and(is_loopback_host)
 }
 
-/// True if the request comes from a page of the host that it names. Browsers state the origin of every WebSocket.
+/// True if the request comes from a page of the host that it names. Browsers send the origin of every WebSocket.
 pub(crate) fn has_own_origin(request: &Request) -> bool {
     let (host, origin) = (request.header("host"), request.header("origin"));
     host.zip(origin).is_some_and(|(host, origin)| origin.strip_prefix("http://") == Some(host))
 }
 
-/// True for `localhost`, `127.0.0.1` and `[::1]`, with or without a port. The port may be that of a tunnel.
+/// True for `localhost`, `127.0.0.1` and `[::1]`, with or without a port. The port needn't be the server's: it may be
+/// that of a tunnel.
 fn is_loopback_host(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if !port.is_empty() && port.bytes().all(|b| b.is_ascii_digit()) => name,
@@ -92,7 +96,7 @@ fn is_loopback_host(host: &str) -> bool {
         || loopback_address(name.trim_start_matches('[').trim_end_matches(']')).is_some()
 }
 
-/// Returns the address that a host's name means, if it is this machine's own.
+/// Returns the loopback address that `name` stands for; `None` for any other host.
 pub(crate) fn loopback_address(name: &str) -> Option<IpAddr> {
     if name.eq_ignore_ascii_case("localhost") {
         return Some(IpAddr::from([127, 0, 0, 1]));

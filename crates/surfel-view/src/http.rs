@@ -1,26 +1,26 @@
-//! The part of HTTP/1.1 that the page needs: one bounded GET request per connection.
+//! HTTP/1.1 server functions for the page: one GET request of limited size per connection.
 
 use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// Largest size of a request's head in bytes.
+/// Maximum size of a request's head, in bytes.
 pub(crate) const MAX_HEAD: usize = 16 << 10;
-/// Largest number of headers of a request.
+/// Maximum number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Longest time that a client may take to send a request.
+/// Maximum time in which a client has to send a request's head.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// A request for a page or for a WebSocket.
 #[derive(Debug, Default)]
 pub(crate) struct Request {
-    /// Path without the query.
+    /// Path of the address, without the query.
     pub(crate) path: String,
-    /// Text after `?`.
+    /// Query of the address: the text after `?`.
     pub(crate) query: String,
-    /// Names in lower case, and values.
+    /// Headers: names in lower case, and values.
     headers: Vec<(String, String)>,
-    /// Bytes that follow the head.
+    /// Bytes received after the head.
     pub(crate) rest: Vec<u8>,
 }
 
@@ -45,19 +45,19 @@ impl Request {
         if values.next().is_some() { None } else { first }
     }
 
-    /// Returns the value of a cookie.
+    /// Returns the value of a cookie; `None` if the request doesn't have it.
     pub(crate) fn cookie(&self, name: &str) -> Option<&str> {
         let cookies = self.header("cookie")?.split(';').filter_map(|pair| pair.trim().split_once('='));
         cookies.into_iter().find(|(known, _)| *known == name).map(|(_, value)| value)
     }
 
-    /// True if a header's comma-separated list has a word, in any case.
+    /// True if a header's comma-separated list contains a word, in upper or lower case.
     pub(crate) fn lists(&self, header: &str, word: &str) -> bool {
         self.header(header).is_some_and(|list| list.split(',').any(|item| item.trim().eq_ignore_ascii_case(word)))
     }
 }
 
-/// Reads a request's head, of bounded size and in bounded time.
+/// Reads a request's head, within limits of size and time.
 pub(crate) fn read(stream: &mut TcpStream) -> Result<Request, Refusal> {
     let deadline = Instant::now() + HEAD_TIME;
     let mut bytes = Vec::new();
@@ -96,7 +96,7 @@ fn parse(bytes: &[u8]) -> Result<Option<Request>, Refusal> {
     let target = parsed.path.unwrap_or_default();
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let header = |h: &httparse::Header<'_>| {
-        // Cookies of other programs on this host may be in any encoding.
+        // Cookies of other programs on this host may have any encoding.
         (h.name.to_ascii_lowercase(), String::from_utf8_lossy(h.value).trim().to_owned())
     };
     let headers = parsed.headers.iter().map(header).collect();
@@ -104,14 +104,15 @@ fn parse(bytes: &[u8]) -> Result<Option<Request>, Refusal> {
     Ok(Some(Request { path: path.to_owned(), query: query.to_owned(), headers, rest }))
 }
 
-/// Headers of every response. The page runs only its own script, style and images, in no frame of another page.
+/// Headers of every response. They restrict the page to its own scripts, styles and images, and forbid other pages to
+/// show it in a frame.
 const SAFETY: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\
                       Cross-Origin-Resource-Policy: same-origin\r\nCross-Origin-Opener-Policy: same-origin\r\n\
                       Content-Security-Policy: default-src 'none'; script-src 'self'; style-src 'self'; \
                       img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'\r\n";
 
-/// Writes a response and ends the connection. `more` are whole header lines.
+/// Writes a response and closes the connection. `more` contains additional header lines.
 pub(crate) fn respond(stream: &mut TcpStream, status: &str, kind: &str, more: &str, body: &[u8]) -> io::Result<()> {
     let length = body.len();
     let head = format!(

@@ -1,18 +1,20 @@
-//! Clients and their work: the newest request for an image per client, and the newest image per client.
+//! Queues between clients and the drawing thread. Of each client, only the newest request for an image and the newest
+//! image wait.
 
 use serde_json::Value;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Largest number of clients.
+/// Maximum number of clients.
 pub(crate) const MAX_CLIENTS: usize = 16;
-/// Largest number of unanswered requests of a client besides those for images.
+/// Maximum number of a client's waiting requests other than requests for images.
 const MAX_TASKS: usize = 16;
-/// Largest number of messages that wait for a client; a slower client is disconnected.
+/// Maximum number of messages that wait for a client; a slower client is disconnected.
 const MAX_TEXTS: usize = 64;
-/// Largest size in bytes of the messages that wait for a client; a client that reads no saved images is disconnected.
+/// Maximum size in bytes of the messages that wait for a client. A client that doesn't read its saved images is thus
+/// disconnected.
 const MAX_WAITING_BYTES: usize = 256 << 20;
-/// Number of images that the page shows at once: two of a comparison.
+/// Number of images that a page can show at once: the two of a comparison.
 pub(crate) const LAYERS: usize = 2;
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -24,7 +26,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(crate) enum Outgoing {
     /// JSON.
     Text(String),
-    /// A header as JSON, its length before it, and a file after it.
+    /// A header in JSON, preceded by its length, and followed by a file.
     Binary(Vec<u8>),
     /// Answer to a ping.
     Pong(Vec<u8>),
@@ -39,7 +41,7 @@ impl Outgoing {
     }
 }
 
-/// Messages that wait for a client. Texts are sent in order; of each layer's images only the newest is sent.
+/// Queue of messages to a client. Texts are sent in order. Of each layer's images, only the newest is sent.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     waiting: Mutex<Waiting>,
@@ -66,7 +68,7 @@ impl Outbox {
         self.changed.notify_all();
     }
 
-    /// Replaces a layer's waiting image.
+    /// Puts an image in the queue, in place of the layer's waiting image.
     pub(crate) fn put_image(&self, layer: usize, image: Vec<u8>) {
         let mut waiting = lock(&self.waiting);
         if let Some(slot) = waiting.images.get_mut(layer) {
@@ -75,13 +77,13 @@ impl Outbox {
         self.changed.notify_all();
     }
 
-    /// Ends [`Outbox::next`].
+    /// Closes the outbox, which ends [`Outbox::next`].
     pub(crate) fn close(&self) {
         lock(&self.waiting).is_closed = true;
         self.changed.notify_all();
     }
 
-    /// Waits for the next message; `None` when the client is gone.
+    /// Waits for the next message; `None` after the outbox is closed.
     pub(crate) fn next(&self) -> Option<Outgoing> {
         let mut waiting = lock(&self.waiting);
         loop {
@@ -120,12 +122,13 @@ struct Client {
     outbox: Arc<Outbox>,
     draws: [Option<Value>; LAYERS],
     tasks: VecDeque<Value>,
-    /// True if the last request that was served is one for an image.
+    /// True if the client's last answered request was a request for an image.
     drew: bool,
 }
 
 impl Client {
-    /// Takes the next request: images and other requests in turn, so that a turntable doesn't delay a pick.
+    /// Removes and returns the next request. Requests for images and other requests alternate, so that a turntable
+    /// doesn't delay a pick.
     fn next(&mut self) -> Option<Value> {
         if self.drew
             && let Some(task) = self.tasks.pop_front()
@@ -142,13 +145,13 @@ impl Client {
 #[derive(Default)]
 struct Clients {
     all: Vec<Client>,
-    /// Index of the client that is served next.
+    /// Index of the client whose request is answered next.
     turn: usize,
     last_id: u64,
     is_loaded: bool,
 }
 
-/// All clients. Their threads add requests, and the drawing thread answers them in turn.
+/// Queues of all clients. The clients' threads add requests, and the drawing thread answers the clients in turn.
 #[derive(Default)]
 pub(crate) struct Hub {
     clients: Mutex<Clients>,
@@ -169,7 +172,7 @@ impl Hub {
         Some((id, outbox))
     }
 
-    /// Removes a client and its work.
+    /// Removes a client and its waiting requests.
     pub(crate) fn leave(&self, id: u64) {
         let mut clients = lock(&self.clients);
         clients.all.retain(|client| {
@@ -180,7 +183,7 @@ impl Hub {
         });
     }
 
-    /// Adds a request. A newer request for an image replaces an older one that wasn't begun. Returns false if too many
+    /// Adds a request of a client. A request for an image replaces an older one that waits. Returns false if too many
     /// other requests wait.
     pub(crate) fn ask(&self, id: u64, request: Value) -> bool {
         let mut clients = lock(&self.clients);
@@ -198,7 +201,7 @@ impl Hub {
         true
     }
 
-    /// Waits for the next request, of each client in turn.
+    /// Waits for the next request. Clients are served in turn.
     pub(crate) fn next(&self) -> Next {
         let mut clients = lock(&self.clients);
         loop {
@@ -218,7 +221,7 @@ impl Hub {
         }
     }
 
-    /// Returns a waiting request for an image of the first layer, without answering it.
+    /// Returns a waiting request for an image of the first layer, and leaves it in the queue.
     pub(crate) fn waiting_draw(&self) -> Option<Value> {
         lock(&self.clients).all.iter().find_map(|client| client.draws[0].clone())
     }

@@ -1,7 +1,7 @@
 //! A viewer of surfel scenes: a page in the browser, and the server that draws for it.
 //!
-//! [`Viewer::bind`] opens a server on this machine's own addresses. [`Viewer::run`] loads the scene and draws what
-//! pages ask for, until the program ends. Images at rest equal those of `surfel render` to the byte.
+//! [`Viewer::bind`] opens a server on this machine's own addresses. [`Viewer::run`] loads the scene and draws the
+//! images that pages request, until the program ends. Images at rest equal those of `surfel render` to the byte.
 //!
 //! ```no_run
 //! use surfel_view::{Config, Viewer};
@@ -13,15 +13,16 @@
 //! ```
 //!
 //! # Parts
-//! - `desk` answers requests of pages by a [`surfel_app::session::Session`] per backend, which `sessions` holds;
-//!   [`Painter`] is a desk for a single page without a server: of a notebook, or of a page that draws by WebAssembly;
-//! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
-//!   and what is answered;
-//! - `hub` holds the newest request of each page and the newest image for it, so that nothing grows without bound;
-//! - `artist` draws what the pages of a server ask for, on one thread;
+//! - `desk` answers the requests of pages with a [`surfel_app::session::Session`] per backend and inputs, which
+//!   `sessions` stores;
+//! - [`Painter`] is a desk for a single page without a server, in a notebook or in a page that draws by WebAssembly;
+//! - `server` serves the page's files over HTTP, and one WebSocket per page; `http` limits the size of requests, and
+//!   `guard` controls access;
+//! - `hub` queues the newest request of each page and the newest image for it, so that memory is bounded;
+//! - `artist` is the thread that draws the images for all pages of a server;
 //! - `export` writes a page that draws by WebAssembly, as one file (Cargo feature `export`);
 //! - `state` maps the page's state, an object of options, to the options table, and to commands;
-//! - `mcp` offers what the page does as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
+//! - `mcp` offers the functions of the page as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
 //! - `page/` has the page: HTML, CSS and JavaScript, without a build step.
 //!
 //! # Layer
@@ -61,7 +62,7 @@ use std::sync::Arc;
 #[cfg(feature = "server")]
 pub use viewer::Viewer;
 
-/// Returns the page for a frame of a notebook, whose requests go to the window around it as messages.
+/// Returns the page for a notebook's frame. The page sends its requests as messages to the surrounding window.
 ///
 /// # Errors
 /// A message if the page lacks a place for its parts, which is a defect.
@@ -72,23 +73,23 @@ pub fn page_in_frame() -> Result<String, String> {
     page::with(POLICY, &page::script(include_str!("../page/frame.js")))
 }
 
-/// Configuration of a page: its scene and its server.
+/// Configuration of a page: the scene and its options, and the server.
 #[derive(Clone, Debug, Default)]
 pub struct Config {
     /// One scene file, or files of splats, points and meshes.
     pub inputs: Vec<PathBuf>,
-    /// Names of the inputs for people and for commands that are copied, if they differ.
+    /// Names of the inputs for display and for copied commands; `None` if they are the paths.
     pub names: Option<Vec<PathBuf>>,
     /// Content of the input `-`.
     pub stdin: Option<Arc<[u8]>>,
-    /// Options by long name, with their text. The page can change those that open no file.
+    /// Options as pairs of long name and text. The page can change the options that open no file.
     pub flags: Vec<(String, String)>,
-    /// True if images are sent as pixels, 8-bit sRGB with alpha, instead of PNG and JPEG.
+    /// True if images are sent as raw pixels, 8-bit sRGB with alpha, instead of PNG and JPEG.
     pub sends_pixels: bool,
-    /// Name or address of this machine; `None`: 127.0.0.1.
+    /// Name or address of this machine that the server listens on; `None` for 127.0.0.1.
     pub host: Option<String>,
-    /// Port; `None`: any that is free.
+    /// Port that the server listens on; `None` for any free port.
     pub port: Option<u16>,
-    /// Number of drawing threads; 0: one per CPU.
+    /// Number of drawing threads; 0 for one per CPU.
     pub threads: usize,
 }

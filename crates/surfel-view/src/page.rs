@@ -1,12 +1,12 @@
-//! The page as one HTML file, with another source of images than the server.
+//! The page as one HTML file, which gets its images from another source than the server.
 
 use data_encoding::BASE64;
 
-/// The page, as the server sends it.
+/// HTML of the page, as the server sends it.
 const PAGE: &str = include_str!("../page/index.html");
 
-/// Returns the page with its style, script and icon inside. `policy` is the page's content security policy, and
-/// `before` has the elements before the page's script, which define `window.surfelSource`.
+/// Returns the page with style, script and icon included. `policy` is the page's content security policy. `before` has
+/// the elements that precede the page's script and define `window.surfelSource`.
 ///
 /// # Errors
 /// A message if the page lacks a place for one of them.
@@ -30,7 +30,7 @@ pub(crate) fn with(policy: &str, before: &str) -> Result<String, String> {
     Ok(html)
 }
 
-/// Returns an element that runs a script.
+/// Returns an HTML element that runs a script.
 pub(crate) fn script(text: &str) -> String {
     format!("<script>\n{text}</script>\n")
 }

@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 use surfel_app::wording::as_flags;
 use surfel_sample::NoProgress;
 
-/// A message to the page.
+/// Message to the page.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
-    /// JSON.
+    /// A JSON message.
     Text(String),
-    /// The length of a header in four bytes, little-endian, the header as JSON, and a file.
+    /// A message with a file: the length of a header in four bytes, little-endian, the header in JSON, and the file.
     Binary(Vec<u8>),
 }
 
@@ -41,12 +41,12 @@ impl Painter {
         Ok(Self { desk: Desk::new(config)? })
     }
 
-    /// Returns the first message to the page: its options, and the state to begin with.
+    /// Returns the first message to the page: its options and the initial state.
     pub fn welcome(&self) -> String {
         self.desk.welcome().to_string()
     }
 
-    /// Answers a request, which is a JSON object. Errors are messages, too.
+    /// Answers a request, which is a JSON object. An error is returned as a message, too.
     pub fn answer(&mut self, request: &str) -> Message {
         let request: Value = serde_json::from_str(request).unwrap_or_default();
         match self.desk.answer(0, &request, &NoProgress) {

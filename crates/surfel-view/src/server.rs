@@ -1,4 +1,4 @@
-//! Connections: the page's files, and a WebSocket per client.
+//! Server of a page: answers requests for the page's files, and serves one WebSocket per client.
 
 use crate::guard::{self, Guard};
 use crate::http::{self, Refusal, Request};
@@ -13,17 +13,17 @@ use std::time::{Duration, Instant};
 use tungstenite::Message;
 use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 
-/// Largest number of connections at once; others are refused.
+/// Maximum number of simultaneous connections; further ones are refused.
 const MAX_CONNECTIONS: usize = 48;
-/// Largest size of a client's message in bytes.
+/// Maximum size of a client's message, in bytes.
 const MAX_MESSAGE: usize = 64 << 10;
-/// Largest number of a client's messages in a second; more are read later.
+/// Maximum number of messages of a client per second; further ones are read later.
 const MAX_MESSAGES: u32 = 240;
-/// Largest number of connections in a second; more are accepted later.
+/// Maximum number of accepted connections per second; further ones are accepted later.
 const MAX_ACCEPTED: u32 = 2000;
 /// Time after which a client that doesn't read is disconnected.
 const WRITE_TIME: Duration = Duration::from_secs(20);
-/// Constant that a WebSocket's key is hashed with (RFC 6455, 1.3).
+/// Constant with which a WebSocket's key is hashed (RFC 6455, 1.3).
 const WEBSOCKET_GUID: &[u8] = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
 
 /// Files of the page: path, media type and content.
@@ -34,7 +34,7 @@ const FILES: [(&str, &str, &str); 4] = [
     ("/icon.svg", "image/svg+xml", include_str!("../page/icon.svg")),
 ];
 
-/// Page for requests without the token.
+/// Page that is sent to requests without the token.
 const CLOSED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Surfel</title>\
                       <h1>This address is closed</h1>\
                       <p>Open the address that <code>surfel view</code> printed last in the terminal, with its token. \
@@ -55,7 +55,7 @@ impl Shared {
     }
 }
 
-/// Limits events to a number per second by waiting.
+/// Rate limiter, which waits if there are more than `most` events in a second.
 struct Pace {
     most: u32,
     count: u32,
@@ -78,12 +78,12 @@ impl Pace {
     }
 }
 
-/// Accepts connections until the listener fails. Each has a thread.
+/// Accepts connections until the listener fails. Each connection has its own thread.
 pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
     let mut pace = Pace::new(MAX_ACCEPTED);
     loop {
         pace.wait();
-        // An error concerns a connection that the client has given up, or too many open files.
+        // An error here means that the client has given up, or that too many files are open.
         let Ok((mut stream, _)) = listener.accept() else {
             thread::sleep(Duration::from_millis(20));
             continue;
@@ -124,7 +124,7 @@ fn answer(mut stream: TcpStream, shared: &Arc<Shared>) {
         let body = b"this server answers for localhost only\n";
         let _ = http::respond(&mut stream, "421 Misdirected Request", "text/plain", "", body);
     } else if request.path == "/" && guard.has_token(&request) {
-        // The token moves from the address to a cookie, so that a shared address has none.
+        // The token moves from the address to a cookie, so that an address that the user shares doesn't contain it.
         let more = format!("{}Location: /\r\n", guard.set_cookie());
         let _ = http::respond(&mut stream, "303 See Other", "text/plain", &more, b"");
     } else if !guard.has_cookie(&request) {
@@ -138,7 +138,7 @@ fn answer(mut stream: TcpStream, shared: &Arc<Shared>) {
     }
 }
 
-/// Returns the key that accepts a WebSocket (RFC 6455, 4.2.2); `None` if the request doesn't ask for one.
+/// Returns the key that accepts a WebSocket (RFC 6455, 4.2.2); `None` if the request isn't for a WebSocket.
 fn accept_key(request: &Request) -> Option<String> {
     use sha1::Digest as _;
     let is_asked = request.lists("connection", "upgrade")
@@ -191,7 +191,7 @@ fn limits() -> WebSocketConfig {
         .max_frame_size(Some(MAX_MESSAGE))
 }
 
-/// Reading half of a connection. Answers to pings go through the outbox, so that they don't break another message.
+/// Reading half of a connection. Answers to pings go through the outbox, so that they don't interrupt another message.
 struct ReadHalf(TcpStream);
 
 impl Read for ReadHalf {
@@ -210,7 +210,7 @@ impl Write for ReadHalf {
     }
 }
 
-/// Reads a client's messages until the client leaves or breaks a rule.
+/// Reads a client's messages until the client disconnects or breaks a rule.
 fn read(stream: TcpStream, rest: Vec<u8>, shared: &Shared, (id, outbox): (u64, &Outbox)) {
     let mut socket = WebSocket::from_partially_read(ReadHalf(stream), rest, Role::Server, Some(limits()));
     let mut pace = Pace::new(MAX_MESSAGES);
@@ -235,7 +235,7 @@ fn read(stream: TcpStream, rest: Vec<u8>, shared: &Shared, (id, outbox): (u64, &
     let _ = socket.get_ref().0.shutdown(Shutdown::Both);
 }
 
-/// Sends what waits in the outbox until the client is gone.
+/// Sends the messages of the outbox until the client is disconnected.
 fn write(stream: TcpStream, outbox: &Outbox) {
     let mut socket = WebSocket::from_raw_socket(stream, Role::Server, Some(limits()));
     while let Some(message) = outbox.next() {

@@ -1,4 +1,4 @@
-//! Sessions of a viewer: scenes in memory by backend and inputs, and what is made of their images.
+//! Sessions of a viewer, which have scenes in memory, and the files and measures made from their images.
 
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -13,17 +13,17 @@ use surfel_load::Error;
 use surfel_metrics::{CompareOptions, Comparison, Image};
 use surfel_render::{Frame, Planes, Renderer as _, Stats};
 
-/// Largest number of sessions: two sides of a comparison may have different backends or inputs.
+/// Maximum number of sessions: the two sides of a comparison may have different backends or inputs.
 pub(crate) const MAX_SESSIONS: usize = 2;
 
-/// Backend and inputs of a session.
+/// Key of a session: its backend and inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Key {
     pub(crate) backend: String,
     pub(crate) inputs: Vec<PathBuf>,
 }
 
-/// Sessions, the one used last first.
+/// Sessions in memory, the most recently used one first.
 pub(crate) struct Sessions {
     stdin: Option<Arc<[u8]>>,
     backend_options: BackendOptions,
@@ -36,7 +36,7 @@ impl Sessions {
         Self { stdin, backend_options, all: Vec::new() }
     }
 
-    /// Returns the session of a backend and inputs, which it starts if there is none.
+    /// Returns the session with this key. Starts a session if there is none, and ends older ones to limit the memory.
     pub(crate) fn of(&mut self, key: &Key) -> Result<&mut Session, String> {
         match self.all.iter().position(|(known, _)| known == key) {
             Some(place) => self.all[..=place].rotate_right(1),
@@ -52,7 +52,8 @@ impl Sessions {
     }
 }
 
-/// Draws the shown scene and encodes it as the file that `surfel render` writes. `bytes` is replaced.
+/// Draws the shown scene and encodes it as the file that `surfel render` writes. The file replaces the content of
+/// `bytes`.
 pub(crate) fn draw_png(session: &mut Session, options: &Options, bytes: &mut Vec<u8>) -> Result<Stats, String> {
     bytes.clear();
     let stats = session.draw(&options.render, Planes::RGBA8).map_err(|e| e.to_string())?;
@@ -62,16 +63,16 @@ pub(crate) fn draw_png(session: &mut Session, options: &Options, bytes: &mut Vec
     Ok(stats)
 }
 
-/// Draws the shown scene to compare it. Returns the frame and its milliseconds.
+/// Draws the shown scene for a comparison. Returns the frame and the time of drawing it, in milliseconds.
 pub(crate) fn draw_timed(session: &mut Session, options: &Options) -> Result<(Frame, f64), String> {
     let text = |e: Error| e.to_string();
-    // The first image after an upload also fills caches.
+    // The first image after an upload also fills caches, so it isn't timed.
     session.draw(&options.render, Planes::COLOR).map_err(text)?;
     let stats = session.draw(&options.render, Planes::COLOR).map_err(text)?;
     Ok((session.frame().clone(), stats.frame_ms))
 }
 
-/// Returns the metadata of the shown scene's image in the current folder, as `surfel render` writes it.
+/// Returns the metadata that `surfel render` would write for the shown scene's image in the current folder.
 fn metadata_of(session: &mut Session, options: &Options) -> Result<Vec<(String, String)>, String> {
     let text = |e: Error| e.to_string();
     let hashes = session.hashes().map_err(text)?;
@@ -82,7 +83,7 @@ fn metadata_of(session: &mut Session, options: &Options) -> Result<Vec<(String, 
     Ok(entries.unwrap_or_default())
 }
 
-/// Describes what was picked at a pixel. `inputs` are the names of the objects' files.
+/// Returns a description of the picked point at pixel `at`, as JSON. `inputs` are the names of the objects' files.
 pub(crate) fn picked_json(picked: Picked, at: [u32; 2], inputs: &[String]) -> Value {
     let values: Map<String, Value> = picked.values.into_iter().map(|(name, v)| (name, json!(v))).collect();
     json!({
@@ -93,20 +94,20 @@ pub(crate) fn picked_json(picked: Picked, at: [u32; 2], inputs: &[String]) -> Va
     })
 }
 
-/// Returns a frame's colours as an image to compare.
+/// Returns a frame's colours as an image for the comparison.
 fn image_of(frame: &Frame) -> Result<Image<'_>, String> {
     Image::new(frame.width(), frame.height(), frame.color().as_flattened()).map_err(|e| e.to_string())
 }
 
-/// Difference between two frames.
+/// Measured difference between two frames.
 pub(crate) struct Difference {
     comparison: Comparison,
-    /// FLIP's error map as a PNG.
+    /// Error map of FLIP, as a PNG.
     pub(crate) map: Vec<u8>,
 }
 
 impl Difference {
-    /// Measures the difference of `b` from `a`, the reference.
+    /// Measures the difference of `b` from the reference `a`.
     pub(crate) fn between(a: &Frame, b: &Frame) -> Result<Self, String> {
         let comparison = surfel_metrics::compare(&image_of(a)?, &image_of(b)?, &CompareOptions::default());
         let comparison = comparison.map_err(|e| e.to_string())?;

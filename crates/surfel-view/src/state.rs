@@ -4,19 +4,19 @@ use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use surfel_app::options::{Audience, Commands, Options, Row, Setter, table};
 
-/// Options of the page's state, by name.
+/// State of a page: options by their long names.
 pub(crate) type State = Map<String, Value>;
 
-/// Options that a client may not set: they open files, or lift limits that the server's owner set.
+/// Options that a client may not set, because they open files, or lift limits that the server's owner set.
 const OWNERS: [&str; 8] =
     ["memory", "storage", "adapter", "no-metadata", "planes", "label", "columns", "allow-outside"];
 
 /// Inputs and options that the page can't change.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Fixed {
-    /// Input files, as given.
+    /// Paths of the input files, as given.
     pub(crate) inputs: Vec<PathBuf>,
-    /// Names of the input files for people and commands.
+    /// Names of the input files, for display and for copied commands.
     pub(crate) names: Vec<PathBuf>,
     /// Names and values of options.
     pub(crate) flags: Vec<(String, String)>,
@@ -27,7 +27,8 @@ pub(crate) fn is_for_clients(row: &Row) -> bool {
     (row.is_image || row.name == "backend") && !OWNERS.contains(&row.name) && row.name != "size"
 }
 
-/// Returns an option that clients may set to this value. No value names a file of the server.
+/// Returns the table's entry of an option, if clients may set the option to this value. No such value names a file of
+/// the server.
 fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     let row = table().find(Commands::VIEW, name).filter(|row| is_for_clients(row));
     let row = row.ok_or_else(|| format!("{name}: there is no such option of the page"))?;
@@ -38,7 +39,7 @@ fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     Ok(row)
 }
 
-/// Returns a value of the state as the text of a flag.
+/// Returns the texts of a flag for a value of the state.
 fn text_of(value: &Value) -> Result<Vec<String>, String> {
     let single = |value: &Value| match value {
         Value::String(text) => Ok(text.clone()),
@@ -52,12 +53,12 @@ fn text_of(value: &Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// Returns names and values of a state's options, the fixed ones first.
+/// Returns the options of a state with their texts, the fixed options first.
 fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, String> {
     let mut flags = Vec::new();
     let replaces_camera = ["view", "eye", "target"].iter().any(|name| state.contains_key(*name));
     for (name, text) in &fixed.flags {
-        // The page's value replaces one of the command line.
+        // A value of the page replaces the value of the command line.
         if name == "camera" && replaces_camera {
             continue;
         }
@@ -66,7 +67,7 @@ fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, St
             flags.push((row, text.clone()));
         }
     }
-    // The page's camera replaces a view's, and each projection the other.
+    // The page's camera replaces the camera of a view, and each projection replaces the other.
     let has = |name: &str| state.contains_key(name);
     let is_replaced = |name: &str| {
         name == "view" && (has("eye") || has("target"))
@@ -95,7 +96,7 @@ fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, St
     Ok(flags)
 }
 
-/// Returns the options of a state for an image of this size in pixels.
+/// Returns the options for an image of this state, with a size in pixels.
 ///
 /// # Errors
 /// A message for the page, which names the option and its problem.
@@ -109,7 +110,7 @@ pub(crate) fn options(fixed: &Fixed, state: &State, size: [u32; 2]) -> Result<Op
     Ok(options)
 }
 
-/// Returns the command that writes the image of a state, for a shell.
+/// Returns the shell command that writes the image of a state.
 pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
     let mut words = vec!["surfel".to_owned(), "render".to_owned()];
     for path in &fixed.names {
@@ -167,11 +168,11 @@ pub(crate) fn python(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) ->
     ))
 }
 
-/// Returns an option's value as a literal of Python, of the type that its keyword has.
+/// Returns an option's value as a Python literal of the type of its keyword argument.
 fn literal(row: &Row, text: &str) -> String {
     let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     let is_plain = |c: char| c.is_ascii_digit() || "-+.eE, ".contains(c);
-    // Python has no numbers such as 01.
+    // Python has no numbers with leading zeros, such as 01.
     let is_padded = |part: &str| {
         let digits = part.trim().trim_start_matches(['-', '+']).as_bytes();
         digits.first() == Some(&b'0') && digits.get(1).is_some_and(u8::is_ascii_digit)
@@ -184,7 +185,7 @@ fn literal(row: &Row, text: &str) -> String {
     }
 }
 
-/// Returns the first message to a page: the options that it can set, and the state to begin with.
+/// Returns the first message to a page: the options that the page can set, and the initial state.
 pub(crate) fn welcome(fixed: &Fixed, initial: &State) -> Value {
     let rows = table().of(Commands::VIEW).filter(|row| is_for_clients(row) && row.is_built);
     let row = |row: &Row| {

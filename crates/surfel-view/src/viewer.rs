@@ -1,4 +1,4 @@
-//! The server of a page, from its port to its end.
+//! Public entry point of the server: opens a port and serves pages.
 
 use crate::Config;
 use crate::artist::Artist;
@@ -10,7 +10,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread;
 
-/// A server that listens but doesn't draw yet.
+/// Server that listens on a port but doesn't draw yet.
 pub struct Viewer {
     listener: TcpListener,
     address: SocketAddr,
@@ -19,7 +19,7 @@ pub struct Viewer {
 }
 
 impl Viewer {
-    /// Opens the server's port.
+    /// Opens the port of the server.
     ///
     /// # Errors
     /// A message that names a host other than this machine, a port in use, or a flag that isn't an option.
@@ -43,13 +43,13 @@ impl Viewer {
         Ok(Self { listener, address, guard, desk })
     }
 
-    /// Returns the page's address, with the token.
+    /// Returns the address of the page, which contains the token.
     pub fn url(&self) -> String {
         self.address_with(self.guard.token())
     }
 
-    /// Returns an address that opens the page once. A browser's command line, which other users of this machine can
-    /// read, has this one.
+    /// Returns an address that opens the page only once. It is meant for the browser's command line, which other users
+    /// of this machine can read.
     pub fn url_for_once(&self) -> String {
         self.address_with(&self.guard.token_for_once().unwrap_or_default())
     }

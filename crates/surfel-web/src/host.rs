@@ -1,34 +1,36 @@
-//! The host's file: the page reads a file beside it by HTTP ranges.
+//! File of the host, of which the page reads parts by HTTP ranges.
 
 use std::collections::VecDeque;
 use std::io;
 use std::sync::{Mutex, PoisonError};
 use surfel_io::HostFile;
 
-/// Size of a block, in bytes. The headers and hierarchies of files are read in small parts; each block is one request.
+/// Size of a block, in bytes. Headers and hierarchies of files are read in small parts; reading whole blocks limits the
+/// number of requests.
 const BLOCK_BYTES: u64 = 1 << 16;
-/// Largest number of blocks in memory.
+/// Maximum number of blocks in memory.
 const MAX_BLOCKS: usize = 64;
 
-/// Reads `out` from a byte offset of the host's file.
+/// Function that fills a buffer from a byte offset of the host's file.
 type ReadAt = fn(u64, &mut [u8]) -> io::Result<()>;
 
-/// A file whose small parts are read in blocks, which stay in memory.
+/// File of the host. Small parts are read in blocks, which are cached in memory.
 #[derive(Debug)]
 pub(crate) struct RangeFile {
     file_bytes: u64,
     read: ReadAt,
-    /// Blocks with their numbers, the oldest first.
+    /// Cached blocks with their numbers, the oldest first.
     blocks: Mutex<VecDeque<(u64, Vec<u8>)>>,
 }
 
 impl RangeFile {
-    /// Creates a file of the host's `read`, of a length in bytes.
+    /// Creates a file of `file_bytes` bytes, which is read by `read`.
     pub(crate) fn new(file_bytes: u64, read: ReadAt) -> Self {
         Self { file_bytes, read, blocks: Mutex::default() }
     }
 
-    /// Copies the part of a block that lies in `out`, which begins at byte offset `at`.
+    /// Copies bytes of a block to `out`, reading the block if it isn't cached. `out` begins at byte offset `at` of the
+    /// file.
     fn copy_block(&self, number: u64, at: u64, out: &mut [u8]) -> io::Result<()> {
         let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
         let found = blocks.iter().position(|(other, _)| *other == number);

@@ -1,14 +1,14 @@
-//! The CPU backend as a WebAssembly module: what the server of `surfel view` answers, without a server.
+//! The CPU backend as a WebAssembly module, which answers the requests of the page of `surfel view` without a server.
 //!
 //! The host passes bytes through buffers in the module's memory:
 //!
-//! 1. [`make_room`] makes room for `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns its address;
-//!    the host writes there.
-//! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`].
-//!    Or `open_host` opens a file of the host, of which only parts are read.
-//! 3. [`answer`] answers the request in [`REQUEST`], a JSON object as the server's WebSocket takes.
-//! 4. They return the length of their answer; [`reply`] returns its address. The first byte is 0 for text, 1 for a
-//!    header with a file.
+//! 1. [`make_room`] allocates `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns their address; the
+//!    host writes there.
+//! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`]. Or `open_host` opens a file of the
+//!    host, of which only parts are read.
+//! 3. [`answer`] answers the request in [`REQUEST`], a JSON object like a message to the server's WebSocket.
+//! 4. These functions return the length of their reply; [`reply`] returns its address. The first byte is 0 for text, 1
+//!    for a header with a file.
 //!
 //! All functions run on the host's thread, one at a time.
 
@@ -19,12 +19,12 @@ use std::cell::RefCell;
 use std::path::PathBuf;
 use surfel_view::{Config, Message, Painter};
 
-/// Number of the buffer for a file.
+/// Number of the buffer that contains a file.
 pub const MODEL: usize = 0;
-/// Number of the buffer for a request.
+/// Number of the buffer that contains a request.
 pub const REQUEST: usize = 1;
 
-/// Buffers, and the open file.
+/// State of the module: the buffers and the open file.
 #[derive(Default)]
 struct Module {
     buffers: [Vec<u8>; 2],
@@ -36,7 +36,8 @@ thread_local! {
     static MODULE: RefCell<Module> = RefCell::default();
 }
 
-/// Makes room for a number of bytes in a buffer, and returns its address; 0 if there is no such buffer or memory.
+/// Allocates `bytes` bytes in a buffer, and returns their address. Returns 0 if there is no such buffer, or not enough
+/// memory.
 #[unsafe(no_mangle)]
 pub extern "C" fn make_room(buffer: usize, bytes: usize) -> usize {
     MODULE.with_borrow_mut(|module| {
@@ -50,27 +51,28 @@ pub extern "C" fn make_room(buffer: usize, bytes: usize) -> usize {
     })
 }
 
-/// Opens the file in the first buffer. The other has a name, and names and texts of options, each after a line feed.
-/// Replies with the first message to the page, or with an error.
+/// Opens the file in the buffer [`MODEL`]. The buffer [`REQUEST`] contains the file's name, then the names and texts of
+/// options, each preceded by a line feed. The reply is the first message to the page, or an error. Returns the length
+/// of the reply.
 #[unsafe(no_mangle)]
 pub extern "C" fn open() -> usize {
     MODULE.with_borrow_mut(|module| {
         let (name, flags) = module.name_and_flags();
-        // The file's memory moves: a file isn't there twice.
+        // The bytes are moved, so that the file isn't in memory twice.
         let bytes = std::mem::take(&mut module.buffers[MODEL]);
         let inputs = vec!["-".into()];
         module.open(Config { inputs, names: Some(vec![name]), stdin: Some(bytes.into()), flags, ..Config::default() })
     })
 }
 
-/// Opens a file of the host, of `file_bytes` bytes, as [`open`] does. The module reads parts of it by the imported
-/// function `read` of the module `host`.
+/// Opens a file of the host, of `file_bytes` bytes, like [`open`]. The module reads parts of it by the imported
+/// function `read` of the module `host`. Returns the length of the reply.
 #[cfg(target_family = "wasm")]
 #[unsafe(no_mangle)]
 pub extern "C" fn open_host(file_bytes: f64) -> usize {
     #[link(wasm_import_module = "host")]
     unsafe extern "C" {
-        /// Copies `count` bytes of the file from byte offset `at` to `address`; returns 0 if it could.
+        /// Copies `count` bytes of the file, from byte offset `at`, to `address`. Returns 0 on success.
         fn read(at: f64, address: usize, count: usize) -> u32;
     }
     fn read_at(at: u64, out: &mut [u8]) -> std::io::Result<()> {
@@ -87,7 +89,7 @@ pub extern "C" fn open_host(file_bytes: f64) -> usize {
     })
 }
 
-/// Answers the request in the second buffer.
+/// Answers the request in the buffer [`REQUEST`]. Returns the length of the reply.
 #[unsafe(no_mangle)]
 pub extern "C" fn answer() -> usize {
     MODULE.with_borrow_mut(|module| {
@@ -100,13 +102,13 @@ pub extern "C" fn answer() -> usize {
     })
 }
 
-/// Returns the address of the newest reply.
+/// Returns the address of the latest reply.
 #[unsafe(no_mangle)]
 pub extern "C" fn reply() -> usize {
     MODULE.with_borrow(|module| module.reply.as_ptr() as usize)
 }
 
-/// Returns the number of errors of the fused multiply-add in `count` random and hard cases.
+/// Returns the number of wrong results of the fused multiply-add in `count` random and hard cases.
 #[cfg(target_family = "wasm")]
 #[unsafe(no_mangle)]
 pub extern "C" fn fused_errors(count: usize) -> usize {
@@ -114,7 +116,7 @@ pub extern "C" fn fused_errors(count: usize) -> usize {
 }
 
 impl Module {
-    /// Reads the second buffer: a name, and names and texts of options, each after a line feed.
+    /// Parses the buffer [`REQUEST`]: a file name, then the names and texts of options, each preceded by a line feed.
     fn name_and_flags(&self) -> (PathBuf, Vec<(String, String)>) {
         let words = String::from_utf8_lossy(&self.buffers[REQUEST]);
         let mut words = words.split('\n').map(str::to_owned);
@@ -126,7 +128,7 @@ impl Module {
         (name, flags)
     }
 
-    /// Opens a file in place of another. Replies with the first message to the page, or with an error.
+    /// Opens a file and closes the previous one. The reply is the first message to the page, or an error.
     fn open(&mut self, config: Config) -> usize {
         self.painter = None;
         let message = match Painter::new(&Config { sends_pixels: true, threads: 1, ..config }) {

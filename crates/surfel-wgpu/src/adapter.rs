@@ -1,18 +1,18 @@
-//! Lists adapters, and opens the device of the one that draws.
+//! Adapters of this machine, and opening the device of one of them.
 
 use crate::error::failed;
 use crate::options::Options;
 use crate::{CAPABILITIES, NAME};
 use surfel_render::{RenderError, RendererInfo};
 
-/// Adapter that wgpu found.
+/// Description of an adapter that wgpu found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterSummary {
     /// Name reported by the driver.
     pub name: String,
     /// Graphics API through which wgpu uses the adapter.
     pub api: String,
-    /// Name and version of the driver; empty if the API doesn't report them.
+    /// Name and version of the driver; empty if the graphics API doesn't report them.
     pub driver: String,
     /// True if the adapter computes on the CPU.
     pub is_software: bool,
@@ -20,9 +20,9 @@ pub struct AdapterSummary {
     pub facts: Vec<(&'static str, String)>,
 }
 
-/// Returns the adapters that wgpu finds, hardware before software.
+/// Returns the adapters that wgpu finds. Hardware comes before software.
 pub fn adapters() -> Vec<AdapterSummary> {
-    // wgpu panics instead of returning an instance without any API.
+    // Without any graphics API, wgpu panics instead of returning an instance.
     if wgpu::Instance::enabled_backend_features().is_empty() {
         return Vec::new();
     }
@@ -60,13 +60,13 @@ fn instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.flags = wgpu::InstanceFlags::empty();
     if validation {
-        // Without DEBUG, Vulkan's messages aren't printed.
+        // Without the flag DEBUG, messages of Vulkan's validation aren't printed.
         descriptor.flags |= wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
     }
     wgpu::Instance::new(descriptor)
 }
 
-/// Returns adapters, the fastest kind first; within a kind, Vulkan, Metal and DX12 before GL.
+/// Returns the adapters of an instance, the fastest kind first. Within a kind, Vulkan, Metal and DX12 come before GL.
 fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     adapters.sort_by_key(|adapter| {
@@ -83,20 +83,20 @@ fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     adapters
 }
 
-/// Open device, its queue, and facts about its adapter.
+/// Open device with its queue, and the description of its adapter.
 pub(crate) struct OpenDevice {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
 }
 
-/// Returns the optional features, which are enabled where the adapter has them.
+/// Returns the optional features that are enabled if the adapter has them.
 fn wanted_features() -> wgpu::Features {
     wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
 }
 
 pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
-    // wgpu panics instead of returning an instance without any API.
+    // Without any graphics API, wgpu panics instead of returning an instance.
     if wgpu::Instance::enabled_backend_features().is_empty() {
         return Err(failed(
             "no graphics API of this platform is built in; build with feature vulkan, metal, dx12 or gles",
@@ -126,7 +126,7 @@ pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
     Ok(OpenDevice { device, queue, info: adapter.get_info() })
 }
 
-/// True if the device can blend f32 targets.
+/// True if the device can blend targets of f32.
 pub(crate) fn blends_f32(device: &wgpu::Device) -> bool {
     device.features().contains(wgpu::Features::FLOAT32_BLENDABLE)
 }

@@ -1,4 +1,4 @@
-//! Compute path: buffers of cells, and recording of a tile's dispatches.
+//! Compute path: its buffers, and recording of a tile's dispatches.
 
 use crate::execute::{TileInputs, compute};
 use crate::pipelines::CellPipeline;
@@ -18,13 +18,13 @@ pub(crate) struct CellBuffers {
 }
 
 impl CellBuffers {
-    /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
+    /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
     pub(crate) fn prepare(&mut self, device: &wgpu::Device, tiles: &CellTiles, room: CellRoom) {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = tiles.bytes(buffer, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.size() < bytes) {
-                // The old buffer is freed first: memory may not suffice for both.
+                // The old buffer is freed first, because memory may not suffice for both.
                 self.buffers.remove(&buffer);
                 let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
                 self.buffers.insert(buffer, empty(device, buffer.name(), bytes, usage));
@@ -32,7 +32,7 @@ impl CellBuffers {
         }
     }
 
-    /// Returns the size of all buffers, bytes.
+    /// Returns the total size of all buffers, in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.buffers.values().map(wgpu::Buffer::size).sum()
     }

@@ -8,19 +8,19 @@ pub(crate) fn failed(message: impl Into<String>) -> RenderError {
     RenderError::Backend { backend: NAME, message: message.into() }
 }
 
-/// Error that arrives outside of any call: a lost device, or an error that no scope caught.
+/// Receiver of errors that arrive outside of any call: a lost device, or an error that no error scope caught.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ErrorSink(Arc<Mutex<Option<String>>>);
 
 impl ErrorSink {
-    /// Creates a sink and registers it with a device. Without a handler wgpu panics.
+    /// Creates a sink and registers it as the device's error handler. Without a handler, wgpu panics.
     pub(crate) fn of(device: &wgpu::Device) -> Self {
         let mailbox = Self::default();
         let uncaptured = mailbox.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| uncaptured.put(error.to_string())));
         let lost = mailbox.clone();
         device.set_device_lost_callback(move |reason, message| {
-            // A device that the renderer itself destroys isn't lost.
+            // If the renderer itself destroys the device, that is no error.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 lost.put(format!("the device was lost: {message}"));
             }
@@ -29,21 +29,21 @@ impl ErrorSink {
     }
 
     fn put(&self, message: String) {
-        // The first error is stored, since later ones usually follow from it.
+        // Only the first error is stored, since later ones usually follow from it.
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
     }
 
-    /// Returns the first error since the last call.
+    /// Returns an error if one arrived since the last call.
     pub(crate) fn check(&self) -> Result<(), RenderError> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), |message| Err(failed(message)))
     }
 }
 
-/// Error of a [`scoped`] call.
+/// Error that wgpu reported within [`scoped`].
 pub(crate) enum ScopedError {
     /// The device is out of memory.
     OutOfMemory,
-    /// Any other error, as wgpu's message.
+    /// Any other error, as the message of wgpu.
     Other(String),
 }
 
@@ -56,7 +56,7 @@ impl From<ScopedError> for RenderError {
     }
 }
 
-/// Runs `work`, and returns the first error that wgpu reports in it.
+/// Runs `work` within error scopes. Returns the first error that wgpu reports, if any.
 pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Result<T, ScopedError> {
     let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
     let mut scopes = filters.map(|filter| Some(device.push_error_scope(filter)));

@@ -1,4 +1,4 @@
-//! Recording of a tile's steps.
+//! Recording of the steps of a tile.
 
 use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
@@ -20,7 +20,7 @@ pub(crate) struct Tile<'a> {
     pub targets: &'a Targets,
     frame_group: wgpu::BindGroup,
     setup_frame_group: wgpu::BindGroup,
-    /// Bind groups of the segments that may touch the tile.
+    /// Bind groups of each segment; `None` for segments that can't touch the tile.
     segments: Vec<Option<SegmentGroups>>,
     near: Vec<RecordDraw>,
     polygons_group: wgpu::BindGroup,
@@ -28,13 +28,13 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
     /// Bind group for compositing into a host's render target.
     composite_group: wgpu::BindGroup,
-    /// Bind group of the draw that binds like a pixel pass, if the tile has one.
+    /// Bind group of the pass that binds like a pixel pass ([`Draw::binds_as_pixel_pass`]), if the tile has one.
     steps_group: Option<wgpu::BindGroup>,
-    /// Size of the drawn part of the targets, pixels.
+    /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
-    /// Size of the shaded region, pixels.
+    /// Size of the shaded region, in pixels.
     shaded: [u32; 2],
-    /// Counter of the splats that were set up and touch the tile.
+    /// Buffer with the number of splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
     /// Indirect draws of transparent splats; `None` if there are none.
     pub layer_draws: Option<wgpu::Buffer>,
@@ -65,21 +65,21 @@ struct SegmentGroups {
     drawn: RecordDraw,
 }
 
-/// Draw of records.
+/// Draw call of a run of records.
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     group: wgpu::BindGroup,
-    /// Bind group that replaces `group` where each splat is lit by itself.
+    /// Bind group that replaces `group` in passes that light each splat separately.
     lit_group: Option<wgpu::BindGroup>,
     /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Index among the indirect draws of layers.
+    /// Index of this draw among the indirect draws of layers.
     index: usize,
 }
 
-/// Creates the bind groups of each segment of splats; `None` for segments outside of the tile. Both counters count
-/// drawn splats, the second those that are drawn again.
+/// Creates the bind groups of each segment of splats; `None` for segments that can't touch the tile. `counters` are two
+/// buffers for the number of drawn splats. The first counts splats at their first setup, the second at repeated setups.
 fn segment_groups(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -109,7 +109,7 @@ fn segment_groups(
     groups.collect()
 }
 
-/// Creates the draws of records at the near plane.
+/// Creates the draw calls of records at the near plane.
 fn near_draws(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'_>) -> Vec<RecordDraw> {
     let TileInputs { scene, pipelines, data, .. } = *inputs;
     let storage = wgpu::BufferUsages::STORAGE;
@@ -227,7 +227,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Records a step.
+    /// Records a step of the tile.
     pub(crate) fn step(&self, encoder: &mut wgpu::CommandEncoder, step: &Step, queries: Option<&mut Queries>) {
         match step {
             Step::Setup { segments, first } => self.setup(encoder, segments, *first, step.name(), queries),
@@ -247,7 +247,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Records `times` further runs of the pass over Gaussians.
+    /// Records `times` repetitions of the pass over Gaussians.
     pub(crate) fn dispatch_again(&self, encoder: &mut wgpu::CommandEncoder, steps: &[Step], times: u32) {
         for step in (0..times).flat_map(|_| steps) {
             self.step(encoder, step, None);
@@ -320,7 +320,7 @@ impl<'a> Tile<'a> {
             })
             .collect();
         let depth_stencil_attachment = draw.depth().and_then(|target| {
-            // A reversed depth of 0 is infinitely far.
+            // A reversed depth of 0 means infinitely far.
             let depth_ops = Some(operations(first, 0.0));
             let view = self.targets.view(target)?;
             Some(wgpu::RenderPassDepthStencilAttachment { view, depth_ops, stencil_ops: None })
@@ -367,7 +367,7 @@ impl<'a> Tile<'a> {
         }
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         let mut last = None;
-        // Splats at the near plane belong to no segment: the first draw of a kind draws them.
+        // Splats at the near plane belong to no segment. They are drawn in the first step of each pass.
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {
@@ -383,7 +383,7 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// Records a compute pass.
+/// Records a compute pass with one dispatch.
 pub(crate) fn compute(
     encoder: &mut wgpu::CommandEncoder,
     name: &'static str,

@@ -9,18 +9,18 @@ use surfel_model::Storage;
 pub struct Options {
     /// Case-insensitive part of the adapter's name; `None` for the fastest kind of adapter.
     pub adapter: Option<String>,
-    /// True if the API's own validation checks every call, where it is installed. Messages go to the `log` crate.
+    /// True if the graphics API's validation, where installed, checks every call. Its messages go to the `log` crate.
     pub validation: bool,
     /// Limits on the use of the device.
     pub limits: Limits,
     /// Storage format of splats in the device's memory.
     pub storage: Storage,
-    /// Path by which frames are drawn: compute shaders or raster hardware.
+    /// GPU path that draws frames: compute shaders or raster hardware.
     pub path: GpuPath,
 }
 
 impl Options {
-    /// Sets a case-insensitive part of the adapter's name; `None` allows any adapter.
+    /// Sets the case-insensitive part of the adapter's name; `None` allows any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();

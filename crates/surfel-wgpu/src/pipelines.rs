@@ -1,10 +1,10 @@
-//! Layouts and pipelines, built once for each format of the sums.
+//! Bind group layouts and pipelines, built once per device or per precision of the sums.
 
 use std::collections::HashMap;
 use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
-/// Returns the texture format of a target.
+/// Returns the texture format of a target at a precision of the sums.
 pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat {
     match (target.format(), sums) {
         (TargetFormat::Depth, _) => wgpu::TextureFormat::Depth32Float,
@@ -16,14 +16,14 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat 
     }
 }
 
-/// Part of the image that is composited into a host's render target.
+/// Part of the image that a pass composites into a host's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Part {
     /// The whole image at once.
     Whole,
     /// The opaque surface.
     Opaque,
-    /// The transparent layers, over everything else.
+    /// The transparent layers, in front of everything else.
     Layers,
 }
 
@@ -36,13 +36,13 @@ impl Part {
         }
     }
 
-    /// True if the host's depth is tested and written.
+    /// True if the host's depth buffer is tested and written.
     pub(crate) fn has_depth(self) -> bool {
         self != Self::Layers
     }
 }
 
-/// Parameters of a pipeline that composites into a host's render target.
+/// Key of a pipeline that composites into a host's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HostKey {
     pub part: Part,
@@ -51,7 +51,7 @@ pub(crate) struct HostKey {
     pub compare: wgpu::CompareFunction,
 }
 
-/// Parameters of a draw's pipeline.
+/// Key of the pipeline of a draw.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct DrawKey {
     draw: Draw,
@@ -59,12 +59,12 @@ struct DrawKey {
     precision: Precision,
 }
 
-/// Shader module, layouts and pipelines of a device, each built once.
+/// Shader module, layouts and pipelines of a device; each is built once.
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
-    /// Layout of the frame's bindings that splat setup uses. With all of them, setup would use more buffers than every
-    /// adapter supports.
+    /// Layout of the bindings of the frame's group that splat setup uses. With the whole group, setup would use more
+    /// buffers than every adapter supports.
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
@@ -75,28 +75,28 @@ pub(crate) struct Pipelines {
     cells: HashMap<&'static str, CellPipeline>,
 }
 
-/// Pipeline of a pass of the compute path, and the layouts of its bindings. Each pass has its own layout of the frame's
-/// buffers: with all of them, some passes would exceed the number that every adapter supports.
+/// Pipeline of one entry point of the compute path, with the layouts of its bind groups. Each pipeline has its own
+/// layout of the frame's group. With the whole group, some passes would use more buffers than every adapter supports.
 pub(crate) struct CellPipeline {
     pub raw: wgpu::ComputePipeline,
     pub frame_group: wgpu::BindGroupLayout,
     pub group: wgpu::BindGroupLayout,
 }
 
-/// Pipeline of a pixel pass, and the layout of its bindings.
+/// Pipeline of a pixel pass, with the layout of its bind group.
 pub(crate) struct PixelPipeline {
     pub raw: wgpu::ComputePipeline,
     pub group: wgpu::BindGroupLayout,
 }
 
-/// Setup pipeline of a clip variant, with the layouts of setup's bindings and of records.
+/// Setup pipeline of a clip variant, with the layouts of the bind groups of setup and of records.
 pub(crate) struct SplatPipeline {
     pub setup: wgpu::ComputePipeline,
     pub setup_group: wgpu::BindGroupLayout,
     pub records_group: wgpu::BindGroupLayout,
 }
 
-/// Pipeline of a draw, and the layout of the textures that the draw reads.
+/// Pipeline of a draw, with the layout of the textures that it reads.
 pub(crate) struct DrawPipeline {
     pub raw: wgpu::RenderPipeline,
     pub reads_group: wgpu::BindGroupLayout,
@@ -178,7 +178,7 @@ impl Pipelines {
         self.pixels.get(&pixels)
     }
 
-    /// Builds the pipeline of a pass of the compute path, if it doesn't exist.
+    /// Builds the pipeline of an entry point of the compute path, if it doesn't exist.
     pub(crate) fn prepare_cells(&mut self, device: &wgpu::Device, entry: &'static str) {
         self.cells.entry(entry).or_insert_with(|| {
             let [frame_group, own] = [0, 1].map(|number| group(device, entry, &[entry], number));
@@ -284,7 +284,7 @@ fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayo
     })
 }
 
-/// Returns options that don't zero workgroup memory: shaders write it before they read it.
+/// Returns options that don't zero workgroup memory, because shaders write it before they read it.
 fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }
@@ -299,7 +299,7 @@ fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> w
     }
 }
 
-/// Creates a pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
+/// Creates a pipeline that draws triangle strips without vertex buffers: records as quads, or full-screen triangles.
 fn drawing(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,

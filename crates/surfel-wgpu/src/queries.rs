@@ -2,8 +2,8 @@
 
 use surfel_render::{PassTime, Stats};
 
-/// Maximum number of passes of a tile that are measured. Further passes, in scenes of very many segments, run
-/// unmeasured.
+/// Maximum number of passes of a tile that are measured. Further passes, in scenes with very many segments, aren't
+/// measured.
 const MOST_PASSES: u32 = 512;
 
 /// Shader stages whose invocations are counted, in the order of the bits.
@@ -12,9 +12,9 @@ const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VE
     .union(wgpu::PipelineStatisticsTypes::COMPUTE_SHADER_INVOCATIONS);
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
-/// Queries of a tile.
+/// Queries of the passes of a tile.
 pub(crate) struct Queries {
-    /// Timestamps, and the duration of a tick in nanoseconds.
+    /// Query set of timestamps, and the duration of a tick in nanoseconds.
     times: Option<(wgpu::QuerySet, f64)>,
     invocations: Option<wgpu::QuerySet>,
     /// Names of the passes measured so far.
@@ -23,7 +23,7 @@ pub(crate) struct Queries {
     label: Option<&'static str>,
 }
 
-/// Queries of a pass.
+/// Reserved queries of one pass.
 #[derive(Clone, Copy)]
 pub(crate) struct Query<'a> {
     queries: &'a Queries,
@@ -31,7 +31,7 @@ pub(crate) struct Query<'a> {
 }
 
 impl Queries {
-    /// Creates the queries that the device's features allow.
+    /// Creates those queries that the device's features allow.
     pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
         let set = |wanted, label, ty, count| {
             let descriptor = wgpu::QuerySetDescriptor { label: Some(label), ty, count };
@@ -47,18 +47,19 @@ impl Queries {
         }
     }
 
-    /// Starts a tile. If `label` is set, it replaces the names of the tile's passes.
+    /// Starts the queries of a tile. If `label` is set, it replaces the names of the tile's passes.
     pub(crate) fn restart(&mut self, label: Option<&'static str>) {
         self.names.clear();
         self.rename(label);
     }
 
-    /// Sets or removes the name that replaces the names of the following passes.
+    /// Sets the name that replaces the names of the following passes; `None` restores their own names.
     pub(crate) fn rename(&mut self, label: Option<&'static str>) {
         self.label = label;
     }
 
-    /// Copies the results to a buffer, if there are any. Returns it with its size in bytes.
+    /// Records a copy of the results to a new buffer. Returns the buffer and its size in bytes; `None` if there are no
+    /// results.
     pub(crate) fn resolve(
         &self,
         device: &wgpu::Device,
@@ -81,7 +82,8 @@ impl Queries {
         Some((buffer, bytes))
     }
 
-    /// Returns the size in bytes of the times, padded so that other results may follow, and of the invocation counts.
+    /// Returns the sizes in bytes of the timestamps and of the invocation counts. The first is padded to the alignment
+    /// of the second.
     fn bytes(&self) -> [u64; 2] {
         let passes = self.names.len() as u64;
         let times = if self.times.is_some() { 16 * passes } else { 0 };
@@ -89,7 +91,7 @@ impl Queries {
         [times.next_multiple_of(wgpu::QUERY_RESOLVE_BUFFER_ALIGNMENT), invocations]
     }
 
-    /// Returns the layout of the results, which can be read after further passes were recorded.
+    /// Returns the layout of the results. It stays valid after further passes are recorded.
     pub(crate) fn pass_record(&self) -> PassRecord {
         let [times, _] = self.bytes();
         PassRecord {
@@ -101,7 +103,7 @@ impl Queries {
     }
 }
 
-/// Layout of a buffer of query results.
+/// Layout of a buffer of query results, which interprets its words.
 pub(crate) struct PassRecord {
     names: Vec<&'static str>,
     period: Option<f64>,
@@ -110,7 +112,7 @@ pub(crate) struct PassRecord {
 }
 
 impl PassRecord {
-    /// Adds the costs of the passes to the statistics of earlier tiles.
+    /// Adds the times and invocation counts of the passes to the statistics. `words` is the content of the buffer.
     pub(crate) fn add(&self, words: &[u32], stats: &mut Stats) {
         let (times, invocations) = words.split_at_checked(self.times_words).unwrap_or((words, &[]));
         let number =
@@ -136,7 +138,7 @@ impl PassRecord {
 }
 
 impl<'a> Query<'a> {
-    /// Reserves the next queries for the pass `name`.
+    /// Reserves the next queries for the pass `name`; `None` if there are no queries left.
     pub(crate) fn next(queries: Option<&'a mut Queries>, name: &'static str) -> Option<Self> {
         let queries = queries?;
         let index = queries.names.len() as u32;
@@ -162,7 +164,7 @@ impl<'a> Query<'a> {
         Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// Returns the query set that counts invocations, and the index in it.
+    /// Returns the query set that counts invocations, and the index of this pass's query.
     pub(crate) fn invocations(self) -> Option<(&'a wgpu::QuerySet, u32)> {
         Some((self.queries.invocations.as_ref()?, self.index))
     }

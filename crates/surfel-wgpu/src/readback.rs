@@ -1,4 +1,4 @@
-//! Reads buffers of the device as words on the host.
+//! Copies of device buffers that the host reads.
 
 use crate::error::failed;
 use crate::scene::empty;
@@ -12,7 +12,7 @@ pub(crate) struct Readback {
 }
 
 impl Readback {
-    /// Records copies of the first bytes of each buffer.
+    /// Records copies of the first bytes of several buffers. `parts` are pairs of a buffer and a number of bytes.
     pub(crate) fn record(
         device: &wgpu::Device,
         encoder: &mut wgpu::CommandEncoder,
@@ -21,8 +21,8 @@ impl Readback {
         Self::record_into(None, device, encoder, parts)
     }
 
-    /// Like [`Readback::record`], but reuses the buffer that [`Readback::read_and_keep`] returned, if it is large
-    /// enough. The system would have to map the pages of a new one.
+    /// Records copies like [`Readback::record`] into the buffer that [`Readback::read_and_keep`] returned, if its size
+    /// fits. Mapping the memory pages of a new buffer would take longer.
     pub(crate) fn record_into(
         kept: Option<wgpu::Buffer>,
         device: &wgpu::Device,
@@ -42,12 +42,12 @@ impl Readback {
         Self { buffer, lengths }
     }
 
-    /// Waits for the device and passes the words of each region to `read`.
+    /// Waits for the device and passes the words of each copied region to `read`.
     pub(crate) fn read<T>(self, device: &wgpu::Device, read: impl FnOnce(&[&[u32]]) -> T) -> Result<T, RenderError> {
         self.read_and_keep(device, read).map(|(result, _)| result)
     }
 
-    /// Like [`Readback::read`], and returns the buffer for [`Readback::record_into`].
+    /// Reads like [`Readback::read`], and also returns the buffer for [`Readback::record_into`].
     pub(crate) fn read_and_keep<T>(
         self,
         device: &wgpu::Device,

@@ -1,4 +1,4 @@
-//! The renderer: uploads scenes and draws frames.
+//! Renderer that uploads scenes and draws frames.
 
 use crate::adapter::{self, OpenDevice, blends_f32, renderer_info};
 use crate::cells::{CellBuffers, CellTile};
@@ -27,21 +27,21 @@ pub struct Renderer {
     pub(crate) queue: wgpu::Queue,
     pub(crate) info: RendererInfo,
     is_software: bool,
-    /// True if the adapter blends f32.
+    /// True if the adapter can blend targets of f32.
     f32_sums: bool,
     pub(crate) errors: ErrorSink,
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
-    /// Targets of shadow maps.
+    /// Targets of the last frame's shadow maps.
     map_targets: Option<Targets>,
     queries: Queries,
     /// Buffers of the compute path.
     cells: CellBuffers,
-    /// Buffer through which the last frame was read back.
+    /// Buffer through which the last frame was read back, to be reused.
     readback: Option<wgpu::Buffer>,
     /// Shadow maps of the last frame.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
-    /// The lesser of the device's limits and the limits in the options.
+    /// The smaller of the device's limits and the limits in the options.
     pub(crate) limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -111,7 +111,7 @@ impl Renderer {
         self.is_software
     }
 
-    /// Returns the parameters of a tile's targets.
+    /// Returns the key of a tile's targets.
     pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
         TargetKey {
             size: data.target_size(plan),
@@ -138,7 +138,7 @@ impl Renderer {
     /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) {
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
-            // The old targets are freed first: memory may not suffice for both.
+            // The old targets are freed first, because memory may not suffice for both.
             self.targets = None;
             self.targets = Some(Targets::new(&self.device, &self.pipelines, key));
         }
@@ -155,7 +155,7 @@ impl Renderer {
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok((cache.texels.clone(), Vec::new()));
         }
-        // The old maps are freed first: memory may not suffice for both.
+        // The old maps are freed first, because memory may not suffice for both.
         self.maps = None;
         let texels = shadow_texels(plan, self.limits).map_err(failed)?;
         let device = self.device.clone();
@@ -351,7 +351,7 @@ impl Renderer {
                 stats.fragments += fragments;
                 break;
             }
-            // The tile's splats were counted, and are drawn again.
+            // The tile's splats were counted already, and are drawn again.
             stats.drawn = before;
             let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(failed)?;
@@ -362,7 +362,7 @@ impl Renderer {
     }
 
     /// Executes steps, waits for them, and passes the words of the planes to `read`. The returned flag is true if no
-    /// layers remain.
+    /// A-buffer layers remain to be drawn.
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
@@ -448,8 +448,8 @@ impl Renderer {
         result.ok_or_else(missing)
     }
 
-    /// Measures the device's fill rates in targets of `side_px` pixels a side: upper bounds that times of passes can be
-    /// compared with. Returns an empty list if the device has no timestamps.
+    /// Measures the device's fill rates in square targets of side `side_px`, in pixels. Fill rates are upper bounds of
+    /// the speed of passes. Returns an empty list if the device has no timestamps.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size; [`RenderError::Backend`] if the device fails.
@@ -495,7 +495,7 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// Work to be executed for a tile.
+/// Steps to be executed for a tile, with their data.
 struct TileJob<'a> {
     data: &'a TileData,
     key: TargetKey,

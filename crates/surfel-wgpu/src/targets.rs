@@ -1,4 +1,4 @@
-//! Textures and buffers of a tile, reused from frame to frame while they fit.
+//! Textures and buffers of a tile, reused from frame to frame if their key is the same.
 
 use crate::pipelines::{Pipelines, format_of};
 use crate::scene::empty;
@@ -10,7 +10,7 @@ pub(crate) struct Targets {
     views: HashMap<Target, wgpu::TextureView>,
     reads: HashMap<Draw, wgpu::BindGroup>,
     pub planes: wgpu::Buffer,
-    /// Composites of transparent layers.
+    /// Composites of the transparent layers, one per pixel.
     pub layer_composites: wgpu::Buffer,
 }
 
@@ -61,7 +61,7 @@ impl Targets {
         Self { key, views, reads, planes, layer_composites }
     }
 
-    /// Returns the bind group entries of these textures.
+    /// Returns bind group entries for the textures of these targets. `reads` are pairs of binding and target.
     pub(crate) fn entries(&self, reads: &[(u32, Target)]) -> Vec<wgpu::BindGroupEntry<'_>> {
         entries(&self.views, reads)
     }

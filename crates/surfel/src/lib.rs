@@ -1,6 +1,6 @@
 //! Surfel draws surfaces made of splats: scans, point clouds, meshes and trained Gaussians, filtered, blended and
-//! shaded. This crate is the front door: it gathers the types that most programs need, and the packages behind them as
-//! eight modules.
+//! shaded. This crate is the entry point for library users. It re-exports the types that most programs need, and the
+//! packages behind them as eight modules.
 //!
 //! # Tour
 //! **A file.** [`open`] loads geometry or a scene file, and chooses camera, lights and settings where none are stated.
@@ -43,9 +43,9 @@
 //! # }
 //! ```
 //!
-//! **A scene of own splats.** A [`SplatCloud`] is made of disks or ellipses. A [`Scene`] places clouds, meshes and
-//! octrees, with lights, materials and a background. [`Renderer::render_into`] renders other planes than colours and
-//! parts of an image, and reuses the frame's memory.
+//! **A scene of own splats.** A [`SplatCloud`] consists of disks or ellipses. A [`Scene`] places clouds, meshes and
+//! octrees, with lights, materials and a background. [`Renderer::render_into`] can render planes other than colours,
+//! and parts of an image. It reuses the frame's memory.
 //!
 //! ```
 //! use surfel::model::Object;
@@ -91,13 +91,21 @@
 //! | Read and write single formats | [`io`] |
 //! | Look up a formula | the package `surfel-math` |
 //!
-//! [`Error`] covers the errors of all packages below.
+//! [`Error`] covers the errors of all packages that this crate uses.
 //!
 //! # Layer
-//! The crate has no code of its own. Programs depend on it, or on the packages behind it: `surfel-io` reads files,
-//! `surfel-sample` converts them to splats, `surfel-load` combines the two, `surfel-framing` estimates views,
-//! `surfel-stage` chooses scenes, `surfel-backend` draws, `surfel-ortho` draws orthoimages, and `surfel-app` has
-//! options and requests. What the program can do, a library user can do.
+//! The crate has no code of its own. Programs depend on it or on the packages behind it:
+//!
+//! - `surfel-io` reads files;
+//! - `surfel-sample` converts points and meshes to splats;
+//! - `surfel-load` combines the two;
+//! - `surfel-framing` estimates views;
+//! - `surfel-stage` chooses scenes;
+//! - `surfel-backend` draws;
+//! - `surfel-ortho` draws orthoimages;
+//! - `surfel-app` has options and requests.
+//!
+//! A library user can do everything that the program can do.
 //!
 //! # Features
 //!

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use surfel_reference::Renderer as Reference;
 use surfel_render::RenderError;
 
-/// A scene that failed on a backend.
+/// Scene in which a backend differs from the reference.
 #[derive(Clone, Debug)]
 pub struct Failure {
     /// Seed of the scene.
@@ -18,9 +18,9 @@ pub struct Failure {
     pub backend: Backend,
     /// Report of the comparison.
     pub report: Report,
-    /// Path of the scene file.
+    /// Path of the scene file; `None` if it wasn't written.
     pub file: Option<PathBuf>,
-    /// Path of the scene file of the shrunk scene, reduced to what is needed to fail.
+    /// Path of the shrunk scene's file: the smallest scene found that still fails. `None` if it wasn't written.
     pub smallest: Option<PathBuf>,
 }
 
@@ -36,24 +36,25 @@ impl fmt::Display for Failure {
     }
 }
 
-/// Totals of a backend.
+/// Counts of a backend's results.
 #[derive(Clone, Debug)]
 pub struct Tally {
-    /// The backend.
+    /// Backend that was compared.
     pub backend: Backend,
     /// Number of scenes that passed.
     pub passed: usize,
-    /// Number of scenes that the backend reports as unsupported.
+    /// Number of scenes that the backend doesn't support.
     pub skipped: usize,
-    /// Number of outliers within the margin, over all scenes.
+    /// Number of forgiven outliers in all scenes, which are within a decision margin.
     pub forgiven: usize,
-    /// Largest error outside the margin among scenes that passed, as a fraction of the tolerance, and the scene's seed.
+    /// Largest error outside of decision margins in scenes that passed, in multiples of the tolerance, and the seed of
+    /// its scene.
     pub worst: (f64, u64),
     /// Scenes that failed.
     pub failures: Vec<Failure>,
 }
 
-/// Backends that are compared with the reference in a series of random scenes.
+/// Backends to be compared with the reference in random scenes.
 pub struct Against {
     reference: Reference,
     sessions: Vec<(Session, Tally)>,
@@ -61,8 +62,8 @@ pub struct Against {
 }
 
 impl Against {
-    /// Creates a comparison without backends. If `keep` is given, failing scenes are written to that folder, whole and
-    /// shrunk.
+    /// Creates a comparison without backends. If `keep` is given, failing scenes are written to this folder, both as
+    /// they are and shrunk.
     ///
     /// # Errors
     /// [`RenderError`] if the reference doesn't start.
@@ -71,7 +72,7 @@ impl Against {
         Ok(Self { reference, sessions: Vec::new(), keep: keep.map(Path::to_path_buf) })
     }
 
-    /// Starts a backend.
+    /// Starts a backend and adds it to the comparison.
     ///
     /// # Errors
     /// [`RenderError`] if the backend doesn't start.
@@ -82,7 +83,7 @@ impl Against {
         Ok(())
     }
 
-    /// Draws the scene of a seed on all backends. Returns the new failures.
+    /// Draws the scene of a seed with all backends. Returns the new failures.
     ///
     /// # Errors
     /// [`surfel_io::IoError`], or the system's error, if a failing scene can't be written.
@@ -123,7 +124,7 @@ impl Against {
         Ok(new)
     }
 
-    /// Returns the totals of each backend.
+    /// Returns the counts of each backend.
     pub fn tallies(&self) -> impl Iterator<Item = &Tally> {
         self.sessions.iter().map(|(_, tally)| tally)
     }

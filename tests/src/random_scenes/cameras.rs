@@ -16,7 +16,7 @@ pub(super) fn camera(random: &mut Random) -> Camera {
         () => random.factor(1.2, 6.0),
     };
     let eye = random.direction() * distance;
-    // The target is off centre; from inside the ball it is in any direction.
+    // The target is off the ball's centre. For an eye inside the ball, it is in any direction.
     let target = if inside { eye + random.direction() } else { random.direction() * random.range(0.0, 0.6) };
     let forward = (target - eye).normalize();
     let up = loop {
@@ -25,7 +25,7 @@ pub(super) fn camera(random: &mut Random) -> Camera {
             break up;
         }
     };
-    // Half the view's height at the ball's centre.
+    // Half of the view's height at the centre of the ball.
     let half = if inside { random.range(0.3, 3.0) } else { random.factor(0.15, 2.0) };
     let ahead = if inside { 1.0 } else { forward.dot(-eye).max(0.1) };
     let projection = match random.below(10) {
@@ -43,14 +43,14 @@ pub(super) fn camera(random: &mut Random) -> Camera {
         _ => Projection::Orthographic { height: 2.0 * half },
     };
     let near = match random.below(4) {
-        // Through the ball, or beyond part of it.
+        // The near plane is in the ball, or behind a part of it.
         0 => (ahead + random.range(-1.0, 0.5)).max(0.05),
         1 => random.factor(1e-4, 0.1),
         _ => 0.01 * ahead.max(1.0),
     };
     let far = match projection {
         Projection::Orthographic { .. } => Some(near + random.range(0.05, 1.0) * (ahead + 2.0)),
-        // A far plane without effect.
+        // The far plane has no effect.
         _ => random.chance(0.1).then_some(ahead),
     };
     let [eye, target, up] = [eye, target, up * random.factor(0.1, 10.0)].map(|v: DVec3| v.to_array());

@@ -9,7 +9,7 @@ use surfel_model::{
     ClipCurve, ClipLine, ClipMode, CloudData, Column3, Geometry, NO_LINE, Object, OnInvalid, Shape, SplatCloud,
 };
 
-/// Creates an object of about `count` splats with an affine placement and an interior weight.
+/// Creates an object of about `count` splats, with an affine placement and an interior weight.
 pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     let (mut splats, are_coplanar) = shapes(random, eye, count);
     let matrix = matrix(random);
@@ -18,7 +18,7 @@ pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     splats.iter_mut().for_each(|s| *s = s.transformed(&object_from_world));
     let clipped = random.chance(0.3);
     if clipped {
-        // Clips need the given half-axes, and f32 loses precision between nearly parallel ones.
+        // Clips are relative to the half-axes as given. f32 loses precision between nearly parallel half-axes.
         for splat in splats.iter_mut().filter(|s| s.s.cross(s.t).length() < 0.01 * s.s.length() * s.t.length()) {
             (splat.s, splat.t) = principal_axes(splat.s, splat.t);
         }
@@ -34,7 +34,7 @@ pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     };
     let mut data = cloud.into_data();
     attributes(random, &mut data, are_coplanar);
-    // Invalid splats, of which none is intended, are dropped.
+    // Invalid splats are dropped; none is created on purpose.
     let cloud = SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| build::cloud(&[]), |(cloud, _)| cloud);
     let mut object = placed(cloud);
     object.world_from_object = matrix;
@@ -58,7 +58,7 @@ fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
             confetti(count, random.factor(0.003, 0.4), aspect, seed)
         }
         3 => {
-            // Turned, so that small spheres of two objects don't have the same splats.
+            // The shape is rotated, so that small spheres of two objects don't have the same splats.
             let turn = DQuat::from_axis_angle(random.direction(), random.range(-PI, PI));
             let place = DAffine3::from_scale_rotation_translation(
                 DVec3::splat(random.range(0.3, 1.0)),
@@ -80,7 +80,8 @@ fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
         _ => (0..count).map(|_| at_the_eye_s_needle(random, eye)).collect(),
     };
     if random.chance(0.3) {
-        // Conjugate half-axes that aren't perpendicular; those of needles are nearly parallel.
+        // The half-axes become conjugate ones that aren't perpendicular. The half-axes of needles become nearly
+        // parallel.
         let shear = random.range(-1.5, 1.5);
         splats.iter_mut().for_each(|splat| splat.t += splat.s * shear);
     }
@@ -99,7 +100,7 @@ fn few(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Returns splats in front of, behind and through the near plane.
+/// Returns splats before, behind and across the near plane.
 fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {
         let p = eye + random.direction() * random.factor(0.02, 1.5);
@@ -108,9 +109,10 @@ fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Returns splats from 10° off the view direction through their centres to 1e-6°. Angles from 1e-5 to 2e-4 rad are
-/// excluded. The weight of such a splat is a difference of terms with f32 errors of 6e-8. A tolerance of 1e-3 then
-/// holds only if other splats contribute too.
+/// Returns splats at angles from 10° to 1e-6° from edge-on.
+///
+/// Angles from 1e-5 to 2e-4 rad are excluded. The weight of such a splat is a difference of terms with f32 errors of
+/// 6e-8, so that a tolerance of 1e-3 would require other splats that contribute, too.
 fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {
         let p = random.direction() * random.range(0.0, 1.0);
@@ -126,7 +128,7 @@ fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Returns a long thin splat, more or less along the view.
+/// Returns a long, thin splat that points approximately at the eye.
 fn at_the_eye_s_needle(random: &mut Random, eye: DVec3) -> Splat {
     let p = random.direction() * random.range(0.0, 1.0);
     let along = ((p - eye).normalize_or(DVec3::Z) + random.direction() * random.factor(0.01, 1.0)).normalize();
@@ -137,7 +139,7 @@ fn at_the_eye_s_needle(random: &mut Random, eye: DVec3) -> Splat {
     Splat { p, s: along * long, t: across * long * random.factor(1e-3, 0.3), color: random.color() }
 }
 
-/// Returns a transform from object to world of one of many kinds.
+/// Returns a placement from object to world space, of a random kind.
 fn matrix(random: &mut Random) -> DAffine3 {
     let turn = DQuat::from_axis_angle(random.direction(), random.range(-PI, PI));
     let offset = random.direction() * random.range(0.0, 2.0);
@@ -145,9 +147,9 @@ fn matrix(random: &mut Random) -> DAffine3 {
         0..=2 => DAffine3::IDENTITY,
         3 => DAffine3::from_rotation_translation(turn, offset),
         4 => DAffine3::from_scale_rotation_translation(DVec3::splat(random.factor(1e-2, 1e2)), turn, offset),
-        // Mirrored.
+        // Mirrored placement.
         5 => DAffine3::from_scale_rotation_translation(DVec3::new(-1.0, 1.0, 1.0), turn, offset),
-        // Sheared, mirrored or not.
+        // Sheared placement, mirrored or not.
         6 => loop {
             let columns = [random.direction(), random.direction(), random.direction()];
             let matrix = DMat3::from_cols_array_2d(&columns.map(|c| (c * random.range(0.4, 2.0)).to_array()));
@@ -155,12 +157,12 @@ fn matrix(random: &mut Random) -> DAffine3 {
                 break DAffine3::from_mat3_translation(matrix, offset);
             }
         },
-        // The cloud is far from its own origin.
+        // Placement of a cloud that is far from its own origin.
         _ => DAffine3::from_translation(random.direction() * random.factor(1e2, 1e6)),
     }
 }
 
-/// Returns disks with the same centres and normals, with normals of any length.
+/// Returns disks with the centres and normals of `splats`, whose normals have random lengths.
 fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     let (origin, centers) = Column3::with_origin(&splats.iter().map(|s| s.p).collect::<Vec<_>>());
     let normal = |random: &mut Random, s: &Splat| s.s.cross(s.t).normalize_or(DVec3::Z) * random.factor(0.1, 10.0);
@@ -172,13 +174,13 @@ fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| cloud(&[]), |(cloud, _)| cloud)
 }
 
-/// Removes or adds colours, alpha and shading normals. In one plane, rounding would decide whether an opaque or a
-/// transparent splat is in front, so splats that `are_coplanar` are all of one kind.
+/// Removes or adds colours, alphas and shading normals. Splats that `are_coplanar` are all opaque or all transparent,
+/// because rounding would decide which of two kinds is in front.
 fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     let count = data.centers.len();
     match random.below(8) {
         0 => data.colors = None,
-        // Brighter than white, and black.
+        // Colours brighter than white, and black.
         1 => data.colors.iter_mut().flatten().for_each(|c| *c = c.map(|c| (c - 0.3).max(0.0) * 4.0)),
         _ => {}
     }
@@ -195,7 +197,7 @@ fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     }
 }
 
-/// Returns the splat with a curve, lines or both with probability `share`, otherwise without.
+/// Returns the splat, with probability `share` clipped by a curve, by lines or by both.
 fn clip(random: &mut Random, splat: &Splat, share: f64) -> Clipped {
     let is_clipped = random.chance(share);
     let curve = (is_clipped && random.chance(0.6)).then(|| curve(random));

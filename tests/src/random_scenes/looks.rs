@@ -1,4 +1,4 @@
-//! Random settings, materials and lights.
+//! Random settings, materials, lights and backgrounds.
 
 use crate::random::Random;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use surfel_model::{
     Texture, Transparency,
 };
 
-/// Returns settings that a scene file can have, without any that some backend draws with less precision.
+/// Returns random settings that a scene file can have, except settings that a backend draws with less precision.
 pub(super) fn settings(random: &mut Random) -> Settings {
     let usual = Settings::default();
     let layers = 1 + random.below(5) as u32;
@@ -51,7 +51,7 @@ pub(super) fn settings(random: &mut Random) -> Settings {
         ]))
 }
 
-/// Sets the same material for all objects, or a different one for each.
+/// Sets a random material for all objects, or a different one for each.
 pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     let differ = random.chance(0.4);
     let factors = |random: &mut Random| {
@@ -71,7 +71,7 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     }
 }
 
-/// Declares some clouds oriented, by themselves or by their material. Uses its own generator, as [`matcap`] does.
+/// Declares some clouds oriented, in the cloud or in the material. It uses its own generator, like [`matcap`].
 pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     let mut random = Random::new(seed.rotate_left(16));
     if random.chance(0.5) {
@@ -89,8 +89,8 @@ pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     }
 }
 
-/// Returns a matcap of few random texels if the shader uses one, or `None`. Uses its own generator, so that scenes of
-/// other shaders are the same as before matcaps existed.
+/// Returns a matcap of a few random texels if the shader needs one, else `None`. It uses its own generator, so that
+/// scenes of other shaders don't depend on matcaps.
 pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     let mut random = Random::new(seed.rotate_left(32));
     if shader != Shader::Matcap || random.chance(0.2) {
@@ -105,23 +105,23 @@ pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     Matcap::new(&Texture { width, height, srgba8 }).ok().map(Arc::new)
 }
 
-/// Returns linear RGB and straight alpha.
+/// Returns a random background: linear RGB and straight alpha.
 pub(super) fn background(random: &mut Random) -> [f64; 4] {
     let alpha = if random.chance(0.5) { random.pick([0.0, 1.0]) } else { random.range(0.0, 1.0) };
     [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0), alpha]
 }
 
-/// Returns linear RGB.
+/// Returns a random colour, linear RGB.
 pub(super) fn light_color(random: &mut Random) -> [f64; 3] {
     [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0)]
 }
 
-/// Returns lights of all kinds, no lights, or `None` for the headlight.
+/// Returns random lights of all kinds, no lights, or `None` for the default headlight.
 pub(super) fn lights(random: &mut Random, shader: Shader) -> Option<Vec<Light>> {
     if random.chance(0.2) {
         return None;
     }
-    // Shadow maps have a million texels, so only one in eight scenes of lit shaders has them.
+    // Shadow maps have a million texels. Only one in eight scenes of lit shaders has them, to save time.
     let mut shadows = usize::from(matches!(shader, Shader::Phong | Shader::Toon) && random.chance(0.2));
     let count = random.below(4);
     let mut one = |random: &mut Random| {
@@ -137,7 +137,7 @@ pub(super) fn lights(random: &mut Random, shader: Shader) -> Option<Vec<Light>> 
             1 => Light::Point { position: position.to_array(), color },
             _ => {
                 shadows = 0;
-                // Approximately toward the scene.
+                // The light points approximately at the scene.
                 let direction = (random.direction() * random.range(0.0, 1.0) - position).to_array();
                 let inner_deg = random.range(0.0, 70.0);
                 let outer_deg = inner_deg + random.range(0.0, 60.0);

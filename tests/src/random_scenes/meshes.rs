@@ -5,7 +5,7 @@ use crate::random::Random;
 use glam::{DAffine3, DQuat, DVec3};
 use surfel_model::{Mesh, Object};
 
-/// Creates a wall, a ball or separate triangles, some with colours, normals or a texture.
+/// Creates a random object of polygons: a wall, a ball or separate triangles, some with colours, normals or a texture.
 pub(super) fn object(random: &mut Random) -> Object {
     let mut mesh = match random.below(3) {
         0 => quad(random.direction() * random.range(0.0, 0.8), [random.direction(), random.direction()], 4.0),
@@ -20,7 +20,7 @@ pub(super) fn object(random: &mut Random) -> Object {
         mesh.colors = Some((0..vertices).map(|_| random.color()).collect());
     }
     if random.chance(0.3) {
-        // Multiples of 1/64, so that a file stores them exactly.
+        // Multiples of 1/64 are stored exactly in a file.
         let coordinate = |random: &mut Random| random.below(257) as f32 / 64.0 - 1.0;
         mesh.uvs.get_or_insert_with(|| (0..vertices).map(|_| [coordinate(random), coordinate(random)]).collect());
         mesh.texture = Some(checkers(2 + random.below(5) as u32));
@@ -37,7 +37,7 @@ pub(super) fn object(random: &mut Random) -> Object {
     object
 }
 
-/// Creates triangles of all sizes without shared vertices.
+/// Creates triangles of random sizes without shared vertices.
 fn loose(random: &mut Random) -> Mesh {
     let count = 1 + random.below(12);
     let mut vertices = Vec::new();

@@ -1,8 +1,9 @@
-//! Random scenes: each seed is a scene that combines features of the rendering model (§1 to §8) and the scene file.
+//! Random scenes: each seed gives a scene that combines features of the rendering model (§1 to §8) and of the scene
+//! file.
 //!
-//! A scene is built around the unit ball, then placed somewhere in the world at some scale, together with camera and
-//! lights. [`against`] compares a backend with the reference, [`shrink`] reduces a failing scene to what is needed to
-//! fail, and [`store`] writes it as a scene file.
+//! A scene is built around the unit ball. Then it is placed somewhere in the world at some scale, together with the
+//! camera and the lights. [`against`] compares a backend with the reference, [`shrink`] reduces a failing scene to the
+//! smallest that fails, and [`store`] writes it as a scene file.
 
 pub mod against;
 mod cameras;
@@ -23,7 +24,7 @@ pub const MAX_SPLATS: usize = 200;
 /// Maximum side of an image, in pixels.
 pub const MAX_SIDE_PX: u32 = 96;
 
-/// Returns the scene of a seed: the same on every call.
+/// Returns the scene of a seed, the same on every call.
 pub fn case(seed: u64) -> Case {
     let mut random = Random::new(seed);
     let camera = cameras::camera(&mut random);
@@ -33,7 +34,7 @@ pub fn case(seed: u64) -> Case {
         (0..count).map(|_| clouds::object(&mut random, eye, 1 + random_count(seed, count))).collect();
     if random.chance(0.25) {
         objects.push(meshes::object(&mut random));
-        // Polygons come first as well as last, since the order of objects decides ties.
+        // Polygons may come first or last, since the order of objects decides ties.
         if random.chance(0.3) {
             objects.rotate_right(1);
         }
@@ -61,16 +62,16 @@ pub fn case(seed: u64) -> Case {
     case
 }
 
-/// Returns the number of splats of each of `objects`, log-uniform.
+/// Returns the random number of splats of each of `objects` objects, log-uniform.
 fn random_count(seed: u64, objects: usize) -> usize {
     let mut random = Random::new(!seed);
     random.factor(1.0, MAX_SPLATS as f64 / objects as f64) as usize
 }
 
-/// Returns the case turned, scaled and moved, together with camera, lights and absolute lengths.
+/// Returns the case rotated, scaled and moved, together with the camera, the lights and absolute lengths.
 fn somewhere(random: &mut Random, case: Case) -> Case {
     let scale = if random.chance(0.5) { random.factor(1e-3, 1e3) } else { 1.0 };
-    // As far as georeferenced data is from its origin, in units of the scene's size.
+    // Distance from the world's origin, as in georeferenced data, in units of the scene's size.
     let offset = if random.chance(0.5) { random.direction() * scale * random.factor(1.0, 1e6) } else { DVec3::ZERO };
     let turn = DQuat::from_axis_angle(random.direction(), random.range(-3.0, 3.0));
     let world = DAffine3::from_scale_rotation_translation(DVec3::splat(scale), turn, offset);

@@ -1,4 +1,4 @@
-//! Reduction of a failing scene to what is needed to fail.
+//! Reduction of a failing scene to a small one that still fails.
 
 use crate::scenes::Case;
 use glam::DVec3;
@@ -8,7 +8,7 @@ use surfel_model::{CloudData, Column3, Geometry, Material, OnInvalid, Settings, 
 /// Maximum number of scenes that are tried.
 const MAX_TRIES: usize = 400;
 
-/// Returns the smallest case found that still fails, starting from one that fails.
+/// Returns the smallest case found for which `fails` is true. It must be true for `case`.
 pub fn shrink(case: &Case, mut fails: impl FnMut(&Case) -> bool) -> Case {
     let (mut smallest, mut tries) = (case.clone(), 0);
     'again: loop {
@@ -26,7 +26,7 @@ pub fn shrink(case: &Case, mut fails: impl FnMut(&Case) -> bool) -> Case {
     }
 }
 
-/// Returns simpler cases, those with much less content first.
+/// Returns simpler variants of a case, those with much less content first.
 fn simpler(case: &Case) -> Vec<Case> {
     let mut cases = Vec::new();
     let mut with = |change: &dyn Fn(&mut Case) -> bool| {
@@ -104,7 +104,7 @@ fn simpler(case: &Case) -> Vec<Case> {
     cases
 }
 
-/// Returns the splats for which `keeps` is true.
+/// Returns the splats for whose indices `keeps` is true.
 fn part(cloud: &SplatCloud, keeps: impl Fn(usize) -> bool) -> SplatCloud {
     let mut data = cloud.data().clone();
     let center = |i: usize| if keeps(i) { data.centers.get(i) } else { DVec3::NAN };
@@ -112,7 +112,7 @@ fn part(cloud: &SplatCloud, keeps: impl Fn(usize) -> bool) -> SplatCloud {
     valid(data)
 }
 
-/// Returns a cloud of the valid splats; an empty cloud if none is valid.
+/// Returns a cloud of the valid splats; empty if none is valid.
 fn valid(data: CloudData) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| crate::build::cloud(&[]), |(cloud, _)| cloud)
 }

@@ -1,4 +1,4 @@
-//! Storage of random scenes as files, which any program that reads scene files can draw.
+//! Storage of random scenes as scene files, which any program that reads scene files can draw.
 
 use crate::scenes::Case;
 use std::fmt::Write as _;
@@ -8,8 +8,8 @@ use surfel_io::{IoError, PlanesView, PlyEncoding, PngOptions, atomic, save_octre
 use surfel_math::srgb;
 use surfel_model::{Geometry, Matcap, Mesh, ObjectFile, SceneFile, Texture};
 
-/// Writes `NAME.json` and the files of its objects to an existing folder, and returns the path. The region is dropped,
-/// since scene files have none.
+/// Writes a case to an existing folder, as `NAME.json` and the files of its objects. Returns the path of the scene
+/// file. The region is dropped, because scene files have none.
 ///
 /// # Errors
 /// [`IoError`] if a file can't be written.
@@ -92,7 +92,7 @@ fn save_ball(image: &Matcap, path: &Path) -> Result<(), IoError> {
     save_png(path, true, &planes, &PngOptions::default())
 }
 
-/// Returns a mesh as ASCII PLY, with the shortest numbers that read back exactly.
+/// Returns a mesh as ASCII PLY. Numbers are written in the shortest form that parses to the same value.
 fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
     let mut text = String::from("ply\nformat ascii 1.0\n");
     let mut line = |words: std::fmt::Arguments<'_>| {
@@ -126,7 +126,7 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
         let mut column = |values: &[f32]| row.extend(values.iter().map(ToString::to_string));
         mesh.normals.iter().for_each(|n| column(&n[i]));
         mesh.colors.iter().for_each(|c| column(&c[i]));
-        // In PLY v points upwards.
+        // In PLY files, v points up.
         mesh.uvs.iter().for_each(|uv| column(&[uv[i][0], 1.0 - uv[i][1]]));
         line(format_args!("{}", row.join(" ")));
     }
@@ -136,7 +136,7 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
     text
 }
 
-/// Creates the folder if it doesn't exist, and returns it.
+/// Creates a folder if it doesn't exist, and returns its path.
 ///
 /// # Errors
 /// The system's [`io::Error`].

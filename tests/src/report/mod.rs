@@ -1,4 +1,4 @@
-//! Reports of results: a table for the terminal, a page for the browser.
+//! Reports of results, as a table for the terminal and as a page for the browser.
 
 mod page;
 mod table;
@@ -9,13 +9,13 @@ pub use table::table;
 use crate::backends::{Backend, Run};
 use crate::harness::{Report, Verdict};
 
-/// Result of a requested backend.
+/// Result of one requested backend.
 pub enum Entry {
-    /// The backend ran.
+    /// The backend was compared.
     Ran(Run),
-    /// The backend didn't start, and isn't required.
+    /// The backend didn't start, and isn't required. Contains the reason.
     Absent(Backend, String),
-    /// The backend didn't start, though `SURFEL_REQUIRE` names it.
+    /// The backend didn't start, although `SURFEL_REQUIRE` names it. Contains the reason.
     Missing(Backend, String),
 }
 
@@ -37,17 +37,17 @@ impl Entry {
     }
 }
 
-/// Number of reports by verdict, and the worst report.
+/// Number of reports by verdict, and the report with the largest error.
 struct Sum<'a> {
     passed: usize,
     expected: usize,
     skipped: usize,
     failed: usize,
-    /// Number of outliers outside the margin, over all scenes.
+    /// Number of outliers outside of decision margins, in all scenes.
     outliers: usize,
-    /// Number of outliers within the margin, over all scenes.
+    /// Number of forgiven outliers, in all scenes.
     forgiven: usize,
-    /// The report with the largest error.
+    /// Report with the largest error.
     worst: Option<&'a Report>,
 }
 
@@ -75,7 +75,7 @@ impl<'a> Sum<'a> {
     }
 }
 
-/// Returns a short word for a verdict.
+/// Returns the word for a verdict in reports.
 pub(crate) fn word(verdict: &Verdict) -> &'static str {
     match verdict {
         Verdict::Passed => "passed",

@@ -1,4 +1,4 @@
-//! The report page: one file with embedded images.
+//! Report as an HTML page in one file, with embedded images.
 
 use super::{Entry, Sum, word};
 use crate::harness::{ABSOLUTE, Checked, FORGIVEN_SHARE, RELATIVE, Report, Truth, Verdict, pixel_errors};
@@ -8,7 +8,8 @@ use surfel_io::{PlanesView, PngOptions, write_png};
 use surfel_metrics::{CompareOptions, Image, compare};
 use surfel_render::Frame;
 
-/// Returns a self-contained page on the results of backends in scenes: failures first, then in scene order.
+/// Returns a self-contained page with the results of backends by scene. Failures come first; otherwise scenes are in
+/// order.
 ///
 /// # Errors
 /// [`io::Error`] if an image can't be encoded.
@@ -26,7 +27,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     ));
     for entry in entries {
         let Entry::Ran(run) = entry else { continue };
-        // Results without a scene: unused expectations, messages of validation layers.
+        // Results without a scene are unused expectations and messages of validation layers.
         for checked in run.checked.iter().skip(truths.len()) {
             page.failed_section(run.info.backend);
             page.preformatted(&checked.report.to_string());
@@ -41,7 +42,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     Ok(page.html())
 }
 
-/// Returns the results of backends in a scene, with their names.
+/// Returns the results of all backends in a scene, with the backends' names.
 fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static str, &Checked)> {
     entries.iter().filter_map(move |entry| match entry {
         Entry::Ran(run) => Some((run.info.backend, run.checked.get(truth)?)),
@@ -49,7 +50,7 @@ fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static st
     })
 }
 
-/// Returns the rank of a scene on the page by a backend's result: failures first.
+/// Returns the sort key of a scene on the page; failures have the smallest.
 fn severity(report: &Report) -> u8 {
     match report.verdict {
         Verdict::Failed(_) => 0,
@@ -135,7 +136,7 @@ fn scene(page: &mut Page, truth: &Truth, results: &[(&'static str, &Checked)]) -
     Ok(())
 }
 
-/// Returns PSNR and FLIP of the colours, for information: neither decides.
+/// Returns the PSNR and FLIP of the colours as text. They are for information and don't affect the verdict.
 fn metrics(got: Option<&Frame>, want: Option<&Frame>) -> String {
     fn image(frame: &Frame) -> Option<Image<'_>> {
         Image::new(frame.width(), frame.height(), frame.color().as_flattened()).ok()
@@ -144,7 +145,7 @@ fn metrics(got: Option<&Frame>, want: Option<&Frame>) -> String {
     compared().map_or_else(String::new, |c| format!("{:.1} dB, {:.5}", c.psnr, c.flip_mean.unwrap_or(f64::NAN)))
 }
 
-/// Returns the errors as fractions of the tolerance, as visible colours.
+/// Returns an image of the errors, in colours that show fractions of the tolerance.
 fn difference(got: &Frame, want: &Frame) -> Vec<[f32; 4]> {
     let color = |(&error, &margin): (&f64, &f32)| match (error > 1.0, margin != 0.0) {
         (false, _) => [error as f32, error as f32, error as f32, 1.0],

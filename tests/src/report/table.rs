@@ -1,4 +1,4 @@
-//! The table on the terminal.
+//! Report as a table on the terminal.
 
 use super::{Entry, Sum};
 use std::fmt::Write;
@@ -6,9 +6,9 @@ use std::fmt::Write;
 const HEAD: [&str; 7] =
     ["backend", "scenes", "worst plane", "of tolerance", "outliers outside", "inside margin", "result"];
 
-/// Returns failures in full, then one line per backend, failed ones first.
+/// Returns the descriptions of all failures, then a table with a row per backend, failed ones first.
 ///
-/// Outliers are pixels with an error above the tolerance, over all scenes.
+/// Outliers are pixels with an error above the tolerance, in all scenes.
 pub fn table(entries: &[Entry]) -> String {
     let mut text = String::new();
     for entry in entries {

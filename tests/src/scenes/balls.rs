@@ -70,7 +70,7 @@ pub fn ball_cloud(balls: &[(DVec3, f64)], in_pixels: bool, flat: bool) -> SplatC
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// Returns random points of the unit ball with radii between two.
+/// Returns random points in the unit ball, with random radii between the two given ones.
 fn points(count: usize, radii: [f64; 2], seed: u64) -> Vec<(DVec3, f64)> {
     let mut random = Random::new(seed);
     let point = |random: &mut Random| random.direction() * random.range(0.0, 1.0).cbrt();
@@ -90,20 +90,22 @@ fn lit(name: &str, objects: Vec<Object>, camera: Camera) -> Case {
     case
 }
 
-/// Catches wrong outlines and depths: balls of up to half of a wide view, which intersect.
+/// Returns intersecting balls of up to half the width of a wide view. Catches wrong outlines and depths.
 fn large_balls() -> Case {
     let balls = points(24, [0.1, 0.6], 5);
     lit("large_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.2, 70.0, [96, 72]))
 }
 
-/// Catches lost digits inside a large outline: a ball of 300 times its distance covers all of the view.
+/// Returns a ball whose radius is 300 times its distance, so that it covers the whole view. Catches lost digits inside
+/// a large outline.
 fn ball_beyond_the_view() -> Case {
     let ball = ball_cloud(&[(DVec3::NEG_Z * 301.0, 300.0)], false, false);
     let view = Camera { target: [0.0, 0.0, -1.0], ..camera(0.0, 60.0, [24, 24]) };
     lit("ball_beyond_the_view", vec![object(ball)], view)
 }
 
-/// Catches stored light that isn't shown, or by a wrong normal: of a turned object beside one without light.
+/// Returns a rotated object with stored light, and one without. Catches stored light that isn't shown, or is looked up
+/// by a wrong normal.
 fn balls_with_stored_light() -> Case {
     let mut random = Random::new(14);
     let balls = ball_cloud(&points(60, [0.05, 0.3], 12), false, false);
@@ -118,7 +120,7 @@ fn balls_with_stored_light() -> Case {
     let mut turned = object(SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0);
     turned.world_from_object = DAffine3::from_rotation_x(0.7) * DAffine3::from_rotation_y(-0.4);
     let other = object(ball_cloud(&points(20, [0.05, 0.2], 13), false, false));
-    // Edges by samples need a step, which balls alone don't have.
+    // Edges by samples need a depth step, which balls alone don't have.
     let floor = object(cloud(&floor(0.7, -0.3)));
     let mut case = lit("balls_with_stored_light", vec![turned, other, floor], camera(2.4, 52.0, [80, 80]));
     case.scene.objects[2].material.interior_weight = Some(1.3);
@@ -126,32 +128,32 @@ fn balls_with_stored_light() -> Case {
     case
 }
 
-/// Catches wrong coverage where outlines are strongly curved: balls of 1 to 4 pixels.
+/// Returns balls of 1 to 4 pixels. Catches wrong coverage where outlines are strongly curved.
 fn small_balls() -> Case {
     let balls = points(500, [0.01, 0.05], 6);
     lit("small_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.6, 52.0, [96, 96]))
 }
 
-/// Catches lost area: balls of a twentieth of a pixel to a pixel.
+/// Returns balls of 1/20 pixel to a pixel. Catches lost area.
 fn tiny_balls() -> Case {
     let balls = points(2500, [0.001, 0.016], 7);
     lit("tiny_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.6, 52.0, [72, 72]))
 }
 
-/// Catches radii in pixels that change with depth or with the size of a sample.
+/// Returns balls or dots with radii in pixels. Catches radii that change with depth or with the size of a sample.
 fn balls_in_pixels(flat: bool) -> Case {
     let balls = points(200, [0.4, 5.0], 8);
     let name = if flat { "dots_in_pixels" } else { "balls_in_pixels" };
     lit(name, vec![object(ball_cloud(&balls, true, flat))], camera(2.6, 52.0, [80, 64]))
 }
 
-/// Catches dots that aren't parallel to the image, or whose depth varies.
+/// Returns dots. Catches dots that aren't parallel to the image, or whose depth varies.
 fn dots() -> Case {
     let balls = points(200, [0.02, 0.12], 9);
     lit("dots", vec![object(ball_cloud(&balls, false, true))], camera(2.6, 52.0, [80, 64]))
 }
 
-/// Catches a wrong scale of radii, and lost digits far from the origin.
+/// Returns balls of scaled objects, far from the origin. Catches a wrong scale of radii, and lost digits.
 fn placed_balls() -> Case {
     let far = DVec3::new(4.0e5, -3.0e5, 2.0e4);
     let mut placed = object(ball_cloud(&points(150, [0.1, 0.3], 10), false, false));
@@ -168,7 +170,8 @@ fn placed_balls() -> Case {
     case
 }
 
-/// Catches balls that are drawn though they reach z_near or lie beyond z_far.
+/// Returns balls at the near and far planes. Catches balls that are drawn although they reach z_near or lie beyond
+/// z_far.
 fn balls_at_near_plane() -> Case {
     let balls: Vec<_> = points(120, [0.05, 0.3], 12).into_iter().map(|(p, r)| (p * 1.6, r)).collect();
     let mut case =
@@ -177,7 +180,7 @@ fn balls_at_near_plane() -> Case {
     case
 }
 
-/// Catches alphas that are ignored, or that count under `transparency: off`.
+/// Returns balls with alpha. Catches alphas that are ignored, or that have an effect with `transparency: off`.
 fn glassy_balls() -> Case {
     let cloud = ball_cloud(&points(120, [0.05, 0.25], 13), false, false);
     let cloud = with_alpha(cloud, |i| if i % 3 == 0 { 1.0 } else { 0.2 + 0.1 * (i % 7) as f32 });
@@ -190,7 +193,7 @@ fn floor(size: f64, z: f64) -> Vec<Splat> {
     })
 }
 
-/// Catches a wrong order of balls, splats and polygons, also behind edges.
+/// Returns balls among splats and polygons. Catches a wrong order of the three, also behind edges.
 fn balls_among_others() -> Case {
     let balls = ball_cloud(&points(60, [0.03, 0.2], 14), false, false);
     let splats = confetti(40, 0.12, 2.0, 15).into_iter().map(|s| Splat { p: s.p * 0.8, ..s }).collect::<Vec<_>>();
@@ -201,7 +204,7 @@ fn balls_among_others() -> Case {
     case
 }
 
-/// Catches balls in front of, between and behind transparent layers that are drawn in another order.
+/// Returns balls among transparent layers. Catches a wrong order of balls in front of, between and behind layers.
 fn balls_among_glass() -> Case {
     let balls = ball_cloud(&points(50, [0.03, 0.2], 16), false, false);
     let mut panes = Vec::new();
@@ -227,7 +230,7 @@ fn balls_among_glass() -> Case {
     case
 }
 
-/// Catches shadows that balls don't cast or receive, or cast upon themselves.
+/// Returns balls with shadows. Catches shadows that balls don't cast or receive, or that a ball casts on itself.
 fn shadows_of_balls(scale: f64) -> Case {
     let balls: Vec<_> = points(40, [0.06, 0.2], 17).into_iter().map(|(p, r)| (p * 0.8, r * scale)).collect();
     let mut case = lit(
@@ -252,7 +255,7 @@ fn shadows_of_balls(scale: f64) -> Case {
     case
 }
 
-/// Catches a region that isn't a crop of the image.
+/// Returns a region of a scene of balls. Catches a region that isn't a crop of the image.
 fn region_of_balls() -> Case {
     let mut case = small_balls();
     case.name = "small_balls/region".into();
@@ -261,7 +264,7 @@ fn region_of_balls() -> Case {
 }
 
 impl Case {
-    /// Returns the case in a camera with an optical axis off the centre and pixels that aren't square.
+    /// Returns the case with a camera whose optical axis is off the centre, and whose pixels aren't square.
     fn in_intrinsics(mut self) -> Self {
         let [w, h] = self.camera.size.map(f64::from);
         self.camera.projection =

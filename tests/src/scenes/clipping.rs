@@ -25,7 +25,7 @@ pub(super) fn clipping_cases() -> Vec<Case> {
     ];
     for filter in Filter::ALL {
         cases.push(clip_grazing().with(filter.name(), |s| s.filter = filter));
-        // Wide filters, so that most of a footprint is due to the filter.
+        // The filters are wide, so that most of a footprint is due to the filter.
         cases.push(curves.with(filter.name(), |s| s.filter = filter));
         cases.push(clipped_confetti().with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 2.5)));
     }
@@ -44,8 +44,8 @@ fn random_line(random: &mut Random) -> ClipLine {
     ClipLine { a: cos as f32, b: sin as f32, c: random.range(-0.2, 0.7) as f32 }
 }
 
-/// Returns a grid of large, tilted ellipses, each cut by another curve; one corner has no curve. Catches confused
-/// angles, sides, turns and weights.
+/// Returns a grid of large, tilted ellipses, each clipped by another curve; one corner has no curve. Catches confused
+/// angles, sides, rotations and weights.
 pub fn clip_curves() -> Case {
     let mut random = Random::new(83);
     let splats: Vec<Clipped> = (0..36)
@@ -70,8 +70,9 @@ pub fn clip_curves() -> Case {
     )
 }
 
-/// Returns splats that point at the eye and retain their far ends, in front of one large wall. A filter widens them and
-/// moves their clips. Catches empty pixels, where the unfiltered part hides the wall but no filtered fragment remains.
+/// Returns splats that point at the eye and are clipped except for their far ends, in front of a large wall. A filter
+/// widens them and moves their clips. Catches empty pixels, where the unfiltered part hides the wall but no filtered
+/// fragment remains.
 pub fn clip_grazing() -> Case {
     let mut random = Random::new(127);
     let camera = camera(3.2, 45.0, [96, 96]);
@@ -115,9 +116,9 @@ pub fn clip_lines() -> Case {
     )
 }
 
-/// Returns splats with lines without a gradient, which retain the whole splat or nothing, alone and among others. The
-/// upper row joins them by `and`, the lower by `or`. Catches a constant line that is treated as absent, or as always
-/// inside.
+/// Returns splats with clip lines without a gradient, which leave either the whole splat or nothing visible. They are
+/// alone and among other lines. The upper row joins lines by `and`, the lower by `or`. Catches a constant line that is
+/// treated as absent, or as always inside.
 pub fn constant_lines() -> Case {
     let line = |a: f32, b: f32, c: f32| ClipLine { a, b, c };
     let (never, always, level) = (line(0.0, 0.0, -0.25), line(0.0, 0.0, 2.0), line(0.0, 0.0, 0.0));
@@ -152,7 +153,8 @@ pub fn constant_lines() -> Case {
     )
 }
 
-/// Returns the lines on a mirrored, sheared object. Catches a clip that turns the wrong way with its axes.
+/// Returns the scene [`clip_lines`] as a mirrored, sheared object. Catches a clip that turns the wrong way with its
+/// axes.
 pub fn clip_lines_mirrored() -> Case {
     let mut case = clip_lines().with("mirrored", |s| s.prefilter_radius_px = 4.0);
     let place = DAffine3::from_cols(DVec3::new(-0.8, 0.3, 0.0), DVec3::new(0.0, 0.6, 0.4), DVec3::Z, DVec3::ZERO);
@@ -160,12 +162,12 @@ pub fn clip_lines_mirrored() -> Case {
     case
 }
 
-/// Half the edge length of [`clipped_cube`].
+/// Half of the edge length of [`clipped_cube`].
 pub const CUBE_HALF: f64 = 0.5;
 
-/// Returns a cube of six splats, each clipped by the four lines of its face, back faces culled: a perfect cube.
+/// Returns a perfect cube of six splats, each clipped by the four lines of its face. Back faces are culled.
 pub fn clipped_cube() -> Case {
-    // Beyond √2, so that the corners are well inside the disk.
+    // Radius above √2, so that the corners are well inside the disk.
     let reach = 1.6;
     let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]);
     let splats: Vec<Clipped> = faces
@@ -195,13 +197,14 @@ pub fn clipped_confetti() -> Case {
     Case::new("clipped-confetti", scene, camera(3.0, 45.0, [64, 64]))
 }
 
-/// Returns the same splats as glass. Catches layers that clip splats differently from opaque ones.
+/// Returns the splats of [`clipped_confetti`] as glass. Catches layers in which splats are clipped differently than in
+/// the opaque image.
 pub fn clipped_glass() -> Case {
     let mut case = clipped_confetti();
     case.name = "clipped-glass".to_owned();
     case.scene.objects =
         vec![object(with_alpha(clipped_cloud(&confetti_with_clips()), |i| 0.3 + 0.1 * (i % 6) as f32))];
-    // The A-buffer needs W0.
+    // The A-buffer needs the interior weight W0.
     case.scene.objects[0].material.interior_weight = Some(1.5);
     case
 }
@@ -219,7 +222,7 @@ fn confetti_with_clips() -> Vec<Clipped> {
         .collect()
 }
 
-/// Returns clipped splats through z_near and behind the eye.
+/// Returns clipped splats across z_near and behind the eye.
 pub fn clipped_near() -> Case {
     let mut random = Random::new(103);
     let eye = DVec3::Z * 2.0;

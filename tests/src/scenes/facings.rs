@@ -48,7 +48,7 @@ pub(super) fn facing_cases() -> Vec<Case> {
     cases
 }
 
-/// Sheets that separate what lies above them from what lies below.
+/// Returns scenes of thin sheets, which separate what is above them from what is below.
 fn sheet_cases() -> Vec<Case> {
     let (roof, thin) = (roof_over_walls(20.0), thin_box());
     let peel = Transparency::Peel { layers: 3, drop_last: false };
@@ -88,7 +88,7 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// Returns a plate a quarter of a splat thick, seen at a slant, with two colours on its sides.
+/// Returns the splats of a plate whose thickness is a quarter of a splat, seen at a slant. Its sides have two colours.
 fn plate() -> Vec<Splat> {
     let (across, along) = (DVec3::new(0.8, 0.1, 0.35), DVec3::new(-0.15, 0.75, 0.3));
     let out = across.cross(along).normalize() * 0.015;
@@ -97,8 +97,8 @@ fn plate() -> Vec<Splat> {
     [front, back].concat()
 }
 
-/// Returns both sides of a plate within the depth tolerance, seen from the front and from behind. Catches blending of
-/// the two sides.
+/// Returns a thin plate, seen from the front and from behind. Both sides are within the depth tolerance. Catches
+/// blending of the two sides.
 pub fn thin_shell() -> Case {
     let turned = DAffine3::from_translation(DVec3::new(0.5, -0.35, -0.8)) * DAffine3::from_rotation_y(2.6);
     let twice: Vec<Splat> = plate().into_iter().chain(plate().iter().map(|splat| splat.transformed(&turned))).collect();
@@ -107,21 +107,21 @@ pub fn thin_shell() -> Case {
 }
 
 /// Returns back-facing sheets, some in front of and some behind front-facing ones. The gap between them grows through
-/// zero and the tolerance. Catches errors in the choice of the nearer side, in ties, and the wrong side's threshold or
-/// tolerance.
+/// zero and the tolerance. Catches errors in the choice of the nearer side, in ties, and the threshold or tolerance of
+/// the wrong side.
 pub fn back_before_front() -> Case {
     let mut random = Random::new(151);
     let slope = DVec3::new(0.9, 0.0, 0.16);
     let front = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y * 0.9], [24, 20], 0.09, |_, _| FRONT);
-    // Backwards: (along, across).
+    // Swapped axes (along, across) reverse the sheet's normal.
     let back = sheet(DVec3::new(0.0, 0.3, 0.0), [DVec3::Y * 0.4, slope], [9, 22], 0.06, |_, _| random.color());
     let far = sheet(DVec3::new(0.0, -0.5, 0.05), [DVec3::Y * 0.3, slope * 0.8], [7, 14], 0.17, |_, _| BACK);
     let objects = vec![oriented(object(cloud(&[front, back, far].concat())), 4.0)];
     Case::new("back-before-front", Scene { objects, ..scene(&[]) }, camera(3.0, 45.0, [72, 72]))
 }
 
-/// Returns half of a sphere, seen from inside and from outside at once. Catches errors in lighting the inside of an
-/// open surface, and in contours.
+/// Returns half of a sphere twice, seen from inside and from outside. Catches errors at contours, and in lighting the
+/// inside of an open surface.
 pub fn open_bowl() -> Case {
     let bowl = |turn: DMat3, at: DVec3| {
         let place = DAffine3::from_mat3_translation(turn * 0.75, at);
@@ -135,8 +135,8 @@ pub fn open_bowl() -> Case {
     Case::new("open-bowl", scene, camera(3.4, 45.0, [96, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a cube of six splats, each clipped to its face by four lines: whole faces that share edges, without a
-/// visible back face.
+/// Returns a cube of six splats, each clipped to its face by four lines. The faces share edges, and no back face is
+/// visible.
 pub fn oriented_cube() -> Case {
     let line = |a: f32, b: f32| ClipLine { a, b, c: 0.5f32.sqrt() };
     let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]).map(|n| Clipped {
@@ -155,8 +155,8 @@ pub fn oriented_cube() -> Case {
     Case::new("oriented-cube", Scene { objects: vec![cube], ..scene(&[]) }, camera(3.0, 45.0, [64, 64]))
 }
 
-/// Returns the plate among splats that aren't declared oriented, an oriented object whose back faces are culled, and
-/// one whose material overrides its cloud. Catches fragments that count for the wrong side.
+/// Returns the plate among splats that aren't declared oriented, an oriented object with back-face culling, and an
+/// object whose material overrides its cloud. Catches fragments that count for the wrong side.
 pub fn shell_among_undeclared() -> Case {
     let mut random = Random::new(163);
     let axes = [DVec3::new(0.8, 0.0, 0.5), DVec3::new(0.0, 0.6, 0.1)];
@@ -180,7 +180,7 @@ pub fn shell_among_undeclared() -> Case {
     Case::new("shell-among-undeclared", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns the plate and a polygon that intersects it: only splats of one side are blended over the polygon.
+/// Returns the plate and a polygon that intersects it. Only splats of one side are blended over the polygon.
 pub fn shell_among_polygons() -> Case {
     let mut scene = scene(&[]);
     scene.objects = vec![
@@ -191,7 +191,7 @@ pub fn shell_among_polygons() -> Case {
     Case::new("shell-among-polygons", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns the plate over a floor on which it casts a shadow: both of its sides cast shadows.
+/// Returns the plate above a floor. Both sides of the plate cast shadows on the floor.
 pub fn shell_over_floor() -> Case {
     let floor = sheet(DVec3::new(0.0, -0.8, 0.0), [DVec3::X * 1.6, DVec3::NEG_Z * 1.6], [24, 24], 0.12, |_, _| BACK);
     let objects = vec![oriented(object(cloud(&plate())), 4.0), object(cloud(&floor))];
@@ -200,12 +200,13 @@ pub fn shell_over_floor() -> Case {
     Case::new("shell-over-floor", scene, camera(3.4, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns plates around the eye and through the near plane, from inside and from outside, which are set up in f64.
+/// Returns plates around the eye and across the near plane, seen from inside and from outside. They are set up in f64.
 pub fn inside_a_shell() -> Case {
     let mut random = Random::new(179);
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y].into_iter().flat_map(|out| {
         let along = DVec3::NEG_Z * 1.5;
-        // The outward direction as seen from inside; alternate plates face the eye.
+        // The eye is inside, so the outward direction points away from it. Every second plate is reversed and faces the
+        // eye.
         let across = out.cross(DVec3::Z) * 0.5;
         let color = random.color();
         let at = out * 0.32 + DVec3::Z * 1.6;
@@ -223,7 +224,7 @@ pub fn inside_a_shell() -> Case {
     case
 }
 
-/// Returns a closed box around the origin, with a splat every 0.05.
+/// Returns the splats of a watertight box around the origin, with a spacing of 0.05.
 fn closed_box(half: DVec3, radius: f64, mut color: impl FnMut(DVec3) -> [f32; 3]) -> Vec<Splat> {
     let outward = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]);
     let side = |out: DVec3| {
@@ -238,7 +239,7 @@ fn closed_box(half: DVec3, radius: f64, mut color: impl FnMut(DVec3) -> [f32; 3]
 /// Colour of the top of [`roof_over_walls`].
 pub const ROOF: [f32; 3] = FRONT;
 
-/// Returns splats of a closed roof, 0.03 thick, and of the boxes of four walls that end at its underside.
+/// Returns the splats of a watertight roof, 0.03 thick, and of four boxes as walls, which end at the roof's underside.
 fn roof_and_walls() -> [Vec<Splat>; 2] {
     let roof = closed_box(DVec3::new(0.9, 0.015, 0.7), 0.07, |out| if out.y > 0.0 { ROOF } else { BACK });
     let mut random = Random::new(191);
@@ -254,7 +255,7 @@ fn roof_and_walls() -> [Vec<Splat>; 2] {
     [roof, walls]
 }
 
-/// Returns a thin roof over walls that end at its underside, seen from an elevation in degrees: no wall shows.
+/// Returns a thin roof over walls that end at its underside, seen from an elevation in degrees. No wall is visible.
 pub fn roof_over_walls(elevation_deg: f64) -> Case {
     let mut house = oriented(object(cloud(&roof_and_walls().concat())), 4.0);
     house.world_from_object = DAffine3::from_rotation_x(elevation_deg.to_radians()) * DAffine3::from_rotation_y(0.4);
@@ -278,7 +279,7 @@ pub fn roof_over_polygons() -> Case {
     Case::new("roof-over-polygons", scene, camera(3.0, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a closed box that is thinner than its splats' tolerance, with nothing near it.
+/// Returns a watertight box that is thinner than the depth tolerance of its splats, with nothing near it.
 pub fn thin_box() -> Case {
     let mut random = Random::new(193);
     let splats = closed_box(DVec3::new(0.8, 0.02, 0.6), 0.06, |_| random.color());
@@ -288,7 +289,8 @@ pub fn thin_box() -> Case {
     Case::new("thin-box", scene, camera(2.8, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns ground without an underside, seen at 5 degrees: nothing ends its filter, oriented or not.
+/// Returns ground without an underside, seen at 5 degrees. Nothing limits the filter, whether the ground is oriented or
+/// not.
 pub fn grazing_ground(is_oriented: bool) -> Case {
     let mut random = Random::new(197);
     let ground = sheet(DVec3::Y * -0.3, [DVec3::Z * 3.0, DVec3::X * 1.5], [90, 46], 0.07, |_, _| random.color());
@@ -297,7 +299,7 @@ pub fn grazing_ground(is_oriented: bool) -> Case {
     Case::new("grazing-ground", Scene { objects: vec![object], ..scene(&[]) }, camera(3.4, 45.0, [72, 64]))
 }
 
-/// Returns an oriented shell of glass around an opaque one: layers don't separate sides.
+/// Returns an oriented shell of glass around an opaque one. Transparent layers don't separate the sides.
 pub fn oriented_glass() -> Case {
     let glass = oriented(object(with_alpha(cloud(&sphere(500, 1.2, 181)), |_| 0.4)), 2.4);
     let mut shell = oriented(object(cloud(&plate())), 4.0);

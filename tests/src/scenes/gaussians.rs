@@ -19,7 +19,7 @@ pub(super) fn gaussian_cases() -> Vec<Case> {
     vec![flat, gaussian_field(GaussianKind::Solid), orthographic, gaussian_extremes(), two_gaussian_objects()]
 }
 
-/// Returns random Gaussians in a box, with harmonics of degree 3.
+/// Returns `count` random Gaussians in a box, with spherical harmonics of degree 3.
 pub fn random_gaussians(count: usize, kind: GaussianKind, seed: u64) -> GaussianData {
     let mut random = Random::new(seed);
     let mut data = no_gaussians(kind);
@@ -40,7 +40,7 @@ pub fn random_gaussians(count: usize, kind: GaussianKind, seed: u64) -> Gaussian
     data
 }
 
-/// Returns columns without values, of degree 0.
+/// Returns columns without entries, with spherical harmonics of degree 0.
 pub fn no_gaussians(kind: GaussianKind) -> GaussianData {
     GaussianData {
         origin: DVec3::ZERO,
@@ -64,25 +64,25 @@ pub fn gaussian_object(data: GaussianData) -> Object {
     GaussianCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid Gaussians").0.into()
 }
 
-/// Creates a scene of Gaussians alone.
+/// Creates a scene that has only Gaussians.
 ///
 /// # Panics
-/// If a Gaussian is invalid, as [`gaussian_object`].
+/// If a Gaussian is invalid, like [`gaussian_object`].
 pub fn gaussian_scene(data: GaussianData) -> Scene {
     Scene { background: BACKGROUND, ..Scene::from(gaussian_object(data)) }
 }
 
-/// Returns two hundred Gaussians of all sizes, some of them in front of the near plane.
+/// Returns two hundred Gaussians of all sizes, some of them nearer than the near plane.
 pub fn gaussian_field(kind: GaussianKind) -> Case {
     let name = if kind == GaussianKind::Flat { "flat gaussians" } else { "solid gaussians" };
-    // The odd size leaves partial tiles.
+    // The size of the image isn't a multiple of the tile size.
     let mut case = Case::new(name, gaussian_scene(random_gaussians(200, kind, 7)), camera(3.2, 45.0, [61, 43]));
     case.camera.eye = [0.3, 0.4, 3.2];
     case
 }
 
-/// Returns needles, points, sheets that reach past the eye, edge-on Gaussians, all kinds of opacities, and many in one
-/// place.
+/// Returns extreme Gaussians: needles, points, sheets that extend past the eye, edge-on ones, all kinds of opacities,
+/// and many in one place.
 pub fn gaussian_extremes() -> Case {
     let mut data = no_gaussians(GaussianKind::Flat);
     let mut centers = Vec::new();
@@ -110,10 +110,10 @@ pub fn gaussian_extremes() -> Case {
             1.0,
         );
         add([x, -0.6, -0.1], [0.08, 0.05], tilt, [0.0, 1.0, 0.5, 0.0039, 0.00393][i as usize % 5]);
-        // All at the same position, in index order.
+        // These Gaussians all have the same position, so that their index decides the order.
         add([0.0, -0.8, 0.4], [0.1, 0.2], DQuat::IDENTITY, 0.3);
     }
-    // A floor under the eye, an endless floor, and a Gaussian that is too near.
+    // A floor under the eye, a floor without visible end, and a Gaussian that is too near.
     add([0.0, -1.0, 0.0], [3.0, 3.0], DQuat::from_rotation_x(half), 0.6);
     add([0.0, -0.4, 0.5], [1e4, 1e4], DQuat::from_rotation_x(half + 0.1), 0.3);
     add([0.0, 0.0, 1.85], [1.0, 1.0], DQuat::IDENTITY, 1.0);
@@ -124,7 +124,7 @@ pub fn gaussian_extremes() -> Case {
     Case::new("extreme gaussians", gaussian_scene(data), camera(2.0, 60.0, [48, 48]))
 }
 
-/// Returns two clouds that intersect, one of them mirrored and squeezed.
+/// Returns two clouds that intersect; one of them is mirrored and scaled unevenly.
 pub fn two_gaussian_objects() -> Case {
     let mut scene = gaussian_scene(random_gaussians(60, GaussianKind::Flat, 21));
     let mut other = gaussian_object(random_gaussians(60, GaussianKind::Solid, 22));
@@ -137,7 +137,7 @@ pub fn two_gaussian_objects() -> Case {
     Case::new("two objects of gaussians", scene, camera(3.0, 50.0, [40, 50]))
 }
 
-/// Returns the Gaussians of a case's first object.
+/// Returns the Gaussians of a case's first object; `None` if the object has another geometry.
 pub fn gaussians_of(case: &Case) -> Option<&GaussianCloud> {
     match &case.scene.objects.first()?.geometry {
         Geometry::Gaussians(cloud) => Some(cloud),

@@ -42,7 +42,8 @@ pub(super) fn geometry_cases() -> Vec<Case> {
     cases
 }
 
-/// Returns three splats: right, up and near. Catches flipped or swapped axes, a mirrored image, a wrong up.
+/// Returns three splats: right, up and near. Catches flipped or swapped axes, a mirrored image, and a wrong up
+/// direction.
 pub fn orientation() -> Case {
     let splats = [
         Splat::disk(DVec3::new(0.8, 0.0, 0.0), DVec3::Z, 0.3, RED),
@@ -54,7 +55,8 @@ pub fn orientation() -> Case {
 
 /// Returns one splat that faces the eye, a quarter pixel off centre. Catches a wrong kernel, cutoff or pixel centre.
 pub fn facing_splat() -> Case {
-    // 48 px high, fov 90°, distance 2: 12 px per unit. 0.25 px right, 0.125 px down.
+    // The image is 48 px high, with fov 90° at distance 2: 12 px per unit. The splat is 0.25 px right and 0.125 px
+    // down.
     let p = DVec3::new(0.25 / 12.0, -0.125 / 12.0, 0.0);
     Case::new("facing-splat", scene(&[Splat::disk(p, DVec3::Z, 1.5, RED)]), camera(2.0, 90.0, [48, 48]))
 }
@@ -67,7 +69,7 @@ pub fn tilted_splat() -> Case {
     Case::new("tilted-splat", scene(&[splat]), camera(2.5, 50.0, [64, 64]))
 }
 
-/// Returns two sheets whose gap grows through the tolerance across the image. Catches a wrong ε, or one of the wrong
+/// Returns two sheets whose gap grows through the tolerance across the image. Catches a wrong ε, or the ε of the wrong
 /// splat.
 pub fn occluded_pair() -> Case {
     let back = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y], [24, 24], 0.07, |_, _| BLUE);
@@ -87,15 +89,15 @@ pub fn grid(n: usize) -> Case {
     Case::new("grid", scene(&splats), camera(2.2, 50.0, [40, 40]))
 }
 
-/// Returns a closed sphere, with silhouettes, back sides, and every tilt.
+/// Returns a watertight sphere, with silhouettes, back sides, and splats of every tilt.
 pub fn closed_sphere() -> Case {
     let mut scene = scene(&sphere(1500, 1.1, 11));
     scene.objects[0].material.interior_weight = Some(2.0);
     Case::new("sphere", scene, camera(3.0, 45.0, [72, 72]))
 }
 
-/// Returns a large tilted disk in front of a wall, wider on the screen than its affine filter, with antialiased edges.
-/// Some pixels are inside the disk but have no filtered fragment: they must show the wall.
+/// Returns a large tilted disk in front of a wall, with antialiased edges. On the screen, the disk is wider than its
+/// affine filter. Some pixels are inside the disk but have no filtered fragment: they must show the wall.
 pub fn beyond_its_filter() -> Case {
     let axes = [DVec3::X * 6.0, DVec3::Y * 6.0];
     let mut splats = sheet(DVec3::new(0.0, 0.0, -6.0), axes, [10, 10], 1.2, |_, _| BLUE);
@@ -153,8 +155,8 @@ pub fn intrinsics() -> Case {
     Case::new("intrinsics", scene(&splats), camera)
 }
 
-/// Returns a mirrored, sheared object seen from outside with back faces culled. Catches normals by the wrong matrix,
-/// and inverted sides.
+/// Returns a mirrored, sheared object seen from outside, with back-face culling. Catches normals transformed by the
+/// wrong matrix, and inverted sides.
 pub fn mirrored_object() -> Case {
     let mut scene = scene(&sphere(900, 1.2, 29));
     let columns = [DVec3::new(-0.8, 0.2, 0.0), DVec3::new(0.0, 0.6, 0.3), DVec3::new(0.1, 0.0, 1.0)];
@@ -168,8 +170,8 @@ pub fn mirrored_object() -> Case {
     })
 }
 
-/// Returns the far half of a sphere, culled, so that only its rim may be visible. Catches the wrong sign of the facing
-/// test.
+/// Returns the far half of a sphere with back-face culling, so that only its rim may be visible. Catches the wrong sign
+/// of the facing test.
 pub fn culled_sphere() -> Case {
     let far: Vec<Splat> = sphere(1200, 1.1, 31).into_iter().filter(|s| s.p.z < 0.5).collect();
     let mut scene = scene(&far);
@@ -177,7 +179,7 @@ pub fn culled_sphere() -> Case {
     Case::new("culled-sphere", scene, camera(3.0, 45.0, [56, 56]))
 }
 
-/// Returns disks given by normal and radius. Catches axes whose length isn't the radius.
+/// Returns disks given by normals and radii. Catches half-axes whose length isn't the radius.
 pub fn disks() -> Case {
     let mut random = Random::new(37);
     let disks: Vec<_> = (0..250)
@@ -187,15 +189,15 @@ pub fn disks() -> Case {
     Case::new("disks", scene, camera(3.0, 45.0, [56, 56])).with("adjust", |s| s.filter = Filter::Adjust)
 }
 
-/// Returns an image of one pixel. Catches neighbours, tiles and regions that end at once.
+/// Returns an image of one pixel. Catches errors with neighbours, tiles and regions at the end of an image.
 pub fn single_pixel() -> Case {
     let mut scene = scene(&sphere(200, 1.2, 41));
     scene.objects[0].material.interior_weight = Some(2.0);
     Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Returns ellipses that are round up to 1.5 in a thousand, seen nearly edge-on, at any angle within their planes. They
-/// test which ellipses `adjust` treats as disks, and by which angle it turns these.
+/// Returns ellipses with aspect ratios from 1 to 1.0015, seen nearly edge-on, at any angle within their planes. They
+/// test which ellipses `adjust` treats as disks, and by which angle it rotates these.
 pub fn nearly_round() -> Case {
     let mut random = Random::new(127);
     let eye = DVec3::Z * 3.0;
@@ -225,9 +227,9 @@ struct Disk {
     radius: f64,
 }
 
-/// Returns two sheets of unevenly spaced disks, 0.85 radii apart, with edges antialiased by the cloud's own interior
-/// weight. The weight depends on a disk's pair of half-axes, and on r_max counting from the sampled point. Backends
-/// don't measure it, so the scene sets what `interior_weight` computes.
+/// Returns two sheets of unevenly spaced disks, 0.85 radii apart, with edges antialiased by the interior weight of the
+/// cloud. The weight depends on a disk's pair of half-axes, and on r_max measured from the sampled point. Backends
+/// don't compute the weight, so the scene sets it from `interior_weight`.
 pub fn disks_by_their_own_weight() -> Case {
     let disks = uneven_sheets();
     let mut scene = Scene { objects: vec![object(cloud_of(&disks))], ..scene(&[]) };
@@ -254,9 +256,9 @@ fn uneven_sheets() -> Vec<Disk> {
         .collect()
 }
 
-/// Computes the interior weight of disks as §5 defines it, from the disks alone.
+/// Computes the interior weight of disks by the definition in §5.
 fn interior_weight(disks: &[Disk]) -> f64 {
-    // As a cloud stores them: radii in f32.
+    // Clouds store radii in f32.
     let stored = |d: &Disk| Disk { normal: d.normal.normalize(), radius: f64::from(d.radius as f32), ..*d };
     let disks: Vec<Disk> = disks.iter().map(stored).collect();
     let sample = |d: &Disk| {

@@ -28,7 +28,8 @@ pub(super) fn mesh_cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// Returns the case from the same eye, in parallel projection.
+    /// Returns the case with a parallel projection from the same eye. `height` is the height of the view and `far` the
+    /// far plane, in world units.
     #[must_use]
     pub fn in_orthographic(mut self, height: f64, far: f64) -> Self {
         self.camera.projection = Projection::Orthographic { height };
@@ -44,15 +45,15 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// Returns a wall whose left half is splats and whose right half polygons, overlapping by half a splat's width: the
-/// transition.
+/// Returns a wall whose left half is splats and whose right half is polygons. The halves overlap by half a splat's
+/// width. Catches errors in the transition.
 pub fn half_mesh_wall() -> Case {
     let axes = [DVec3::new(0.5, 0.0, 0.0), DVec3::new(0.0, 0.9, 0.1)];
     let splats = sheet(DVec3::new(-0.5, 0.0, 0.0), axes, [10, 18], 0.15, |c, r| {
         [0.3 + 0.05 * c as f32, 0.7, 0.2 + 0.03 * r as f32]
     });
     let mut scene = scene(&splats);
-    // Σw inside this grid: π·r²/spacing² splats cover a point, each with a mean weight of (1 − e⁻²)/2.
+    // Σw inside this grid: π·r²/spacing² splats cover each point, and each has a mean weight of (1 − e⁻²)/2.
     scene.objects[0].material.interior_weight = Some(std::f64::consts::PI * 2.25 * 0.432);
     let mut wall = quad(DVec3::new(0.5, 0.0, 0.0), axes, 1.0);
     wall.colors = Some(vec![[0.25, 0.3, 0.9], [0.4, 0.3, 0.9], [0.4, 0.2, 0.7], [0.25, 0.2, 0.7]]);
@@ -61,7 +62,8 @@ pub fn half_mesh_wall() -> Case {
     Case::new("half-mesh-wall", scene, camera(2.6, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a sphere of splats in front of a wall of polygons, with antialiased edges: the polygon behind an edge.
+/// Returns a sphere of splats in front of a wall of polygons, with antialiased edges. Catches errors in drawing the
+/// polygon behind an edge.
 pub fn sphere_before_mesh() -> Case {
     let mut scene = scene(&sphere(900, 1.1, 101));
     scene.objects[0].material.interior_weight = Some(2.0);
@@ -72,8 +74,8 @@ pub fn sphere_before_mesh() -> Case {
         .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Returns polygons that intersect an opaque sphere of splats and a transparent pane: the nearer one shows in every
-/// pixel.
+/// Returns polygons that intersect an opaque sphere of splats and a transparent pane. The nearer surface must be
+/// visible in every pixel.
 pub fn mesh_through_sphere() -> Case {
     let mut random = Random::new(103);
     let mut scene = scene(&sphere(700, 1.2, 107));
@@ -90,7 +92,8 @@ pub fn mesh_through_sphere() -> Case {
     Case::new("mesh-through-sphere", scene, camera(4.0, 40.0, [60, 60])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns polygons alone: a mirrored, sheared ball with vertex normals whose back is culled, and a flat-shaded one.
+/// Returns two objects of polygons: a mirrored, sheared ball with vertex normals and back-face culling, and a
+/// flat-shaded ball.
 pub fn mesh_ball() -> Case {
     let mut smooth = mesh_object(mesh_sphere(3));
     smooth.world_from_object = DAffine3::from_translation(DVec3::X * -0.6)
@@ -120,7 +123,7 @@ pub fn textured_floor() -> Case {
 }
 
 /// Returns a slanted quad in front of a wall of splats, with vertices and a texture of every alpha. Alpha must have no
-/// effect on polygons. Catches blending or cutting by alpha, and mip levels that weight colours by it.
+/// effect on polygons. Catches blending or cutting by alpha, and mipmaps that weight colours by alpha.
 pub fn texture_with_alpha() -> Case {
     let mut random = Random::new(137);
     let wall =

@@ -1,4 +1,4 @@
-//! Scenes that test one property each. A scene's purpose is the fault that it catches.
+//! Conformance scenes, each for one property. The purpose of a scene is the fault that it catches.
 
 mod balls;
 mod clipping;
@@ -30,10 +30,10 @@ pub use transparency::*;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Capabilities, Planes, Region, SceneSummary, View, unsupported};
 
-/// A scene with its camera, settings and region: an image to draw.
+/// Image to be drawn: a scene with its camera, settings and region.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Name, for messages.
+    /// Name of the case, for messages.
     pub name: String,
     /// Scene to draw.
     pub scene: Scene,
@@ -41,7 +41,7 @@ pub struct Case {
     pub camera: Camera,
     /// Settings of the image.
     pub settings: Settings,
-    /// Region of the image that is drawn; `None` for all of it.
+    /// Region of the image that is drawn; `None` for the whole image.
     pub region: Option<Region>,
 }
 
@@ -51,7 +51,7 @@ impl Case {
         Self { name: name.into(), scene, camera, settings: Settings::default(), region: None }
     }
 
-    /// Returns the case with other settings, under the name `name/variant`.
+    /// Returns a copy of the case with changed settings, under the name `name/variant`.
     #[must_use]
     pub fn with(&self, variant: &str, change: impl FnOnce(&mut Settings)) -> Self {
         let mut case = self.clone();
@@ -60,7 +60,7 @@ impl Case {
         case
     }
 
-    /// True if a backend reports that it draws this case.
+    /// True if a backend with these capabilities supports this case.
     pub fn is_drawn_by(&self, capabilities: &Capabilities) -> bool {
         unsupported(&SceneSummary::of(&self.scene), &self.settings, Planes::ALL, capabilities).is_none()
     }
@@ -74,7 +74,7 @@ impl Case {
     }
 }
 
-/// Returns every scene that backends are tested with, with every filter where filters matter.
+/// Returns every scene that backends are tested with, in all filters that matter.
 pub fn all() -> Vec<Case> {
     let mut cases = geometry_cases();
     cases.extend(numeric_cases());

@@ -1,4 +1,4 @@
-//! Scenes with sizes, distances and shapes that are difficult for rounding.
+//! Scenes with sizes, distances and shapes at which rounding errors are large.
 
 use super::Case;
 use crate::build::{Splat, camera, confetti, scene, sphere};
@@ -25,20 +25,20 @@ pub(super) fn numeric_cases() -> Vec<Case> {
         lengthened_outside(),
         greatest_cutoff(),
     ];
-    // Without a filter no needle hits a pixel centre.
+    // Without a filter, no needle hits the centre of a pixel.
     for filter in Filter::ALL.into_iter().filter(|f| *f != Filter::None) {
         cases.push(needles().with(filter.name(), |s| s.filter = filter));
     }
     cases
 }
 
-/// Returns splats of all sizes and tilts in a ball, whose image [`scaled`] and [`moved`] don't change.
+/// Returns splats of all sizes and tilts in a ball. [`scaled`] and [`moved`] don't change its image.
 pub fn confetti_ball() -> Case {
     Case::new("confetti", scene(&confetti(400, 0.05, 3.0, 43)), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Returns the case with everything `factor` times as large, z_near included: the same image except for Z. Catches
-/// absolute epsilons, which scenes of ordinary size hide.
+/// Returns the case with all lengths multiplied by `factor`, z_near included. The image is the same except for Z.
+/// Catches absolute epsilons, which scenes of ordinary size hide.
 pub fn scaled(case: &Case, factor: f64) -> Case {
     let mut case = placed(case, &DAffine3::from_scale(DVec3::splat(factor)), &format!("scaled-{factor:e}"));
     case.camera.near *= factor;
@@ -46,8 +46,8 @@ pub fn scaled(case: &Case, factor: f64) -> Case {
     case
 }
 
-/// Returns the case with scene and camera moved together: the same image. Catches world coordinates in f32, which
-/// scenes near the origin hide.
+/// Returns the case with the scene and the camera moved by the same vector. The image is the same. Catches world
+/// coordinates in f32, which scenes near the origin hide.
 pub fn moved(case: &Case, by: DVec3) -> Case {
     placed(case, &DAffine3::from_translation(by), "moved")
 }
@@ -66,10 +66,10 @@ pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
     case
 }
 
-/// Returns ellipses given by nearly parallel half-axes, centred outside the image. They reach up to √2 times the longer
-/// half-axis. Catches a bound by the longer half-axis, which culls them.
+/// Returns ellipses with nearly parallel half-axes, centred outside of the image. They reach up to √2 times the longer
+/// half-axis. Catches bounds by the longer half-axis, which cull them.
 pub fn skewed_outside() -> Case {
-    // The image's sides are at ±1; the ellipses reach 1.41 from their centres.
+    // The sides of the image are at ±1; the ellipses reach 1.41 from their centres.
     let toward = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
     let splats: Vec<Splat> = toward
         .into_iter()
@@ -82,8 +82,8 @@ pub fn skewed_outside() -> Case {
     Case::new("skewed-outside", scene(&splats), camera(10.0, 2.0 * 0.1f64.atan().to_degrees(), [48, 48]))
 }
 
-/// Returns a narrow ellipse outside the image whose nearly parallel half-axes `adjust` lengthens to 10 pixels, so that
-/// it reaches 14 pixels. Catches a bound by the filter's radius, which culls it.
+/// Returns a narrow ellipse outside of the image. `adjust` lengthens its nearly parallel half-axes to 10 pixels, so
+/// that it reaches 14 pixels. Catches bounds by the filter's radius, which cull it.
 pub fn adjusted_outside() -> Case {
     let splat = Splat {
         p: DVec3::new(-36.5, -0.1, 0.0),
@@ -94,15 +94,15 @@ pub fn adjusted_outside() -> Case {
     let mut camera = camera(2.0, 45.0, [48, 48]);
     camera.projection = Projection::Orthographic { height: 48.0 };
     camera.far = Some(10.0);
-    // A disk in the image, which shows the overlap.
+    // A disk inside the image, which shows the overlap.
     let inside = Splat::disk(DVec3::new(-12.0, 3.0, -1.0), DVec3::Z, 12.0, [0.2, 0.3, 0.8]);
     Case::new("adjusted-outside", scene(&[splat, inside]), camera).with("adjust", |s| {
         (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 10.0);
     })
 }
 
-/// Returns a needle above the image that `principal` lengthens to 100 pixels at its centre, and that its slope makes
-/// longer still on the screen.
+/// Returns a needle above the image. `principal` lengthens it to 100 pixels at its centre, and its slope makes it even
+/// longer on the screen. Catches bounds that ignore the slope.
 pub fn lengthened_outside() -> Case {
     let splat = Splat {
         p: DVec3::ZERO,
@@ -115,12 +115,12 @@ pub fn lengthened_outside() -> Case {
     Case::new("lengthened-outside", scene(&[splat]), camera).with("principal", |s| s.prefilter_radius_px = 100.0)
 }
 
-/// Returns one splat with the greatest cutoff: weights down to 2e-22 at its rim.
+/// Returns one splat with the largest cutoff, 50. Weights at its rim are 2e-22.
 pub fn greatest_cutoff() -> Case {
     super::facing_splat().with("cutoff-50", |s| s.cutoff = 50.0)
 }
 
-/// Returns ellipses of aspect 1e4 at any angle. Catches covariances that lose their smaller eigenvalue.
+/// Returns ellipses of aspect ratio 1e4 at any angle. Catches covariances that lose their smaller eigenvalue.
 pub fn needles() -> Case {
     let mut random = Random::new(47);
     let splats: Vec<Splat> = (0..120)
@@ -134,8 +134,8 @@ pub fn needles() -> Case {
     Case::new("needles", scene(&splats), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Returns splats from 1° to 1e-6° off the view direction through their centres. Catches errors in the division by n·p
-/// and in the edge-on rule.
+/// Returns splats at angles from 1° to 1e-6° from edge-on. Catches errors in the division by n·p and in the edge-on
+/// rule.
 pub fn edge_on() -> Case {
     let mut random = Random::new(53);
     let eye = DVec3::Z * 3.0;
@@ -144,7 +144,7 @@ pub fn edge_on() -> Case {
             let p = DVec3::new(random.range(-0.9, 0.9), random.range(-0.9, 0.9), random.range(-0.5, 0.5));
             let (a, b) = orthonormal(p - eye);
             let (sin, cos) = random.range(0.0, std::f64::consts::TAU).sin_cos();
-            // Elevations 10^0 … 10^-6 degrees.
+            // Angles from 10^0 to 10^-6 degrees.
             let elevation = 10f64.powf(-6.0 * f64::from(i) / 159.0).to_radians();
             let across = a * cos + b * sin;
             let normal = across * elevation.cos() + (p - eye).normalize() * elevation.sin();
@@ -154,8 +154,8 @@ pub fn edge_on() -> Case {
     Case::new("edge-on", scene(&splats), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Returns splats around the eye, through z_near and behind it. Catches mirror images from behind the eye, and
-/// truncated boxes.
+/// Returns splats around the eye, across z_near and behind it. Catches mirror images from behind the eye, and truncated
+/// boxes.
 pub fn near_crossing() -> Case {
     let mut random = Random::new(59);
     let eye = DVec3::Z * 2.0;
@@ -170,7 +170,7 @@ pub fn near_crossing() -> Case {
     Case::new("near-crossing", scene(&splats), camera)
 }
 
-/// Returns splats many times the image's size behind small ones. Catches boxes that overflow integers.
+/// Returns splats many times larger than the image, behind small ones. Catches boxes that overflow integers.
 pub fn huge_splats() -> Case {
     let mut splats = sphere(200, 1.0, 61);
     splats.push(Splat::disk(DVec3::new(0.0, 0.0, -3e4), DVec3::Z, 1e9, [0.4, 0.5, 0.6]));
@@ -179,7 +179,7 @@ pub fn huge_splats() -> Case {
 }
 
 /// Returns disks so large that they look like planes: facing the eye, tilted about one of the image's axes, and about
-/// both. Squares of their axes exceed f32's range, and their outlines in f64 are dominated by rounding.
+/// both. Squares of their half-axes exceed the range of f32, and rounding dominates their outlines even in f64.
 pub fn vast_disks() -> Case {
     let disk = |z: f64, n: [f64; 3], radius: f64, color| Splat::disk(DVec3::new(0.0, 0.0, z), n.into(), radius, color);
     let mut splats = sphere(120, 1.2, 67);

@@ -1,4 +1,4 @@
-//! A scene of an octree of splats and polygons.
+//! Scene of an octree of splats and polygons.
 
 use super::Case;
 use crate::build::{camera, cloud, object, scene};
@@ -9,11 +9,11 @@ use surfel_model::{Cull, EdgeAa, Geometry, Light, Octree, Scene, Shader};
 use surfel_render::{Selection, View, select};
 use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
-/// `--lod-error` of [`octree`], so large that its near end is polygons, the middle splats of leaves, and the far end
-/// splats of higher nodes.
+/// Value of `--lod-error` for [`octree`], in pixels. It is so large that the near end is drawn as polygons, the middle
+/// as splats of leaves, and the far end as splats of higher nodes.
 pub const OCTREE_ERROR_PX: f64 = 5.5;
 
-/// Background of [`octree`], which no other scene has.
+/// Background of [`octree`], a colour that no other scene has.
 pub const OCTREE_BACKGROUND: [f64; 4] = [0.11, 0.02, 0.07, 0.5];
 
 pub(super) fn octree_cases() -> Vec<Case> {
@@ -21,13 +21,14 @@ pub(super) fn octree_cases() -> Vec<Case> {
     vec![octree.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage), octree]
 }
 
-/// Returns a long ball that points at the eye, as an octree of polygons and splats with nodes selected for the view.
-/// Catches missing transitions or ones drawn for each of their leaves, and nodes below or above the drawn ones.
+/// Returns a long ball that points at the eye, as an octree of polygons and splats. Nodes are selected for the view.
+/// Catches transition splats that are missing or drawn twice, and nodes that are drawn together with their parents or
+/// children.
 pub fn octree() -> Case {
     octree_by(|octree, view| select(octree, &DAffine3::IDENTITY, Cull::Back, view, OCTREE_ERROR_PX))
 }
 
-/// Returns the scene with another selection of the octree's parts.
+/// Returns the scene [`octree`] with another selection of the octree's parts.
 ///
 /// # Panics
 /// If the octree can't be built: scenes are written in code, not read.
@@ -47,10 +48,10 @@ pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     Case::new("octree", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns the scene of some parts of an octree, arranged as by `surfel::at_detail`, lit from above the eye.
+/// Returns a scene of the selected parts of an octree, arranged as by `surfel::at_detail`, with a light above the eye.
 ///
 /// # Panics
-/// If the parts are invalid, as [`octree_by`].
+/// If the parts are invalid, like [`octree_by`].
 pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     let mut splats = object(cloud(&[]));
     let chosen = octree.cloud_of(&selection.splats).expect("parts of a valid cloud are valid");
@@ -66,7 +67,7 @@ pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     Scene { objects, lights: Some(lights), ..scene(&[]) }
 }
 
-/// Removes the splats on the edges between leaves from a selection.
+/// Removes the transition splats, which are on the edges between leaves, from a selection.
 pub fn without_transitions(octree: &Octree, mut selection: Selection) -> Selection {
     let first = octree.transitions().first().map_or(u32::MAX, |t| t.splats.start);
     selection.splats.retain(|splats| splats.start < first);

@@ -1,4 +1,5 @@
-//! Scenes whose edges are antialiased by samples: every kind of step, in front of and behind every kind of surface.
+//! Scenes whose edges are antialiased by samples. They have every kind of depth step, in front of and behind every kind
+//! of surface.
 
 use super::{
     Case, ball_aside, ball_over_floor, beyond_its_filter, clipped_glass, clipped_near, closed_sphere, fading_pane,
@@ -13,8 +14,8 @@ pub(super) fn sample_cases() -> Vec<Case> {
     let abuffer = Transparency::ABuffer { layers: 6 };
     let crossing = mesh_through_sphere();
     vec![
-        // Splats over the background and over splats, with every filter, and without, which leaves splats between pixel
-        // centres.
+        // Splats over the background and over splats, with every filter, and without a filter, which leaves splats
+        // between pixel centres.
         closed_sphere().sampled(),
         sphere_before_plane().sampled(),
         beyond_its_filter().sampled(),
@@ -52,7 +53,7 @@ pub(super) fn sample_cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// Returns the case with its edges antialiased by samples.
+    /// Returns the case with edge antialiasing by samples.
     #[must_use]
     pub fn sampled(&self) -> Self {
         self.with("samples", |s| s.edge_aa = EdgeAa::Samples)

@@ -19,12 +19,13 @@ pub(super) fn shading_cases() -> Vec<Case> {
     ]
 }
 
-/// Returns a plane of one colour that faces the eye.
+/// Returns the splats of a plane of one colour that faces the eye.
 fn white_plane() -> Vec<Splat> {
     sheet(DVec3::ZERO, [DVec3::X * 1.6, DVec3::Y * 1.6], [32, 32], 0.12, |_, _| [0.5, 0.25, 1.0])
 }
 
-/// Returns a plane that faces the eye under one oblique light: Phong's terms, each with its own coefficient.
+/// Returns a plane that faces the eye under one oblique light. Catches errors in Phong's terms, each of which has its
+/// own coefficient.
 pub fn facing_plane() -> Case {
     let mut scene = scene(&white_plane());
     scene.ambient = [0.1, 0.2, 0.3];
@@ -63,7 +64,7 @@ pub fn three_materials() -> Case {
     Case::new("three-materials", scene, camera(3.5, 40.0, [80, 48])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a spot light on a plane. Catches errors in the fade between the half-angles, degrees used as radians, and
+/// Returns a spot light on a plane. Catches errors in the falloff between the half-angles, degrees used as radians, and
 /// light in the backward direction.
 pub fn spot_light() -> Case {
     let mut scene = scene(&white_plane());
@@ -80,7 +81,8 @@ pub fn spot_light() -> Case {
     Case::new("spot-light", scene, camera(3.0, 45.0, [48, 48])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a point light close to a plane, far from the origin. Catches positions rebuilt in world coordinates.
+/// Returns a point light close to a plane, far from the origin. Catches positions that are reconstructed in world
+/// coordinates.
 pub fn point_light() -> Case {
     let mut scene = scene(&white_plane());
     let far = DVec3::new(4e5, -3e5, 2e5);
@@ -92,7 +94,7 @@ pub fn point_light() -> Case {
     Case::new("point-light", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns the inside of a two-sided sphere under the headlight: normals must be turned to the eye.
+/// Returns the inside of a two-sided sphere under the headlight. Catches normals that aren't turned to the eye.
 pub fn inside_sphere() -> Case {
     let mut camera = camera(0.4, 80.0, [48, 48]);
     camera.target = [0.3, 0.2, -0.5];

@@ -1,4 +1,4 @@
-//! Scenes of shadows and of the toon style.
+//! Scenes of shadows and of the shader `toon`.
 
 use super::Case;
 use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere, with_alpha};
@@ -8,9 +8,9 @@ use surfel_model::{EdgeAa, Light, Object, Scene, Shader, Transparency};
 
 /// Radius of the ball of [`ball_over_floor`].
 pub const BALL_RADIUS: f64 = 0.7;
-/// Centre of the ball.
+/// Centre of the ball of [`ball_over_floor`].
 pub const BALL_CENTER: DVec3 = DVec3::new(0.1, 0.35, 0.0);
-/// Height of the floor.
+/// Height of the floor of [`ball_over_floor`].
 pub const FLOOR_HEIGHT: f64 = -0.5;
 /// Direction of the sun of [`ball_over_floor`].
 pub const SUN: [f64; 3] = [-0.5, -1.0, -0.35];
@@ -34,7 +34,7 @@ pub(super) fn shadow_cases() -> Vec<Case> {
     ]
 }
 
-/// Representation of the ball and the floor.
+/// Representation of the ball and the floor of [`ball_over_floor`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
     /// Splats for both.
@@ -47,12 +47,12 @@ pub enum Parts {
     SplatsOverMesh,
 }
 
-/// Returns a sun that casts shadows.
+/// Returns a directional light along [`SUN`] that casts shadows.
 pub fn sun() -> Light {
     Light::Directional { direction: SUN, color: [1.0; 3], shadow: true }
 }
 
-/// Returns a spot light from above that casts shadows.
+/// Returns a spot light from above that casts shadows. Its outer half-angle is in degrees.
 pub fn spot(outer_deg: f64) -> Light {
     Light::Spot {
         position: [1.0, 2.6, 0.7],
@@ -74,8 +74,8 @@ fn ball_of_splats() -> Object {
     object(cloud(&sphere(1500, 1.1, 0).into_iter().map(scaled).collect::<Vec<_>>()))
 }
 
-/// Returns a ball above a floor under one light. Catches a missing caster, the wrong side of a map, and errors in bias,
-/// filtering and a light's own coordinates.
+/// Returns a ball above a floor under one light. Catches a missing shadow caster, the wrong side of a map, and errors
+/// in bias, filtering and a light's own coordinates.
 pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
     let across = [DVec3::Z * 1.6, DVec3::X * 1.6];
     let floor_center = DVec3::Y * FLOOR_HEIGHT;
@@ -105,8 +105,8 @@ pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
     Case::new("ball-over-floor", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns the area of a few texels on the floor where the ball's shadow ends. Catches a wrong number of texels, roll
-/// of the map's view, or position of its eye.
+/// Returns a close-up of the floor at the end of the ball's shadow, an area of a few texels. Catches errors in the
+/// number of texels, and in the roll and the eye of the map's view.
 pub fn shadow_edge(parts: Parts, light: Light) -> Case {
     let edge = end_of_shadow(&light);
     let mut case = ball_over_floor(parts, light);
@@ -116,10 +116,11 @@ pub fn shadow_edge(parts: Parts, light: Light) -> Case {
     case
 }
 
-/// Returns the point of the floor that is hit by a ray from the light that touches the ball at its side.
+/// Returns the end of the ball's shadow: the point of the floor hit by a ray from the light that touches the ball at
+/// its side.
 ///
 /// # Panics
-/// For a light of another kind: the scenes have suns and spots.
+/// For a light of another kind: the scenes have directional and spot lights.
 fn end_of_shadow(light: &Light) -> DVec3 {
     let (from, along) = match light {
         Light::Directional { direction, .. } => {
@@ -137,8 +138,8 @@ fn end_of_shadow(light: &Light) -> DVec3 {
     from + along * ((FLOOR_HEIGHT - from.y) / along.y)
 }
 
-/// Returns a glass ball, part of it opaque, over a floor. Glass casts no shadow unless all splats are drawn opaque, and
-/// surfaces behind it stay in the shadow of the opaque part.
+/// Returns a glass ball, part of it opaque, over a floor. Glass casts no shadow unless all splats are drawn opaque.
+/// Surfaces behind the glass are in the shadow of the opaque part.
 pub fn glass_ball_over_floor() -> Case {
     let mut case = ball_over_floor(Parts::Splats, sun());
     let surfel_model::Geometry::Splats(ball) = &case.scene.objects[0].geometry else { return case };

@@ -1,4 +1,4 @@
-//! Scenes of shaders without lights: by an image of a sphere, and by depth alone.
+//! Scenes of the shaders without lights: `matcap` and `edl`.
 
 use super::{Case, half_mesh_wall, mesh_through_sphere, three_materials};
 use crate::build::{camera, cloud, object, scene, sheet, sphere};
@@ -32,7 +32,7 @@ pub(super) fn style_cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// Returns the case with the shader `matcap` and a matcap of few random colours, twice as wide as high.
+    /// Returns the case with the shader `matcap`, and a matcap of few random colours that is twice as wide as high.
     #[must_use]
     pub fn with_ball(&self) -> Self {
         let mut random = Random::new(211);
@@ -45,8 +45,8 @@ impl Case {
     }
 }
 
-/// Returns a ball far from the middle of a wide image, with a matcap. Catches normals looked up in world axes, or in
-/// the view's axes instead of the view ray's, upside down, or mirrored.
+/// Returns a ball far from the middle of a wide image, with a matcap. Catches normals that are looked up in world axes,
+/// in the axes of the view instead of the view ray, upside down, or mirrored.
 pub fn ball_aside() -> Case {
     let mut scene = scene(&sphere(900, 1.2, 223));
     scene.objects[0].world_from_object = DAffine3::from_translation(DVec3::new(-0.9, 0.5, 0.2));
@@ -56,7 +56,8 @@ pub fn ball_aside() -> Case {
     Case::new("ball-aside", scene, camera).with_ball()
 }
 
-/// Returns a ball in front of two slanted walls, one behind the other: depth steps to another surface and to none.
+/// Returns a ball in front of two slanted walls, one behind the other. Catches errors at depth steps to another surface
+/// and to the background.
 pub fn hidden_steps() -> Case {
     let wall = |z: f64, lean: f64| {
         let axes = [DVec3::new(0.9, 0.0, lean), DVec3::new(0.1, 0.8, -0.2)];
@@ -74,15 +75,15 @@ pub fn hidden_steps() -> Case {
     Case::new("hidden-steps", scene, camera(3.0, 45.0, [66, 58])).with("edl", |s| s.shader = Shader::Edl)
 }
 
-/// Returns a sheet of splats at an angle to a polygon, within the tolerance, with too little coverage to hide it. Tests
-/// the depths of pixels in which splats are blended over the polygon.
+/// Returns a sheet of splats at an angle to a polygon, within the tolerance, with too little coverage to hide it.
+/// Catches wrong depths in pixels where splats are blended over the polygon.
 pub fn splats_faded_over_mesh() -> Case {
     let leaning = [DVec3::new(0.7, 0.0, 0.16), DVec3::new(0.05, 0.6, -0.1)];
     let sheet = sheet(DVec3::new(0.1, 0.0, 0.0), leaning, [12, 10], 0.2, |c, r| {
         [0.9 - 0.04 * c as f32, 0.3 + 0.06 * r as f32, 0.2]
     });
     let mut scene = scene(&sheet);
-    // Far above the true weight, so that the splats cover a third of every pixel or less.
+    // This weight is far above the true one, so that the splats cover at most a third of every pixel.
     scene.objects[0].material.interior_weight = Some(20.0);
     scene.objects.push(mesh_object(quad(DVec3::ZERO, [DVec3::new(1.0, 0.1, -0.1), DVec3::new(0.0, 0.8, 0.1)], 1.0)));
     Case::new("splats-faded-over-mesh", scene, camera(2.6, 45.0, [64, 56])).with("edl", |s| s.shader = Shader::Edl)

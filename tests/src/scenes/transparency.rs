@@ -35,7 +35,7 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// Creates an object whose splats all have this alpha.
+/// Creates an object whose splats all have the same alpha.
 fn glass(splats: &[Splat], alpha: f32) -> Object {
     let mut object = object(with_alpha(cloud(splats), |_| alpha));
     object.material.interior_weight = Some(3.0);
@@ -43,7 +43,7 @@ fn glass(splats: &[Splat], alpha: f32) -> Object {
 }
 
 /// Returns five tilted panes of different alpha, in front of, through and behind an opaque sphere. Catches layers that
-/// are counted or limited wrongly, a last layer that is blended like the others, and visible hidden layers.
+/// are counted or limited wrongly, a last layer that is blended like the others, and hidden layers that are visible.
 pub fn panes() -> Case {
     let mut random = Random::new(73);
     let mut scene = scene(&sphere(500, 1.2, 79));
@@ -59,7 +59,7 @@ pub fn panes() -> Case {
     Case::new("panes", scene, camera(4.5, 40.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns 27 transparent spheres (G06's figure 6): many curved layers that cross in the image.
+/// Returns 27 transparent spheres (G06's figure 6), whose many curved layers cross in the image.
 pub fn glass_spheres() -> Case {
     let mut random = Random::new(83);
     let mut scene = scene(&[]);
@@ -79,7 +79,7 @@ pub fn glass_spheres() -> Case {
     Case::new("glass-spheres", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns a pane that cuts an opaque sphere in two: occlusion changes within a splat.
+/// Returns a pane that intersects an opaque sphere. Catches errors where occlusion changes within a splat.
 pub fn pane_through_sphere() -> Case {
     let mut scene = scene(&sphere(900, 1.2, 89));
     let axes = [DVec3::new(1.3, 0.0, 0.9), DVec3::new(0.0, 1.2, 0.2)];
@@ -87,8 +87,8 @@ pub fn pane_through_sphere() -> Case {
     Case::new("pane-through-sphere", scene, camera(4.0, 40.0, [56, 56]))
 }
 
-/// Returns a pane whose alpha runs from 0 to 1, where its splats are opaque. Catches averaged alpha, and errors with
-/// both kinds of splats in one cloud.
+/// Returns a pane whose alpha runs from 0 to 1; splats with alpha 1 are opaque. Catches averaged alpha, and errors with
+/// transparent and opaque splats in one cloud.
 pub fn fading_pane() -> Case {
     let axes = [DVec3::X * 1.2, DVec3::Y];
     let wall = sheet(DVec3::new(0.0, 0.0, -0.5), axes, [16, 16], 0.15, |c, _| [0.9, 0.1 + 0.05 * c as f32, 0.2]);
@@ -100,8 +100,8 @@ pub fn fading_pane() -> Case {
     })
 }
 
-/// Returns large tilted disks of glass, wider on the screen than their affine filter. Pixels of the unfiltered
-/// footprint alone begin surfaces of the A-buffer and set their thresholds, but add nothing to them.
+/// Returns large tilted disks of glass. On the screen, they are wider than their affine filter. Pixels that are only in
+/// the unfiltered footprint begin surfaces of the A-buffer and set their thresholds, but add nothing to them.
 pub fn glass_beyond_its_filter() -> Case {
     let mut random = Random::new(113);
     let disks: Vec<Splat> = (0..48)
@@ -120,14 +120,14 @@ pub fn glass_beyond_its_filter() -> Case {
     })
 }
 
-/// Returns sheets of dust, faint and smaller than pixels, one behind the other: an A-buffer with little alpha and
-/// coverage. Catches loss of low bits.
+/// Returns sheets of splats with little alpha, smaller than pixels, one behind the other. Their A-buffer has little
+/// alpha and coverage. Catches loss of low bits.
 pub fn faint_dust() -> Case {
     let mut random = Random::new(97);
     let mut scene = scene(&[]);
     scene.objects.clear();
     for i in 0..12 {
-        // Off the axis, so that no outline passes through the centres of a whole row of pixels.
+        // The centre is off the axis, so that no outline passes through the centres of a whole row of pixels.
         let center = DVec3::new(0.013, 0.007, 1.5 - 0.25 * f64::from(i));
         let color = random.color();
         let axes = [DVec3::X * 0.5, DVec3::Y * 0.5];

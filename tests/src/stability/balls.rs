@@ -6,7 +6,7 @@ use crate::scenes::ball_cloud;
 use glam::DVec3;
 use surfel_model::{Camera, Projection, Scene, Settings, Shader};
 
-/// Tolerance of the conformance harness: 2e-4 + 1e-3 of the value.
+/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 /// Side of the images in pixels.
 const SIDE: u32 = 24;
@@ -67,7 +67,7 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// Returns a probe of unlit balls against the f64 reference.
+/// Returns a probe of unlit balls, which is compared with the f64 reference.
 fn probe(balls: &[(DVec3, f64)], camera: Camera) -> Vec<Probe> {
     let scene = Scene { objects: vec![object(ball_cloud(balls, false, false))], ..scene(&[]) };
     let image = Image { scene, camera, region: None, settings: Settings::default().with_shader(Shader::Unlit) };
@@ -81,7 +81,7 @@ fn probe(balls: &[(DVec3, f64)], camera: Camera) -> Vec<Probe> {
     }]
 }
 
-/// Returns balls all over the view with this factor of their radii, in this unit.
+/// Returns a probe of balls all over the view. `unit` scales all lengths, `factor` only the radii.
 fn spread(unit: f64, factor: f64) -> Vec<Probe> {
     let place = |i: u32| {
         let fraction = |step: f64| (f64::from(i) * step).fract() - 0.5;
@@ -93,19 +93,19 @@ fn spread(unit: f64, factor: f64) -> Vec<Probe> {
     probe(&balls, Camera { eye: view.eye.map(|x| x * unit), near: 0.01 * unit, ..view })
 }
 
-/// Returns balls of a mean radius in pixels.
+/// Returns a probe of balls whose mean radius is given in pixels.
 fn small(radius_px: f64) -> Vec<Probe> {
-    // Pixels are 0.1 wide at the middle's distance, and radii 0.11 in the mean.
+    // A pixel is 0.1 wide at the distance of the middle, and the mean radius is 0.11.
     spread(1.0, radius_px * 0.1 / 0.11)
 }
 
-/// Returns a ball at distance 1 whose radius is the given multiple of it.
+/// Returns a probe of a ball at distance 1 with the given radius.
 fn large(radius: f64) -> Vec<Probe> {
     let view = camera(0.0, 60.0, [SIDE; 2]);
     probe(&[(DVec3::NEG_Z * (1.0 + radius), radius)], Camera { target: [0.0, 0.0, -1.0], ..view })
 }
 
-/// Returns a ball of radius 1 at a distance, which fills two thirds of the view.
+/// Returns a probe of a ball of radius 1 at a distance. It fills two thirds of the view.
 fn far(distance: f64) -> Vec<Probe> {
     let focal = f64::from(SIDE) / 3.0 * distance;
     let middle = f64::from(SIDE) / 2.0;

@@ -1,4 +1,4 @@
-//! Draws sweeps and measures their errors.
+//! Drawing of sweeps and measurement of their errors.
 
 use super::exact::Exact;
 use super::{Image, Measure, Probe, Sweep, Truth, naive};
@@ -6,15 +6,15 @@ use surfel_math::kernel;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer};
 
-/// A function that draws an image with all planes.
+/// Function that draws an image with all planes.
 pub type Draw<'a> = dyn FnMut(&Image) -> Result<Frame, RenderError> + 'a;
 
 /// Precision of a backend's arithmetic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Precision {
-    /// Largest relative error of an operation.
+    /// Largest relative error of one operation.
     pub roundoff: f64,
-    /// Additional error of a weight or a colour: the kernel's own error, and the rounding of planes to f32.
+    /// Additional error of a weight or a colour, from the kernel's approximation and the rounding of planes to f32.
     pub fixed: f64,
 }
 
@@ -24,33 +24,34 @@ impl Precision {
     /// Precision of `cpu`: correctly rounded f32, and a kernel polynomial with an error of 1.3e-6 at c = 2
     /// (`surfel-cpu/src/setup/kernel.rs`).
     pub const F32: Self = Self { roundoff: 1.0 / (1u64 << 24) as f64, fixed: 2e-6 };
-    /// Precision of `wgpu` and `ash`: Vulkan's division has an error of 2.5 ulp, its exponential of 3 + 2|x| ulp.
+    /// Precision of `wgpu` and `ash`: in Vulkan, a division has an error of 2.5 ulp, and an exponential of 3 + 2|x|
+    /// ulp.
     pub const GPU: Self = Self { roundoff: 4.0 / (1u64 << 24) as f64, fixed: 2e-6 };
 }
 
-/// Result of a backend at one value.
+/// Result of a backend at one value of the parameter.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Point {
     /// Value of the parameter.
     pub value: f64,
-    /// Largest error over the value's images; NaN if no pixel could be compared.
+    /// Largest error of all images at the value; NaN if no pixel could be compared.
     pub error: f64,
-    /// The law's bound, in the image whose error is closest to it.
+    /// Error bound by the law, for the image whose error is closest to its bound.
     pub bound: f64,
-    /// Number of pixels beyond the decision margin that are hit but shouldn't be, or the reverse.
+    /// Number of pixels outside of decision margins that only one of the two images hits.
     pub stray: usize,
     /// Number of pixels with NaN, or with an infinity other than the depth of an empty pixel.
     pub non_finite: usize,
     /// Number of pixels that were compared.
     pub compared: usize,
-    /// Reason why there is no image.
+    /// Reason why the backend drew no image, if it didn't.
     pub refused: Option<String>,
-    /// True if the backend reports that it doesn't draw such images.
+    /// True if the backend reports that it doesn't support such images.
     pub unsupported: bool,
 }
 
 impl Point {
-    /// Returns a description of all faults.
+    /// Returns a description of all faults; `None` if there are none.
     pub fn fault(&self) -> Option<String> {
         let Self { error, bound, stray, non_finite, refused, .. } = self;
         let mut faults: Vec<String> = refused.iter().cloned().collect();
@@ -79,7 +80,7 @@ pub fn first_break(outcome: &Outcome) -> Option<&Point> {
     outcome.points.iter().find(|point| point.fault().is_some())
 }
 
-/// Expected image, as far as it is known.
+/// Expected image.
 struct Want {
     weight: Vec<f64>,
     depth: Vec<f64>,
@@ -87,7 +88,8 @@ struct Want {
     margin: Vec<f32>,
 }
 
-/// Runs a sweep on backends and returns one outcome each. `reference` provides margins, and truths that aren't exact.
+/// Runs a sweep on backends and returns one outcome each. `reference` provides decision margins, and the truths that
+/// aren't exact.
 ///
 /// # Errors
 /// [`RenderError`] if the reference can't draw a truth.
@@ -116,13 +118,13 @@ pub fn run(
     Ok(outcomes)
 }
 
-/// Returns the error of the published formula, value by value; NaN where there is none.
+/// Returns the errors of the published formula, as pairs of value and error; the error is NaN without a formula.
 pub fn naive_points(sweep: &Sweep) -> Vec<[f64; 2]> {
     let worst = |value: f64| (sweep.probes)(value).iter().map(naive::error).fold(f64::NAN, f64::max);
     sweep.values.iter().map(|&value| [value, worst(value)]).collect()
 }
 
-/// Returns a function that draws images on a backend, for [`run`].
+/// Returns a function for [`run`] that draws images with a backend.
 pub fn drawer<R: Renderer + 'static>(mut renderer: R) -> Box<Draw<'static>> {
     Box::new(move |image| {
         let resident = renderer.upload(&image.scene)?;
@@ -132,7 +134,7 @@ pub fn drawer<R: Renderer + 'static>(mut renderer: R) -> Box<Draw<'static>> {
     })
 }
 
-/// Returns the reference's image with all planes, including the margin.
+/// Draws an image with the reference, with all planes including the decision margin.
 fn reference_frame(image: &Image, reference: &mut Reference) -> Result<Frame, RenderError> {
     let resident = reference.upload(&image.scene)?;
     let mut frame = Frame::default();
@@ -161,7 +163,7 @@ fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
         weight.push(hit.map_or(0.0, |h| f64::from(*count) * of_one(h.rho_squared)));
         depth.push(hit.map_or(f64::INFINITY, |h| h.z));
     }
-    // An edge-on splat is drawn in no pass, whatever its exact forms are (§2).
+    // No pass draws an edge-on splat, whatever its exact forms are (§2).
     if frame.weight().iter().all(|&w| w == 0.0) && is_edge_on(splat) {
         weight.fill(0.0);
     }
@@ -170,7 +172,7 @@ fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
 
 fn is_edge_on(splat: &surfel_math::project::ViewSplat<f64>) -> bool {
     let cosine = splat.n.dot(splat.p).abs() / splat.p.length();
-    // A little beyond the limit, where rounding decides.
+    // The limit is a little larger than the rule's, because rounding decides near it.
     cosine.is_nan() || cosine <= 1.01 * surfel_math::project::EDGE_ON
 }
 
@@ -187,7 +189,7 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
             missed += usize::from(want.margin[i] == 0.0);
             continue;
         }
-        // If the truth isn't a single splat, rounding of inputs may decide otherwise within the margin.
+        // If the truth isn't a single splat, rounding of inputs may change decisions within the margin.
         if !has || (want.margin[i] != 0.0 && want.color.is_some()) {
             continue;
         }
@@ -210,11 +212,11 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
     let bound = probe.floor + fixed + precision.roundoff * probe.amplification;
     point.stray += missed;
     point.compared += compared;
-    // The reference can't differ from itself.
+    // The reference isn't compared with itself.
     if precision == Precision::F64 && matches!(probe.truth, Truth::Reference) {
         return;
     }
-    // Among several images, the one with the largest error relative to its bound.
+    // The result is that of the image with the largest error relative to its bound.
     let share = |error: f64, bound: f64| {
         if bound > 0.0 {
             error / bound

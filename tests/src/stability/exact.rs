@@ -1,5 +1,7 @@
-//! A splat in exact arithmetic. A finite f64 is an integer times a power of two, and forms over splats are homogeneous.
-//! With all inputs scaled by a common power of two the forms are integers, and only results are rounded.
+//! Splat in exact arithmetic.
+//!
+//! A finite f64 is an integer times a power of two, and the forms of splats are homogeneous. If all inputs are scaled
+//! by a common power of two, the forms are integers, and only results are rounded.
 
 use num_bigint::BigInt;
 use num_rational::BigRational;
@@ -7,20 +9,20 @@ use num_traits::{Signed, ToPrimitive, Zero};
 use surfel_math::project::ViewSplat;
 use surfel_math::projection::Projection;
 
-/// Returns finite numbers times the least common power of two that makes all of them integers, and that power.
+/// Returns the numbers multiplied by the smallest power of two that makes all of them integers, and that power.
 fn whole<const N: usize>(values: [f64; N]) -> ([BigInt; N], BigInt) {
     let exact = values.map(|value| BigRational::from_float(value).expect("sweeps are of finite numbers"));
-    // Denominators are powers of two in lowest terms, so that the largest is a multiple of each.
+    // Denominators are powers of two in lowest terms, so the largest is a multiple of all others.
     let scale = exact.iter().map(BigRational::denom).max().cloned().unwrap_or_else(|| 1.into());
     (exact.map(|value| value.numer() * (&scale / value.denom())), scale)
 }
 
-/// Returns the quotient, rounded once; 0 for a divisor of 0. The divisor may not be negative.
+/// Returns the quotient, rounded once; 0 if the divisor is 0. The divisor must not be negative.
 fn quotient(dividend: BigInt, divisor: BigInt) -> f64 {
     if divisor.is_zero() {
         return 0.0;
     }
-    // Not in lowest terms: reducing takes longer than all the rest.
+    // The fraction isn't reduced to lowest terms, which would take longer than everything else.
     BigRational::new_raw(dividend, divisor).to_f64().unwrap_or(f64::INFINITY)
 }
 
@@ -33,24 +35,24 @@ pub struct Hit {
     pub z: f64,
 }
 
-/// A splat's exact forms over pixels: adj([s t p]) and its determinant (G06 §3).
+/// Exact forms of a splat over pixels: adj([s t p]) and its determinant (G06 §3).
 ///
 /// Lengths of the scene are multiplied by one power of two, lengths of the image by another.
 pub struct Exact {
     rows: [[BigInt; 3]; 3],
-    /// The determinant times both focal lengths.
+    /// Determinant of [s t p], multiplied by both focal lengths.
     determinant: BigInt,
-    /// Factor of the scene's lengths.
+    /// Power of two by which lengths of the scene are multiplied.
     scene_scale: BigInt,
     near: BigInt,
     focal: [BigInt; 2],
     principal: [BigInt; 2],
-    /// Half a pixel, in the image's scaled lengths.
+    /// Half the width of a pixel, in scaled lengths of the image.
     half_pixel: BigInt,
 }
 
 impl Exact {
-    /// Computes the forms of a splat in perspective.
+    /// Computes the exact forms of a splat in a perspective projection.
     ///
     /// # Panics
     /// If a coordinate isn't finite.
@@ -81,7 +83,8 @@ impl Exact {
         self.rows.each_ref().map(|row| &row[0] * &ray[0] + &row[1] * &ray[1] + &row[2] * &ray[2])
     }
 
-    /// Evaluates the unfiltered, unclipped splat at the centre of a pixel of the whole image.
+    /// Intersects the unfiltered, unclipped splat with the ray through the centre of a pixel of the whole image. `None`
+    /// if the ray misses the splat.
     pub fn hit(&self, pixel: [u32; 2]) -> Option<Hit> {
         let [u, v, w] = self.at(pixel);
         let (square, limit) = (&u * &u + &v * &v, &w * &w);

@@ -1,9 +1,9 @@
-//! Sweeps to the extremes: one parameter of an image runs from harmless to absurd. Every backend's image is compared
-//! with exact arithmetic, or with a reference that has no difficulty.
+//! Sweeps of parameters to extremes: one parameter of an image runs from harmless to absurd values. Every backend's
+//! image is compared with exact arithmetic, or with a reference that has no difficulty.
 //!
-//! - [`exact`]: a splat in exact arithmetic; `naive`: the published formulas that ours replace, in f32;
-//! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`,
-//!   `sheets`, `balls`: all sweeps;
+//! - [`exact`]: a splat in exact arithmetic; `naive`: published formulas that Surfel replaces, in f32;
+//! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`, `sheets`,
+//!   `balls`: all sweeps;
 //! - [`run`]: a backend's results in a sweep; [`page`], [`breaks`]: reports.
 
 mod balls;
@@ -22,21 +22,21 @@ use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Region, View};
 
-/// An image to draw.
+/// Image to be drawn.
 #[derive(Clone, Debug)]
 pub struct Image {
     /// Scene to draw.
     pub scene: Scene,
     /// Camera of the image.
     pub camera: Camera,
-    /// Region of the image that is drawn.
+    /// Region of the image that is drawn; `None` for the whole image.
     pub region: Option<Region>,
     /// Settings of the image.
     pub settings: Settings,
 }
 
 impl Image {
-    /// Returns the view of the region.
+    /// Returns the view of the drawn region.
     ///
     /// # Panics
     /// If the camera or the region is invalid: sweeps are written in code, not read.
@@ -48,78 +48,79 @@ impl Image {
 /// Source of the expected image.
 #[derive(Clone, Debug)]
 pub enum Truth {
-    /// Exact arithmetic of one unfiltered splat, which the image has this number of times.
+    /// One unfiltered splat in exact arithmetic. The number is that of its copies in the image.
     Exact(ViewSplat<f64>, u32),
-    /// The f64 reference's image.
+    /// Image that the f64 reference draws.
     Reference,
-    /// The f64 reference's image of another case, without the difficulty.
+    /// Image that the f64 reference draws of another case, which avoids the difficulty.
     Easier(Box<Image>),
 }
 
-/// Quantity that is compared, over pixels that both images hit.
+/// Quantity that is compared, in pixels that both images hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
-    /// Σw, absolute, in units of [`Probe::scale`].
+    /// Absolute error of Σw, in units of [`Probe::scale`].
     Weight,
-    /// Z, relative.
+    /// Relative error of Z.
     Depth,
-    /// Colour, absolute.
+    /// Absolute error of the colour.
     Color,
     /// Fraction of the hit pixels that only one of the two images hits.
     Coverage,
 }
 
-/// An image at one value of a parameter.
+/// Image at one value of a sweep's parameter, with its truth and its error bound.
 #[derive(Clone, Debug)]
 pub struct Probe {
-    /// The image.
+    /// Image to be drawn.
     pub image: Image,
     /// Source of the expected image.
     pub truth: Truth,
-    /// Amplification of the rounding of one operation: the law's error is this times the unit roundoff.
+    /// Amplification of the rounding error of one operation. The law's error bound is this factor times the unit
+    /// roundoff.
     pub amplification: f64,
-    /// Part of the error that isn't due to the backend's rounding.
+    /// Part of the error bound that isn't due to the backend's rounding.
     pub floor: f64,
     /// Unit of weights: the splat's largest weight, or the number of splats.
     pub scale: f64,
-    /// The formula that ours replaces.
+    /// Published formula to compare with.
     pub naive: Naive,
 }
 
-/// The published formula that ours replaces, in f32.
+/// Published formula that Surfel replaces, evaluated in f32.
 #[derive(Clone, Debug)]
 pub enum Naive {
-    /// No formula to compare with.
+    /// No published formula.
     Nothing,
     /// The published matrix form of this splat.
     Matrix(ViewSplat<f64>),
     /// The published filter of this splat, by its covariance matrix.
     Covariance(ViewSplat<f64>),
-    /// Exact arithmetic of this splat, which rounding of inputs yields from the intended one.
+    /// Exact arithmetic of the splat that results from rounding the inputs of the intended one.
     Moved(ViewSplat<f64>),
-    /// A known error.
+    /// Error of the published formula that is known without evaluating it.
     Known(f64),
 }
 
-/// A sweep: a parameter that approaches an extreme.
+/// Sweep: a parameter that approaches an extreme.
 pub struct Sweep {
     /// Short name, for tables and tests.
     pub name: &'static str,
     /// Description of the parameter, with its unit.
     pub parameter: &'static str,
-    /// The difficulty, for a reader who hasn't read the papers.
+    /// Description of the difficulty, for readers who haven't read the papers.
     pub about: &'static str,
-    /// Origin of the bound.
+    /// Derivation of the error bound.
     pub law: &'static str,
-    /// Description of the formula that ours replaces; empty without one.
+    /// Description of the published formula; empty without one.
     pub naive: &'static str,
     /// Quantity that is compared.
     pub measure: Measure,
-    /// Values of the parameter, from the harmless end.
+    /// Values of the parameter, from the harmless to the extreme end.
     pub values: Vec<f64>,
-    /// The farthest value at which no fault is allowed.
+    /// Most extreme value at which no fault is allowed.
     pub required: f64,
-    /// Returns the images at a value.
+    /// Function that returns the images at a value.
     pub probes: fn(f64) -> Vec<Probe>,
 }
 
@@ -140,7 +141,7 @@ pub fn sweeps() -> Vec<Sweep> {
     all
 }
 
-/// Returns powers of ten from 10^`from` to 10^`to`, in steps of the exponent.
+/// Returns powers of ten from 10^`from` to 10^`to`. The exponents differ by `step`.
 fn powers(from: f64, to: f64, step: f64) -> Vec<f64> {
     let count = ((to - from).abs() / step).round() as i32;
     let sign = if to < from { -step } else { step };

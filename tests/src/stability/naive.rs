@@ -1,4 +1,4 @@
-//! The published formulas that ours replace, in f32, and their errors.
+//! Published formulas that Surfel replaces, in f32, and their errors.
 
 use super::exact::Exact;
 use super::{Image, Naive, Probe, Truth};
@@ -14,8 +14,8 @@ fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
     V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
 
-/// Returns the error of the formula that ours replaces, in units of [`Probe::scale`]; NaN without a formula. A result
-/// that isn't a number is an error of 1.
+/// Returns the error of a probe's published formula, in units of [`Probe::scale`]; NaN without a formula. A result that
+/// isn't a number counts as an error of 1.
 pub(super) fn error(probe: &Probe) -> f64 {
     match (&probe.naive, &probe.truth) {
         (Naive::Matrix(splat), _) => matrix(splat, &probe.image) / probe.scale,
@@ -26,8 +26,8 @@ pub(super) fn error(probe: &Probe) -> f64 {
     }
 }
 
-/// Returns the weight error of a drawn splat that isn't the intended one: the cost of rounding the inputs, with exact
-/// arithmetic.
+/// Returns the weight error if the splat `drawn` is drawn exactly instead of the intended splat `meant`. It is the cost
+/// of rounding the inputs.
 fn moved(meant: &ViewSplat<f64>, drawn: &ViewSplat<f64>, image: &Image) -> f64 {
     let view = image.view();
     let (a, b) = (Exact::new(meant, &view.projection), Exact::new(drawn, &view.projection));
@@ -44,8 +44,8 @@ fn pixels(image: &Image) -> impl Iterator<Item = [u32; 2]> + use<> {
     (0..region.width * region.height).map(move |i| [region.x + i % region.width, region.y + i / region.width])
 }
 
-/// Returns the largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, with constant terms at pixel 0,
-/// 0.
+/// Returns the largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, with constant terms at pixel (0,
+/// 0).
 fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     let projection = image.view().projection;
     let exact = Exact::new(splat, &projection);
@@ -66,9 +66,10 @@ fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
         let rho_squared = (u * u + v * v) / (w * w);
         let got = if w > 0.0 && rho_squared <= 1.0 { (-cutoff * rho_squared).exp() } else { 0.0 };
         let want = exact.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, f64::from(cutoff)));
-        // NaN draws nothing on a GPU, so the pixel is lost.
+        // A GPU draws nothing for NaN, so the pixel is lost.
         let got = if got.is_nan() { 0.0 } else { got };
-        // If only one of the two hits, half of the rim's step isn't an error of arithmetic.
+        // If only one of the two hits the pixel, an error up to half of the step at the rim isn't due to the
+        // arithmetic.
         if (got > 0.0 && want > 0.0) || (want - f64::from(got)).abs() > 0.5 {
             worst = (f64::from(got) - want).abs().max(worst);
         }
@@ -77,8 +78,8 @@ fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
 }
 
 /// Returns the largest weight error of Z01 eq. 6–9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its
-/// determinant, around the projected centre in absolute pixels. The truth is our formula for the same filter in f64.
-/// G06 and B05 print no formula of their own for a splat's shrinking weight.
+/// determinant, around the projected centre in absolute pixels. The truth is Surfel's formula for the same filter in
+/// f64. G06 and B05 print no formula for a splat's decreasing weight.
 fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     let (projection, settings) = (image.view().projection, &image.settings);
     let projected = Projected::new(splat, &projection);
@@ -106,14 +107,14 @@ fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
         let d = V2::new(pixel[0] as f32 + 0.5 - at.x, pixel[1] as f32 + 0.5 - at.y);
         let beta = 0.5 * (c * d.x * d.x - 2.0 * b * d.x * d.y + a * d.y * d.y) / determinant;
         let got = scale * (-beta).exp();
-        // NaN draws nothing on a GPU.
+        // A GPU draws nothing for NaN.
         let got = if beta < cutoff && got > 0.0 { f64::from(got) } else { 0.0 };
         let d = V2::new(f64::from(pixel[0]) + 0.5 - center.x, f64::from(pixel[1]) + 0.5 - center.y);
         let (u, v, _) = wanted.footprint.at(d);
         let rho_squared = u * u + v * v;
         let is_hit = rho_squared < 1.0;
         let want = if is_hit { wanted.weight_scale * kernel::weight(rho_squared, settings.cutoff) } else { 0.0 };
-        // As above, the step at the rim isn't an error of arithmetic.
+        // As above, the step at the rim isn't an error of the arithmetic.
         if (got > 0.0 && want > 0.0) || (got - want).abs() > 0.5 * wanted.weight_scale {
             worst = (got - want).abs().max(worst);
         }
@@ -121,7 +122,8 @@ fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     worst
 }
 
-/// Returns the relative error of a depth after storage in a 24-bit depth buffer, with a far plane ten times as far.
+/// Returns the relative error of a depth that is stored in a 24-bit depth buffer. The far plane is ten times as far as
+/// the depth.
 pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
     let far = 10.0 * z;
     let stored = far / (far - near) * (1.0 - near / z);
@@ -131,10 +133,10 @@ pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
     ((back - z) / z).abs().min(1.0)
 }
 
-/// Returns the relative error of a sum of `count` equal weights in half precision.
+/// Returns the relative error of summing `count` equal weights in half precision.
 pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
     let half = |value: f64| {
-        // 11 bits; the minimum normal exponent is −14.
+        // Half precision has 11 significant bits and a minimum normal exponent of −14.
         let unit = value.abs().log2().floor().max(-14.0) - 10.0;
         let unit = unit.exp2();
         if value == 0.0 { 0.0 } else { (value / unit).round_ties_even() * unit }
@@ -151,7 +153,7 @@ pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
     (sum / (f64::from(count) * weight) - 1.0).abs()
 }
 
-/// True if C12 eq. 7, as printed and in f32, retains a point of the disk.
+/// Evaluates C12 eq. 7 as printed, in f32. True if a point of the disk is inside the clip.
 pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let narrow = |v: V2<f64>| V2::new(v.x as f32, v.y as f32);
     let (p1, p2, p3, q) = (narrow(curve.p1), narrow(curve.p2), narrow(curve.p3), narrow(point));
@@ -176,7 +178,7 @@ pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let (k1, k2, k3) = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * w, t * t);
     let sum = k1 + k2 + k3;
     let x = V2::new((k1 * p1.x + k2 * p2.x + k3 * p3.x) / sum, (k1 * p1.y + k2 * p2.y + k3 * p3.y) / sum);
-    // Outside the curve if the curve's point is between q and the middle.
+    // The point is outside of the curve if the curve's point is between q and the middle.
     let outside = (x.x - q.x) * d.x + (x.y - q.y) * d.y > 0.0;
     if sign > 0.0 { !outside } else { outside }
 }

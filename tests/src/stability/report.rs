@@ -4,13 +4,13 @@ use super::{Outcome, Point, Sweep, first_break};
 use surfel_bench::chart::{Axis, Chart, Series, Style};
 use surfel_bench::page::{Page, Table};
 
-/// A sweep and the results of backends.
+/// Sweep with the results of all backends.
 pub struct Measured {
-    /// The sweep.
+    /// Sweep that was run.
     pub sweep: Sweep,
     /// One outcome per backend.
     pub outcomes: Vec<Outcome>,
-    /// Errors of the formula that ours replaces; NaN where there is none.
+    /// Pairs of value and error of the published formula; the error is NaN without a formula.
     pub naive: Vec<[f64; 2]>,
 }
 
@@ -24,7 +24,7 @@ impl Measured {
     }
 }
 
-/// Returns the table of the first value with a fault, by sweep and backend.
+/// Returns a table with the first faulty value of each backend, by sweep.
 pub fn breaks(measured: &[Measured], backends: &[String]) -> Table {
     let mut head = vec!["sweep", "parameter", "required to", "swept to"];
     head.extend(backends.iter().map(String::as_str));
@@ -56,7 +56,7 @@ pub fn breaks(measured: &[Measured], backends: &[String]) -> Table {
     table
 }
 
-/// Returns a self-contained page with the sweeps, their first faults, and a curve for each sweep.
+/// Returns a self-contained page with all sweeps, their first faults, and a chart of each sweep.
 pub fn page(measured: &[Measured], backends: &[String]) -> String {
     let mut page = Page::new("Numerical stability");
     page.paragraph(
@@ -93,7 +93,7 @@ fn chart(one: &Measured, backends: &[String]) -> Chart {
     let values = &one.sweep.values;
     let [first, last] = [values.first(), values.last()].map(|v| v.copied().unwrap_or(1.0));
     let mut series = Vec::new();
-    // An empty curve gets no entry in the legend.
+    // An empty curve isn't listed in the legend.
     let mut add = |name: String, style, color, points: Vec<[f64; 2]>| {
         if points.iter().any(|[_, error]| !error.is_nan()) {
             series.push(Series::new(name, style, color, points));
@@ -126,7 +126,7 @@ fn measure(measure: super::Measure) -> &'static str {
     }
 }
 
-/// Formats a parameter's value briefly.
+/// Formats a value of a parameter briefly.
 fn number(value: f64) -> String {
     if (0.01..1e5).contains(&value.abs()) {
         format!("{}", (value * 100.0).round() / 100.0)

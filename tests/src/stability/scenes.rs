@@ -8,7 +8,7 @@ use surfel_math::V3;
 use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Column3, Filter, GaussianKind, Settings, Sort};
 
-/// Tolerance of the conformance harness: 2e-4 + 1e-3 of the value.
+/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 
 pub(super) fn sweeps() -> Vec<Sweep> {
@@ -60,14 +60,14 @@ fn scaled(unit: f64) -> Vec<Probe> {
     let by = |v: DVec3| (v * unit).as_vec3().as_dvec3();
     let scaled = |s: Splat| Splat { p: by(s.p), s: by(s.s), t: by(s.t), ..s };
     let all = confetti(80, 0.12, 3.0, 5);
-    // The formula that ours replaces gets the splat in the image's middle that faces the eye most, since tilted ones
-    // have larger errors.
+    // The published formula is evaluated for the splat in the middle of the image that faces the eye most, because
+    // tilted splats have larger errors.
     let facing = |s: &Splat| s.s.cross(s.t).normalize().dot((s.p - DVec3::Z * 3.0).normalize()).abs();
     let middle = all.iter().copied().filter(|s| s.p.truncate().length() < 0.6);
     let facing_most = middle.max_by(|a, b| facing(a).total_cmp(&facing(b))).map(scaled);
     let view = camera(3.0, 45.0, [40, 40]);
     let view = Camera { eye: view.eye.map(|v| v * unit), near: 0.01 * unit, ..view };
-    // Rounding of coordinates may leave a splat without an area, which is invalid.
+    // Rounding of coordinates may reduce a splat's area to zero, which is invalid.
     let is_valid = |s: &Splat| {
         let (a, b) = (s.s / s.s.abs().max_element(), s.t / s.t.abs().max_element());
         s.p.is_finite() && a.is_finite() && b.is_finite() && a.normalize().cross(b.normalize()).length() > 1e-6

@@ -1,22 +1,23 @@
-//! Sweeps of a thin sheet over a floor: what lies behind the underside never blends with the top (rendering model, §5).
+//! Sweeps of a thin sheet over a floor. What is behind the sheet's underside must never blend with its top (rendering
+//! model, §5).
 
 use super::{Image, Measure, Naive, Probe, Sweep, Truth, powers};
 use crate::build::{Splat, camera, cloud, object, scene, sheet};
 use glam::DVec3;
 use surfel_model::{Camera, Filter, Projection, Settings};
 
-/// Tolerance of the conformance harness: 2e-4 + 1e-3 of the value.
+/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
-/// Colour of the top.
+/// Colour of the sheet's top, linear.
 const TOP: [f32; 3] = [0.9, 0.5, 0.1];
-/// Radius of the disks, in a sheet of half size 1.
+/// Radius of the disks of a sheet with half size 1.
 const RADIUS: f64 = 0.07;
 /// Distance between the top and the underside, and between the underside and the floor.
 const THICKNESS: f64 = 0.02;
 /// Half the height of the view at the middle of the sheet.
 const HALF_VIEW: f64 = 0.2;
 
-/// A view of the sheet.
+/// Parameters of a view of the sheet.
 #[derive(Clone, Copy)]
 struct Seen {
     unit: f64,
@@ -47,7 +48,7 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             "unit of a thin sheet's coordinates",
             units,
             powers(0.0, 38.0, 1.0),
-            // Beyond it squares of coordinates leave f32 on GPUs, as in other scenes.
+            // Beyond this unit, squares of coordinates exceed the range of f32 on GPUs, as in other scenes.
             1e15,
             (|unit| probes(Seen { unit, ..USUAL })) as fn(f64) -> Vec<Probe>,
         ),
@@ -89,12 +90,12 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// Returns a sheet's top, its underside and the floor below it, in a plane of normal +y, which a camera sees from above
-/// and within the top alone. The truth is the image of a sheet whose other parts have the top's colour.
+/// Returns images of a sheet's top, its underside and the floor below it. The camera is above, and the view is within
+/// the top. The truth is the image of a sheet whose other parts have the top's colour.
 fn probes(seen: Seen) -> Vec<Probe> {
     let (sin, cos) = seen.elevation_deg.to_radians().sin_cos();
-    // The sheet is as much longer as it is foreshortened, and the eye as much farther: the image and its pixels' share
-    // of a disk stay the same.
+    // The sheet is lengthened to compensate for its foreshortening, and the eye is moved away by the same factor. The
+    // image and the size of disks in pixels stay the same.
     let (stretched, distance) = (DVec3::new(1.0, 1.0, 0.5 / sin), seen.distance * 0.5 / sin);
     let image = |filter, others: [[f32; 3]; 2]| {
         let layer = |depth: f64, facing: f64, color: [f32; 3]| {

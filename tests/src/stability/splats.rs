@@ -15,16 +15,16 @@ use surfel_model::{
 };
 use surfel_render::Region;
 
-/// Steepest slope of exp(−2ρ²).
+/// Largest absolute slope of exp(−2ρ²).
 const STEEPEST: f64 = 1.213;
-/// Number of roundings from a splat's coordinates to a pixel's offset in units of its axes, counted in f32 setup: three
-/// each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
+/// Number of roundings in the f32 setup between a splat's coordinates and a pixel's offset in units of its axes. There
+/// are three each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
 const ROUNDINGS: f64 = 16.0;
 /// Focal length, size and principal point of the 4K camera, in pixels.
 const FOCAL_PX: f64 = 2000.0;
 const SIZE: [u32; 2] = [3840, 2160];
 const PRINCIPAL_PX: [f64; 2] = [1920.25, 1080.5];
-/// Distance of splats from the eye.
+/// Distance of splats from the eye, in world units.
 const Z: f64 = 4.0;
 const COLOR: [f32; 3] = [0.7, 0.4, 0.2];
 
@@ -182,20 +182,20 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// Rounds a vector to f32.
+/// Rounds the coordinates of a vector to f32.
 fn single(v: DVec3) -> DVec3 {
     v.as_vec3().as_dvec3()
 }
 
-/// Creates a view-space ellipse whose numbers are representable in f32.
+/// Creates an ellipse in view space. Its numbers are rounded to f32, so that clouds store them exactly.
 fn ellipse(p: DVec3, s: DVec3, t: DVec3) -> ViewSplat<f64> {
     let (p, s, t) = (single(p), single(s), single(t));
     let n = basis::unit(basis::unit(s).cross(basis::unit(t)));
     ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) }
 }
 
-/// Creates an ellipse whose centre projects to a pixel. Its half-axes are `radii` long, its plane at an elevation
-/// (radians) above edge-on; `turn` is around the line of sight.
+/// Creates an ellipse whose centre projects to a pixel. Its half-axes have the lengths `radii`. Its plane is at
+/// `elevation` (radians) from edge-on; `turn` (radians) is the rotation around the line of sight.
 fn tilted(pixel: [f64; 2], z: f64, radii: [f64; 2], elevation: f64, turn: f64) -> ViewSplat<f64> {
     let [x, y] = [0, 1].map(|axis| (pixel[axis] - PRINCIPAL_PX[axis]) / FOCAL_PX);
     let p = DVec3::new(x, y, 1.0) * z;
@@ -220,13 +220,13 @@ fn camera(focal: f64, principal: [f64; 2], size: [u32; 2], near: f64) -> Camera 
     }
 }
 
-/// Returns the 4K camera with a region of `side`×`side` pixels around `pixel`.
+/// Returns the 4K camera with a region of `side`×`side` pixels around a pixel.
 fn corner(pixel: [f64; 2], side: u32, near: f64) -> (Camera, Region) {
     let start = |axis: usize| (pixel[axis] as u32).saturating_sub(side / 2).min(SIZE[axis] - side);
     (camera(FOCAL_PX, PRINCIPAL_PX, SIZE, near), Region { x: start(0), y: start(1), width: side, height: side })
 }
 
-/// Converts to world coordinates: the camera at the origin looks along −z with +y up.
+/// Converts a vector from view to world coordinates. The camera at the origin looks along −z with +y up.
 fn world(v: V3<f64>) -> DVec3 {
     DVec3::new(v.x, -v.y, -v.z)
 }
@@ -243,23 +243,23 @@ fn in_scene(splat: &ViewSplat<f64>) -> Splat {
     Splat { p: world(splat.p), s: world(splat.s), t: world(splat.t), color: COLOR }
 }
 
-/// Returns ℓ of a splat, major and minor.
+/// Returns the singular values ℓ of a splat's projection in pixels, major and minor.
 fn lengths(splat: &ViewSplat<f64>, projection: &Projection) -> [f64; 2] {
     let projected = Projected::new(splat, projection);
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
     [svd.major, svd.minor]
 }
 
-/// Returns the law's amplification (see [`LAW`]).
+/// Returns the amplification of rounding errors by the law (see [`LAW`]).
 fn amplification(splat: &ViewSplat<f64>, projection: &Projection, h_px: f64) -> f64 {
     let [major, minor] = lengths(splat, projection);
-    // Under a filter, the weight's factor ℓ/h adds the rounding of ℓ.
+    // With a filter, the weight's factor ℓ/h adds the rounding error of ℓ.
     let factor = if minor < h_px { 1.0 } else { 0.0 };
     (STEEPEST + factor) * ROUNDINGS * (major.max(h_px) + 1.0) / minor.max(h_px)
 }
 
-/// Returns an image of one splat, unfiltered and compared with exact arithmetic, or filtered by `principal` and
-/// compared with f64.
+/// Returns a probe of one splat. If it is unfiltered, it is compared with exact arithmetic. If it is filtered by
+/// `principal`, it is compared with the f64 reference.
 fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bool) -> Probe {
     let settings = if filtered { Settings::default() } else { unfiltered() };
     let h = if filtered { settings.prefilter_radius_px } else { 0.0 };
@@ -275,7 +275,8 @@ fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bo
     }
 }
 
-/// Returns a filtered splat with weights in units of its own largest, ∏ min(1, ℓ/h), whose relative error is that of ℓ.
+/// Returns a probe of a filtered splat, with weights in units of its largest weight, ∏ min(1, ℓ/h). The relative error
+/// of this weight is that of ℓ.
 fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, true);
     let [major, minor] = lengths(&splat, &probe.image.view().projection);
@@ -284,8 +285,9 @@ fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     Probe { scale, amplification: probe.amplification + ROUNDINGS * major / minor, ..probe }
 }
 
-/// Returns an unfiltered splat near the eye, whose image need not be an ellipse. The law's amplification is that of its
-/// forms, each with an error of four roundings of its terms around the middle of the image, over W.
+/// Returns a probe of an unfiltered splat near the eye, whose image need not be an ellipse. The law's amplification is
+/// that of the splat's forms divided by W. Each form has the error of four roundings of its terms, around the middle of
+/// the image.
 fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, false);
     let view = probe.image.view();
@@ -307,10 +309,11 @@ fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     Probe { amplification, ..probe }
 }
 
-/// Position of the splats in the 4K image, a pixel near a corner, and their turns.
+/// Position of the splats: a pixel near a corner of the 4K image.
 const CORNER: [f64; 2] = [3600.3, 1900.7];
+/// Rotations of the splats around the line of sight, in radians.
 const TURNS: [f64; 3] = [0.2, 1.4, 2.9];
-/// Returns the world radius that spans `px` pixels at [`Z`].
+/// Returns the radius in world units that spans `px` pixels at the distance [`Z`].
 fn radius(px: f64) -> f64 {
     px * Z / FOCAL_PX
 }
@@ -371,7 +374,7 @@ fn skew(sine: f64) -> Vec<Probe> {
         let t = s * (1.0 - sine * sine).max(0.0).sqrt() + t * sine;
         let p = DVec3::new(disk.p.x, disk.p.y, disk.p.z);
         let probe = probe(ellipse(p, s, t), corner(CORNER, 28, 0.01), false);
-        // The minor axis is the difference of nearly parallel axes in f32, so it has their rounding error.
+        // The minor axis is the difference of nearly parallel half-axes in f32, so it has their rounding error.
         Probe { amplification: probe.amplification * 2.0, ..probe }
     };
     TURNS.map(one).into()
@@ -384,7 +387,7 @@ fn radius_small(radius: f64) -> Vec<Probe> {
 
 fn radius_large(radius: f64) -> Vec<Probe> {
     let turned = TURNS.map(|turn| tilted(CORNER, Z, [radius; 2], 0.6, turn)).map(|splat| (splat, CORNER));
-    // Around the middle of the image, along its axes and not: facing, and tilted about one of them.
+    // Splats at the middle of the image, on its axes and off them. Each faces the eye, or is tilted about an axis.
     let facing = |[x, y]: [f64; 2]| {
         let n = basis::unit(DVec3::new(x, y, -1.0));
         let (s, t) = basis::orthonormal(n);
@@ -455,7 +458,7 @@ fn image(side: f64) -> Vec<Probe> {
     let crop = pixels.min(16);
     let center = side - 1.5 * radius_px;
     let one = |turn: f64| {
-        // As many pixels as the image is wide, one unit ahead.
+        // The splat spans as many pixels as the image is wide.
         let place = |v: f64| (v - 0.5 * side) / side * Z;
         let p = DVec3::new(place(center), place(center - 0.2), Z);
         let (sin, cos) = turn.sin_cos();
@@ -473,7 +476,7 @@ fn outside(distance_px: f64) -> Vec<Probe> {
     let p = DVec3::new(place(-distance_px, 0), place(900.3, 1), Z);
     let r = radius(distance_px + 8.0);
     let (camera, region) = (camera(FOCAL_PX, PRINCIPAL_PX, SIZE, 0.01), Region { x: 0, y: 888, width: 16, height: 24 });
-    // Facing the eye, with turned axes, so that no form is zero.
+    // The splat faces the eye. Its axes are rotated, so that no form is zero.
     let splat = ellipse(p, DVec3::new(0.8, 0.6, 0.0) * r, DVec3::new(-0.6, 0.8, 0.0) * r);
     vec![probe(splat, (camera, region), false)]
 }
@@ -498,7 +501,7 @@ fn clip(weight: f64) -> Vec<Probe> {
     (0..10).map(one).collect()
 }
 
-/// Returns the fraction of the disk that eq. 7 puts on the wrong side.
+/// Returns the fraction of the disk's points that C12 eq. 7 puts on the wrong side of the curve.
 fn misjudged(curve: &Curve) -> f64 {
     let ours = Clip::nothing().with_curve(curve);
     let mut random = Random::new(5);

@@ -9,7 +9,7 @@ const DISKS_A_SQUARE: usize = 10;
 const SPHERE_DISKS: usize = 20_000;
 const GLASS_DISKS: usize = 2_000;
 
-/// Scene file on which filters are measured (rendering model §5).
+/// Scene file of the checkerboard, on which filters are measured (rendering model §5).
 pub(super) const CHECKERBOARD_SCENE: &str = r#"{
   "up": "+y",
   "camera": { "eye": [0, 0, 0], "target": [0, 0, -1], "up": [0, 1, 0],
@@ -19,7 +19,8 @@ pub(super) const CHECKERBOARD_SCENE: &str = r#"{
 }
 "#;
 
-/// Returns a square of side 2 about (0, 0, −1.2), rotated by 80° out of the image's plane, seen from the origin.
+/// Returns the disks of a square of side 2 about (0, 0, −1.2). The square is seen from the origin and rotated by 80°
+/// out of the image plane.
 pub(super) fn checkerboard() -> Cloud {
     let n = SQUARES * DISKS_A_SQUARE;
     let spacing = 2.0 / n as f64;
@@ -40,7 +41,7 @@ pub(super) fn checkerboard() -> Cloud {
     Cloud { title: "checkerboard of disks, 80 degrees off the view", disks: (0..n * n).map(disk).collect() }
 }
 
-/// Returns the unit sphere with bands of colour; its disks are along a Fibonacci spiral.
+/// Returns the disks of a unit sphere with bands of colour, along a Fibonacci spiral.
 pub(super) fn sphere() -> Cloud {
     let color = |direction: [f64; 3]| {
         let band = ((direction[1] + 1.0) * 4.0) as usize;
@@ -50,13 +51,13 @@ pub(super) fn sphere() -> Cloud {
     Cloud { title: "unit sphere of disks on a Fibonacci spiral", disks: disks.collect() }
 }
 
-/// Returns 27 spheres of different size, colour and alpha that don't touch each other.
+/// Returns the disks of 27 spheres of different sizes, colours and alphas that don't touch each other.
 pub(super) fn glass_spheres() -> Cloud {
     let mut random = SplitMix(2001);
     let mut disks = Vec::new();
     for i in 0..27 {
         let cell = [i % 3, i / 3 % 3, i / 9].map(|k: usize| k as f64 - 1.0);
-        // The radius and the shift of the centre together stay within the cell of side 1.
+        // The radius and the offset of the centre are so small that the sphere stays in its cell of side 1.
         let radius = 0.3 + 0.1 * random.unit();
         let center = cell.map(|c| c + (0.98 - 2.0 * radius) * (random.unit() - 0.5));
         let level = |x: f64| (70.0 + 185.0 * x) as u8;
@@ -68,7 +69,7 @@ pub(super) fn glass_spheres() -> Cloud {
     Cloud { title: "27 transparent spheres", disks }
 }
 
-/// Returns disks of a sphere with equal areas, each as wide as the distance to its neighbours.
+/// Returns `n` disks of a sphere that represent equal areas. The radius of a disk is the distance to its neighbours.
 fn fibonacci(n: usize, center: [f64; 3], radius: f64) -> impl Iterator<Item = Disk> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let spacing = (4.0 * std::f64::consts::PI / n as f64).sqrt();

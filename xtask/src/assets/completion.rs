@@ -1,20 +1,21 @@
-//! A chair, a table and a shelf as completion papers show them: the whole shape, its visible part, and four completions
-//! of that part, with 2,048 points or fewer each.
+//! Point sets of a chair, a table and a shelf, as in papers on shape completion. Each shape has the whole shape, its
+//! visible part, and four completions of that part, with at most 2,048 points each.
 
 use super::scan::SplitMix;
 use std::fmt::Write as _;
 
 const POINTS: usize = 2048;
 
-/// A file of a shape.
+/// Description of a file of a shape.
 struct File {
-    /// End of the file's name.
+    /// Suffix of the file's name.
     name: &'static str,
-    /// Noise of the points that the visible part lacks.
+    /// Noise of the points that aren't in the visible part.
     far: f64,
-    /// Noise of the points that the visible part has.
+    /// Noise of the points that are in the visible part.
     near: f64,
-    /// Side of the cells to whose centres points that the visible part lacks are moved; 0 for none.
+    /// Side of a grid of cells. Points that aren't in the visible part are moved to the centres of their cells; 0 for
+    /// no grid.
     cell: f64,
     /// True if each point has the label of its part.
     has_labels: bool,
@@ -22,7 +23,7 @@ struct File {
 
 const EXACT: File = File { name: "truth.xyz", far: 0.0, near: 0.0, cell: 0.0, has_labels: false };
 
-/// Files of a shape: the whole, its visible part, four completions, and the whole with labels.
+/// Files of each shape: the whole shape, its visible part, four completions, and the whole shape with labels.
 const FILES: [File; 7] = [
     EXACT,
     File { name: "partial.xyz", ..EXACT },
@@ -35,10 +36,10 @@ const FILES: [File; 7] = [
 
 type Point = [f64; 3];
 
-/// An axis-aligned box: centre, size and label; z is up.
+/// Axis-aligned box as a part of a shape: centre, size and label; z is up.
 struct Part(Point, Point, u8);
 
-/// Labels of parts, as assets/gallery/parts.txt names them.
+/// Labels of parts, with the names that assets/gallery/parts.txt gives them.
 const SEAT: u8 = 1;
 const BACK: u8 = 2;
 const LEG: u8 = 3;
@@ -61,7 +62,7 @@ fn shelf() -> Vec<Part> {
     sides.chain(boards).collect()
 }
 
-/// Returns the files of all shapes: names and points, a line each.
+/// Returns the names and contents of all files. A line of a file is a point.
 pub(super) fn files() -> Vec<(String, Vec<u8>)> {
     let shapes = [("chair", chair()), ("table", table()), ("shelf", shelf())];
     let files = shapes.iter().enumerate().flat_map(|(s, (name, parts))| {
@@ -73,7 +74,7 @@ pub(super) fn files() -> Vec<(String, Vec<u8>)> {
     files.collect()
 }
 
-/// True for a point of the part that a scanner sees.
+/// True for a point that the simulated scanner sees.
 fn is_seen([x, y, _]: Point) -> bool {
     x + 0.5 * y < 0.05
 }
@@ -83,7 +84,7 @@ fn points(parts: &[Part], file: &File, random: &mut SplitMix) -> String {
     let total: f64 = parts.iter().flat_map(faces).sum();
     let mut text = if file.has_labels { "x,y,z,part\n".to_owned() } else { String::new() };
     for _ in 0..POINTS {
-        // A face by its area, and a place on one of its two sides.
+        // The face is random, weighted by area; so are the position on it and its side.
         let mut left = random.unit() * total;
         let of_part = |part| faces(part).into_iter().enumerate().map(move |(k, area)| (part, k, area));
         let all = parts.iter().flat_map(of_part);

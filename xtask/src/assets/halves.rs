@@ -1,14 +1,14 @@
-//! Spot cut into two meshes, for images with half splats and half polygons.
+//! The model Spot, cut into two meshes for images with half splats and half polygons.
 
 use std::io;
 use std::path::Path;
 
-/// Model, relative to the workspace, and the files that it references: an OBJ file may only reference files beside it.
+/// Path of the model, relative to the workspace.
 pub(super) const MODEL: &str = "assets/spot/spot.obj";
 pub(super) const MATERIALS: [&str; 2] = ["spot.mtl", "spot_texture.png"];
 
-/// Returns the OBJ files of the faces whose centroids have negative x, and of all others. Both have all vertices of the
-/// model.
+/// Returns two OBJ files: the faces whose centroids have negative x, and all other faces. Both contain all vertices of
+/// the model.
 pub(super) fn halves(root: &Path) -> io::Result<[Vec<u8>; 2]> {
     let text = std::fs::read_to_string(root.join(MODEL))?;
     Ok(cut(&text))
@@ -42,12 +42,12 @@ fn put(half: &mut Vec<u8>, line: &str) {
 
 pub(super) struct Model {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Corners of each face: index of the vertex, and number of its texture coordinates.
+    /// Corners of each face: index of the vertex, and number of the texture coordinates.
     pub(super) faces: Vec<Vec<[usize; 2]>>,
 }
 
 impl Model {
-    /// Reads an OBJ file in which every corner has the form `1/2` and vertices precede faces.
+    /// Parses an OBJ file in which every corner has the form `1/2` and vertices precede faces.
     pub(super) fn read(text: &str) -> Self {
         let (mut positions, mut faces) = (Vec::new(), Vec::new());
         for line in text.lines() {
@@ -71,8 +71,8 @@ impl Model {
         Self { positions, faces }
     }
 
-    /// Returns the unit normals of the vertices: means of the adjacent faces' normals, weighted by area. They are the
-    /// same on both sides of the cut.
+    /// Returns the unit normals of the vertices, which are means of the adjacent faces' normals, weighted by area. They
+    /// are equal on both sides of the cut.
     fn normals(&self) -> Vec<[f64; 3]> {
         let mut normals = vec![[0.0; 3]; self.positions.len()];
         for face in self.faces.iter().filter(|face| face.len() >= 3) {

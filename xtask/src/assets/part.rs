@@ -1,10 +1,10 @@
-//! Machine part with sharp, curved creases: a block with a round hole through it and a round boss on it.
+//! Machine part with sharp, curved creases: a block with a round hole and a round boss.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
-/// Number of segments of a quarter of a circle, and of a side of a square cell of the block.
+/// Number of segments of a quarter circle, and of a side of the block's square cells.
 const QUARTER: usize = 16;
 const HOLE_RADIUS: f64 = 0.5;
 const BOSS_RADIUS: f64 = 0.6;
@@ -13,19 +13,19 @@ const BLOCK_HEIGHT: f64 = 1.0;
 
 type Point = [f64; 3];
 
-/// Triangles with shared vertices, counter-clockwise as seen from outside.
+/// Triangle mesh with shared vertices. Corners are counter-clockwise as seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TriangleMesh {
     pub(super) vertices: Vec<Point>,
     pub(super) triangles: Vec<[usize; 3]>,
-    /// Index of the vertex by its rounded coordinates.
+    /// Index of each vertex, by its rounded coordinates.
     known: BTreeMap<[i64; 3], usize>,
 }
 
-/// Returns the part. The up axis is y; the block is on the plane y = 0 and extends from (−2, 0, −1) to (2, 1, 1).
+/// Returns the part. Its up axis is y. The block is on the plane y = 0 and extends from (−2, 0, −1) to (2, 1, 1).
 pub(super) fn part() -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
-    // The block is two cubes wide: one with the hole, one with the boss.
+    // The block consists of two cells: one with the hole, one with the boss.
     let (left, right) = (-1.0, 1.0);
     let (low, high) = (0.0, BLOCK_HEIGHT);
     let hole = |y: f64| circle(left, y, HOLE_RADIUS);
@@ -34,7 +34,7 @@ pub(super) fn part() -> TriangleMesh {
     mesh.strip(&square(right, high), &boss(high));
     mesh.strip(&hole(low), &square(left, low));
     mesh.fan([right, low, 0.0], &square(right, low), false);
-    // Walls: the hole's face inward, the boss's outward.
+    // The wall of the hole faces inward, the wall of the boss outward.
     mesh.strip(&hole(high), &hole(low));
     mesh.strip(&boss(high), &boss(high + BOSS_HEIGHT));
     mesh.fan([right, high + BOSS_HEIGHT, 0.0], &boss(high + BOSS_HEIGHT), true);
@@ -51,7 +51,7 @@ pub(super) fn part() -> TriangleMesh {
     mesh
 }
 
-/// Returns a circle counter-clockwise as seen from above (+y). It starts at x = z.
+/// Returns the points of a circle, counter-clockwise as seen from above (+y). The first point has x = z.
 fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     let point = |i: usize| {
         let angle = -0.25 * PI + FRAC_PI_2 * i as f64 / QUARTER as f64;
@@ -60,8 +60,8 @@ fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     (0..4 * QUARTER).map(point).collect()
 }
 
-/// Returns the outline of a square of side 2, from the corner x = z = 1 on. Its quarters are at the same angles as
-/// those of the circle.
+/// Returns the points of the outline of a square of side 2, beginning at the corner x = z = 1. The points are at the
+/// same angles as those of the circle.
 fn square(center_x: f64, y: f64) -> Vec<Point> {
     let point = |i: usize| {
         let along = (i % QUARTER) as f64 / QUARTER as f64 * 2.0 - 1.0;
@@ -77,7 +77,7 @@ fn square(center_x: f64, y: f64) -> Vec<Point> {
 }
 
 impl TriangleMesh {
-    /// Returns the index of the vertex at `p`, which all faces that meet there share.
+    /// Returns the index of the vertex at `p`, and adds the vertex if it is new.
     fn vertex(&mut self, p: Point) -> usize {
         let key = p.map(|x| (x * 1e6).round() as i64);
         *self.known.entry(key).or_insert_with(|| {
@@ -96,7 +96,7 @@ impl TriangleMesh {
         self.triangle(a, c, d);
     }
 
-    /// Adds a strip between two loops of equal length. Its outside is the side from which `outer` runs
+    /// Adds a strip of triangles between two loops of equal length. Its outside is the side from which `outer` runs
     /// counter-clockwise around `inner`.
     fn strip(&mut self, outer: &[Point], inner: &[Point]) {
         for i in 0..outer.len() {
@@ -105,7 +105,7 @@ impl TriangleMesh {
         }
     }
 
-    /// Adds a fan from a point to a loop, which faces up or down.
+    /// Adds a fan of triangles between a point and a loop, which faces up or down.
     fn fan(&mut self, center: Point, rim: &[Point], from_above: bool) {
         for i in 0..rim.len() {
             let j = (i + 1) % rim.len();

@@ -1,4 +1,4 @@
-//! Disks as a PLY file in Surfel's splat profile (docs/format.md).
+//! Writer of disks as a PLY file in Surfel's splat profile (docs/format.md).
 
 use std::fmt::Write as _;
 
@@ -9,11 +9,11 @@ pub(super) struct Disk {
     /// Unit normal.
     pub(super) normal: [f64; 3],
     pub(super) radius: f64,
-    /// sRGB-encoded red, green, blue, and alpha.
+    /// Colour as sRGB-encoded red, green, blue, and alpha.
     pub(super) color: [u8; 4],
 }
 
-/// Disks of one file.
+/// Disks of one file, with its title.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cloud {
     pub(super) title: &'static str,
@@ -21,7 +21,7 @@ pub(super) struct Cloud {
 }
 
 impl Cloud {
-    /// Returns a binary PLY file. It has the property alpha only if a disk isn't opaque.
+    /// Returns a binary PLY file. It has the property `alpha` only if a disk isn't opaque.
     pub(super) fn to_ply(&self) -> Vec<u8> {
         let alpha = self.disks.iter().any(|disk| disk.color[3] < 255);
         let mut header = format!(

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
-/// Number of points, and largest noise along each axis in the model's units (the model is 1.7 high).
+/// Number of points.
 const POINTS: f64 = 120_000.0;
 const NOISE: f64 = 0.003;
 
-/// Returns the points as text, one a line.
+/// Returns the points as text, one per line.
 pub(super) fn scan(root: &Path) -> io::Result<Vec<u8>> {
     let text = std::fs::read_to_string(root.join(MODEL))?;
     Ok(points(&Model::read(&text), POINTS).into_bytes())
@@ -46,11 +46,11 @@ fn area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
     0.5 * cross.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
-/// Pseudorandom numbers. Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
+/// Generator of pseudo-random numbers (Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators").
 pub(super) struct SplitMix(pub(super) u64);
 
 impl SplitMix {
-    /// Returns a number uniform in [0, 1).
+    /// Returns a number that is uniform in [0, 1).
     pub(super) fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;

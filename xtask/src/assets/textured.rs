@@ -1,11 +1,11 @@
-//! Painted squares, which show how splats sample textures (Z01, figure 6). The vertices store the colours.
+//! Painted squares, which show how splats sample textures (Z01, figure 6). The colours are stored in the vertices.
 
 use std::fmt::Write as _;
 
-/// Number of vertices along a side of the photograph.
+/// Number of vertices along a side of the square of [`photograph`].
 const PHOTOGRAPH: usize = 161;
 
-/// Returns the square from −1 to 1, divided into `count`×`count` black and white squares.
+/// Returns an OBJ file of the square from −1 to 1, divided into `count`×`count` black and white squares.
 pub(super) fn checkerboard(count: usize) -> Vec<u8> {
     let mut text = String::new();
     for i in 0..count * count {
@@ -22,8 +22,8 @@ pub(super) fn checkerboard(count: usize) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Returns the square from −1 to 1 with soft shapes of many sizes, whose contrast falls with their size as in
-/// photographs.
+/// Returns an OBJ file of the square from −1 to 1 with soft shapes of many sizes. Their contrast decreases with their
+/// size, as in photographs.
 pub(super) fn photograph() -> Vec<u8> {
     let mut text = String::new();
     let at = |k: usize| k as f64 / (PHOTOGRAPH - 1) as f64;

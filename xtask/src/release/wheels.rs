@@ -1,4 +1,4 @@
-//! Steps on the Python package: wheels and the source distribution.
+//! Steps for the Python package: wheels and the source distribution.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,17 +7,17 @@ use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, 
 use crate::front_page;
 use crate::python::{self, Platform, TARGETS};
 
-/// Maximum size of a wheel in bytes.
+/// Maximum size of a wheel, in bytes.
 const MOST_BYTES: u64 = 25_000_000;
 
-/// Lines after README.md's Python program, which check the image that it drew.
+/// Python code appended to README.md's program, which checks the drawn image.
 const CHECKS: &str = "\
 assert image.rgba.shape == (768, 1024, 4), image.rgba.shape
 assert image.rgba[384, 512, 3] == 255, image.rgba[384, 512]
 print('drew', image.rgba.shape)
 ";
 
-/// Lines after the program in an installation without GPU backends: the error has words of pip.
+/// Python code appended to the program if GPU backends aren't installed. It checks that the error names a pip command.
 const WITHOUT_GPU: &str = "\
 try:
     surfel.open('scan.ply').render(size=(8, 8), backend='wgpu')
@@ -30,11 +30,11 @@ else:
 /// Number of points in the file that README.md's Python program opens.
 const POINTS: u32 = 4000;
 
-/// Folder of README.md's Python program and the file that it opens, below the folder of the dry run.
+/// Name of the folder, in that of the dry run, with README.md's Python program and the file that it opens.
 const PAGE: &str = "front-page";
 
-/// Writes README.md's Python program with checks after it, and the scan that it opens: points on a sphere. Returns the
-/// program's path.
+/// Writes README.md's Python program with checks appended, and the scan that it opens: points on a sphere. Returns the
+/// path of the program.
 fn write_page(place: &Place, checks: &[&str]) -> Result<PathBuf, String> {
     let folder = place.out.join(PAGE);
     fresh(&folder)?;
@@ -47,7 +47,7 @@ fn write_page(place: &Place, checks: &[&str]) -> Result<PathBuf, String> {
     Ok(file)
 }
 
-/// Returns a PLY file of points that are spread evenly over the unit sphere, along a spiral.
+/// Returns a PLY file of points that are evenly distributed over the unit sphere, along a spiral.
 fn sphere(points: u32) -> String {
     let mut text = format!(
         "ply\nformat ascii 1.0\nelement vertex {points}\nproperty float x\nproperty float y\nproperty float z\n"
@@ -67,7 +67,7 @@ fn wheels(place: &Place) -> PathBuf {
     place.out.join("wheels")
 }
 
-/// Builds the wheels twice, in different folders, and compares their bits. Checks sizes and contents.
+/// Builds the wheels twice, in different folders, and checks that both builds are identical. Checks sizes and contents.
 pub(super) fn build(place: &Place) -> Verdict {
     let installed: Vec<&Platform> = TARGETS.iter().filter(|platform| platform.is_installed(&place.root)).collect();
     if installed.is_empty() {
@@ -111,8 +111,9 @@ pub(super) fn build(place: &Place) -> Verdict {
     built().into()
 }
 
-/// Installs each wheel into a fresh environment, and draws by README.md's program: this machine's wheel in a virtual
-/// environment, and all in containers of their platforms, where docker runs them (other processors by qemu-user).
+/// Installs each wheel into a fresh environment, and runs README.md's program there. This machine's wheel is tested in
+/// a virtual environment. All wheels are tested in containers of their platforms if docker is installed (other
+/// processors by qemu-user).
 pub(super) fn environments(place: &Place) -> Verdict {
     let made = files_in(&wheels(place), &[".whl"]);
     if made.is_empty() {
@@ -145,7 +146,7 @@ pub(super) fn environments(place: &Place) -> Verdict {
     tried().unwrap_or_else(Verdict::Failed)
 }
 
-/// Returns the verdict on wheels of which `tried` drew. Passes if at least one drew.
+/// Returns the verdict if `tried` wheels drew an image. It passes if at least one did.
 fn outcome(tried: usize, has_docker: bool, untried: &[String]) -> Verdict {
     let mut detail = format!("{tried} of {} wheels drew in a fresh environment", tried + untried.len());
     if !untried.is_empty() {
@@ -157,7 +158,7 @@ fn outcome(tried: usize, has_docker: bool, untried: &[String]) -> Verdict {
     if tried == 0 { Verdict::Skipped(detail) } else { Verdict::Passed(detail) }
 }
 
-/// Installs a wheel into a new virtual environment, and runs a program in the program's folder.
+/// Installs a wheel into a new virtual environment, and runs a program in the program's own folder.
 fn in_environment(folder: &Path, wheel: &Path, program: &Path) -> Result<(), String> {
     fresh(folder)?;
     ran(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
@@ -176,7 +177,7 @@ fn in_container(place: &Place, platform: &Platform, wheel: &Path) -> Result<(), 
     ran(command.args([platform.image, "sh", "-c", &script]))
 }
 
-/// Makes the source distribution, and builds and tries a wheel of it outside of the checkout.
+/// Makes the source distribution. Builds a wheel from it outside of the checkout, and tests the wheel.
 pub(super) fn source(place: &Place) -> Verdict {
     let python = match python::environment(&place.root, &python::BUILT_BY) {
         Ok(python) => python,

@@ -1,21 +1,21 @@
-//! Headers and documents of many parts: PLY, OBJ, glTF, 3D Tiles, NPZ and E57.
+//! Shapes of files with many parts: PLY, OBJ, glTF, 3D Tiles, NPZ and E57.
 
 use super::Shape;
 use std::fmt::Write;
 use std::io;
 use std::path::Path;
 
-/// The words of a command.
+/// Splits a command into its words.
 pub(super) fn words(command: &str) -> Vec<String> {
     command.split_whitespace().map(str::to_owned).collect()
 }
 
-/// Numbered texts joined by commas.
+/// Returns `n` numbered texts, joined by commas.
 fn list(n: usize, text: impl Fn(usize) -> String) -> String {
     (0..n).map(text).collect::<Vec<_>>().join(",")
 }
 
-/// A text PLY file with more lines in its header, and more values in each of its ten rows.
+/// Writes a text PLY file with additional lines in the header, and additional values in each of its ten rows.
 fn ply(folder: &Path, lines: &str, values: &str) -> io::Result<Vec<String>> {
     let mut text = String::from("ply\nformat ascii 1.0\nelement vertex 10\nproperty float x\nproperty float y\n");
     let _ = write!(text, "property float z\n{lines}end_header\n");
@@ -47,7 +47,7 @@ fn ply_textures(folder: &Path, n: usize) -> io::Result<Vec<String>> {
 const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n";
 const CONVERT: &str = "convert in.obj -o out.ply --force --per-face";
 
-/// An OBJ file of n faces, with these lines before each, and its material library.
+/// Writes an OBJ file of `n` faces and its material library. `before` returns the lines before each face.
 fn obj(folder: &Path, n: usize, library: &str, before: impl Fn(usize) -> String) -> io::Result<Vec<String>> {
     let faces = lines(n, |i| before(i) + "\nf 1/1 2/2 3/3");
     std::fs::write(folder.join("in.obj"), format!("mtllib in.mtl\n{TRIANGLE}{faces}"))?;
@@ -63,14 +63,14 @@ fn obj_materials(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     obj(folder, n, &lines(n, |i| format!("newmtl m{i}\nKd 0.5 0.5 0.5")), |i| format!("usemtl m{i}"))
 }
 
-/// Every material with an image of its own, each 2×2.
+/// Writes an OBJ file in which every material has its own image of 2×2 pixels.
 fn obj_textures(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let image = png();
     (0..n).try_for_each(|i| std::fs::write(folder.join(format!("t{i}.png")), &image))?;
     obj(folder, n, &lines(n, |i| format!("newmtl m{i}\nmap_Kd t{i}.png")), |i| format!("usemtl m{i}"))
 }
 
-/// Every material with the same image.
+/// Writes an OBJ file in which all materials have the same image.
 fn obj_shared_texture(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     std::fs::write(folder.join("t.png"), png())?;
     obj(folder, n, &lines(n, |i| format!("newmtl m{i}\nmap_Kd t.png")), |i| format!("usemtl m{i}"))
@@ -90,7 +90,7 @@ fn obj_unknown_lines(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words(CONVERT))
 }
 
-/// A PNG image of 2×2 pixels, in a stored block.
+/// Returns a PNG image of 2×2 pixels, in an uncompressed block.
 fn png() -> Vec<u8> {
     let rows = [0, 255, 0, 0, 0, 255, 0, 0, 0, 0, 255, 9, 9, 9];
     let (a, b) =
@@ -113,7 +113,7 @@ fn crc_step(crc: u32, byte: u8, polynomial: u32) -> u32 {
     (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ (polynomial & (crc & 1).wrapping_neg()))
 }
 
-/// A glTF file of these parts, about a buffer with one triangle.
+/// Writes a glTF file with these parts, and a buffer that contains one triangle.
 fn gltf(folder: &Path, parts: &str) -> io::Result<Vec<String>> {
     let positions = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0];
     let bytes: Vec<u8> = positions.iter().flat_map(|x| x.to_le_bytes()).collect();
@@ -136,7 +136,7 @@ fn gltf_nodes(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// Nodes that are each the child of the one before.
+/// Writes a glTF file with a chain of nodes, each the child of the previous one.
 fn gltf_chain(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let nodes = list(n, |i| {
         let children = if i + 1 < n { format!(r#","children":[{}]"#, i + 1) } else { String::new() };
@@ -145,7 +145,7 @@ fn gltf_chain(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     gltf(folder, &format!(r#"{VIEW},"accessors":[{ACCESSOR}],{MESH},"nodes":[{nodes}],"scenes":[{{"nodes":[0]}}]"#))
 }
 
-/// Every node with a mesh, an accessor and a buffer view of its own.
+/// Writes a glTF file in which every node has its own mesh, accessor and buffer view.
 fn gltf_accessors(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let views = list(n, |_| r#"{"buffer":0,"byteLength":36}"#.into());
     let accessors = list(n, |i| ACCESSOR.replace(r#"View":0"#, &format!(r#"View":{i}"#)));
@@ -161,7 +161,8 @@ fn gltf_accessors(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// A mesh of n primitives, each with a material of its own; all materials with one texture, or with a missing one each.
+/// Writes a glTF mesh of `n` primitives, each with its own material. All materials have the same texture, or each has
+/// its own missing texture.
 fn gltf_materials(folder: &Path, n: usize, is_missing: bool) -> io::Result<Vec<String>> {
     std::fs::write(folder.join("t.png"), png())?;
     let own = |i: usize| if is_missing { i } else { 0 };
@@ -182,7 +183,7 @@ fn gltf_materials(folder: &Path, n: usize, is_missing: bool) -> io::Result<Vec<S
     )
 }
 
-/// A mesh of n morph targets.
+/// Writes a glTF mesh with `n` morph targets.
 fn gltf_targets(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let targets = list(n, |_| r#"{"POSITION":0}"#.into());
     let weights = list(n, |_| "0.001".into());
@@ -196,7 +197,7 @@ fn gltf_targets(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// A primitive with n attributes of one number a vertex.
+/// Writes a glTF primitive with `n` attributes of one number per vertex.
 fn gltf_attributes(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let attributes = list(n, |i| format!(r#""_A{i}":1"#));
     let scalar = r#"{"bufferView":0,"count":3,"componentType":5126,"type":"SCALAR"}"#;
@@ -210,7 +211,7 @@ fn gltf_attributes(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// A tileset of n tiles that share one content, beside each other.
+/// Writes a tileset of `n` tiles, side by side, that share one content file.
 fn tiles(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let positions: Vec<u8> = (0..30).flat_map(|i| (i as f32).to_le_bytes()).collect();
     let features = format!("{:<50}", r#"{"POINTS_LENGTH":10,"POSITION":{"byteOffset":0}}"#);
@@ -231,7 +232,7 @@ fn tiles(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("info tileset.json --json"))
 }
 
-/// An NPZ file of n arrays of ten numbers.
+/// Writes an NPZ file of `n` arrays of ten numbers.
 fn npz_arrays(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let npy = |shape: &str, numbers: usize| {
         let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}\n");
@@ -244,7 +245,7 @@ fn npz_arrays(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("info in.npz --json"))
 }
 
-/// Files stored in a ZIP file.
+/// Writes a ZIP file that stores these files without compression.
 fn zip(path: &Path, files: impl Iterator<Item = (String, Vec<u8>)>) -> io::Result<()> {
     let (mut zip, mut directory, mut count) = (Vec::new(), Vec::new(), 0_u16);
     for (name, content) in files {
@@ -263,7 +264,7 @@ fn zip(path: &Path, files: impl Iterator<Item = (String, Vec<u8>)>) -> io::Resul
     std::fs::write(path, zip)
 }
 
-/// An E57 file of scans with so many fields a point, none of which has points.
+/// Writes an E57 file of scans without points. `fields` is the number of fields per point.
 fn e57(folder: &Path, fields: usize, scans: usize) -> io::Result<Vec<String>> {
     let prototype: String = (0..fields).map(|i| format!(r#"<f{i} type="Float"/>"#)).collect();
     let axes = r#"<cartesianX type="Float"/><cartesianY type="Float"/><cartesianZ type="Float"/>"#;
@@ -282,7 +283,7 @@ fn e57(folder: &Path, fields: usize, scans: usize) -> io::Result<Vec<String>> {
             <data3D type="Vector" allowHeterogeneousChildren="1">{}</data3D></e57Root>"#,
         scan.repeat(scans)
     );
-    // A section of points without packets comes before the text.
+    // An empty section of points precedes the XML text.
     let section: Vec<u8> = [1_u64, 32, 80, 0].iter().flat_map(|x| x.to_le_bytes()).collect();
     let pages = (48 + section.len() + xml.len()).div_ceil(1020);
     let mut content = b"ASTM-E57\x01\0\0\0\0\0\0\0".to_vec();
@@ -328,7 +329,7 @@ pub(super) fn shapes() -> Vec<Shape> {
         ("E57 of many wide scans", 30, "scans", |folder, n| e57(folder, 500, n)),
     ];
     let shape = |(name, n, counts, make)| Shape::new(name, (n, counts), make);
-    // These E57 files have no points.
+    // These E57 files have no points, so the program refuses them.
     let of = |shape: Shape| if shape.name.starts_with("E57") { shape.refused() } else { shape };
     all.into_iter().map(shape).map(of).collect()
 }

@@ -1,4 +1,4 @@
-//! Meshes: fans, cones, needles, stars and others that a search by place may be slow on.
+//! Shapes of meshes: fans, cones, needles, stars and others for which spatial searches may be slow.
 
 use super::Shape;
 use std::f64::consts::TAU;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 type Point = [f64; 3];
 
-/// A mesh as polygons, and the words of a command that converts it.
+/// Polygon mesh to be written.
 #[derive(Default)]
 struct Polygons {
     points: Vec<Point>,
@@ -25,7 +25,7 @@ impl Polygons {
         self.faces.push(face);
     }
 
-    /// Triangles from a hub to each pair of neighbours of a ring, which closes.
+    /// Adds the triangles between a hub and each pair of neighbours on a closed ring.
     fn hub(&mut self, hub: Point, ring: impl Iterator<Item = Point>) {
         let hub = self.point(hub);
         let ring: Vec<usize> = ring.map(|p| self.point(p)).collect();
@@ -47,7 +47,7 @@ impl Polygons {
     }
 }
 
-/// Points of a circle about the z axis.
+/// Returns `n` points on a circle about the z axis.
 fn circle(n: usize, radius: f64, z: f64) -> impl Iterator<Item = Point> {
     (0..n).map(move |i| {
         let (sin, cos) = (TAU * i as f64 / n as f64).sin_cos();
@@ -55,7 +55,7 @@ fn circle(n: usize, radius: f64, z: f64) -> impl Iterator<Item = Point> {
     })
 }
 
-/// A number from 0 to 1 for each `i`, spread evenly (van der Corput's idea with the plastic number).
+/// Returns the i-th number of an evenly distributed sequence in [0, 1) (van der Corput's idea with the plastic number).
 fn spread(i: usize, axis: usize) -> f64 {
     let step = [0.819_172_513_396_164, 0.671_043_606_703_789, 0.549_700_477_901_970][axis];
     (0.5 + step * i as f64).fract()
@@ -65,7 +65,7 @@ fn spread_point(i: usize) -> Point {
     [0, 1, 2].map(|axis| spread(i, axis))
 }
 
-/// A surface over a grid of n squares, of as many rows as columns or of few.
+/// Returns a height field over a grid of `columns`×`rows` squares.
 fn grid(columns: usize, rows: usize, height: impl Fn(f64, f64) -> f64) -> Polygons {
     let mut mesh = Polygons::default();
     for (j, i) in (0..=rows).flat_map(|j| (0..=columns).map(move |i| (j, i))) {
@@ -89,7 +89,7 @@ fn fan(n: usize) -> Polygons {
     mesh
 }
 
-/// A cone with its bottom.
+/// Returns a cone with its base.
 fn cone(n: usize, height: f64) -> Polygons {
     let mut mesh = Polygons::default();
     mesh.hub([0.0, 0.0, height], circle(n / 2, 1.0, 0.0));
@@ -104,7 +104,7 @@ fn star(n: usize) -> Polygons {
     mesh
 }
 
-/// Slivers in all directions from one corner.
+/// Returns slivers in all directions from one common corner.
 fn urchin(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     let hub = mesh.point([0.5; 3]);
@@ -116,7 +116,7 @@ fn urchin(n: usize) -> Polygons {
     mesh
 }
 
-/// Pages that share one edge.
+/// Returns rectangles that share one edge, like the pages of a book.
 fn book(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     let spine = [mesh.point([0.0; 3]), mesh.point([0.0, 0.0, 1.0])];
@@ -127,14 +127,14 @@ fn book(n: usize) -> Polygons {
     mesh
 }
 
-/// The same triangle again and again.
+/// Returns `n` copies of one triangle.
 fn copies(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     (0..n).for_each(|_| mesh.triangle([[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]));
     mesh
 }
 
-/// Long thin triangles that cross each other.
+/// Returns long, thin triangles that intersect each other.
 fn needles(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     for i in 0..n {
@@ -161,7 +161,7 @@ fn tetrahedra(n: usize) -> Polygons {
     mesh
 }
 
-/// A ball of few rings and many sectors, with two hubs.
+/// Returns a ball of few rings and many sectors, with a hub at each pole.
 fn ball(n: usize) -> Polygons {
     let (rings, sectors) = (8, n / 16);
     let mut mesh = Polygons::default();
@@ -182,7 +182,7 @@ fn ball(n: usize) -> Polygons {
     mesh
 }
 
-/// A strip that winds into a helix.
+/// Returns a strip in the form of a helix.
 fn helix(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     for i in 0..=n / 2 {
@@ -195,7 +195,7 @@ fn helix(n: usize) -> Polygons {
     mesh
 }
 
-/// One polygon of n corners, as smooth as a circle or toothed like a comb.
+/// Returns one polygon of `n` corners: a circle, or a comb with teeth.
 fn polygon(n: usize, is_comb: bool) -> Polygons {
     let mut mesh = Polygons::default();
     let teeth = (0..n / 2).flat_map(|i| [[i as f64, 1.0, 0.0], [i as f64 + 0.5, 50.0, 0.0]]);
@@ -206,7 +206,7 @@ fn polygon(n: usize, is_comb: bool) -> Polygons {
     mesh
 }
 
-/// Converts the mesh with these flags.
+/// Returns a function that writes a mesh, and the command that converts it with these flags.
 fn convert(
     flags: &'static str,
     make: impl Fn(usize) -> Polygons + 'static,

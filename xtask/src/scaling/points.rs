@@ -1,4 +1,4 @@
-//! Points: in one place, in a line, in a plane, in clusters, and as tables of odd proportions.
+//! Shapes of points: in one place, in a line, in a plane, in clusters, and in tables of unusual proportions.
 
 use super::Shape;
 use super::documents::words;
@@ -6,7 +6,7 @@ use std::fmt::Write;
 use std::io;
 use std::path::Path;
 
-/// A number from 0 to 1, pseudorandom for each `i` and `salt` (SplitMix64).
+/// Returns a pseudo-random number in [0, 1) for each `i` and `salt` (SplitMix64).
 pub(super) fn random(i: usize, salt: u64) -> f64 {
     let mut z =
         (i as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ salt.wrapping_mul(0xD1B5_4A32_D192_ED03);
@@ -19,7 +19,7 @@ fn random_point(i: usize) -> [f64; 3] {
     [1, 2, 3].map(|salt| random(i, salt))
 }
 
-/// A binary PLY file of these points.
+/// Writes a binary PLY file of `n` points; `place` returns their positions.
 fn write_points(path: &Path, n: usize, place: impl Fn(usize) -> [f64; 3]) -> io::Result<()> {
     let mut bytes = format!(
         "ply\nformat binary_little_endian 1.0\nelement vertex {n}\nproperty double x\nproperty double y\n\
@@ -32,7 +32,7 @@ fn write_points(path: &Path, n: usize, place: impl Fn(usize) -> [f64; 3]) -> io:
 
 type Command = fn(&Path, usize) -> io::Result<Vec<String>>;
 
-/// Writes points and runs `command` on them.
+/// Returns a function that writes points and returns the words of `command`.
 fn with(
     command: &'static str,
     place: impl Fn(usize, usize) -> [f64; 3] + 'static,
@@ -73,7 +73,7 @@ fn spiral(i: usize, n: usize) -> [f64; 3] {
     [radius * turn.cos(), radius * turn.sin(), 0.0]
 }
 
-/// A coil of a hundred turns.
+/// Returns a point of a coil with a hundred turns.
 fn coil(i: usize, n: usize) -> [f64; 3] {
     let turn = 200.0 * std::f64::consts::PI * i as f64 / n as f64;
     [turn.cos(), turn.sin(), 0.01 * turn]
@@ -84,7 +84,7 @@ fn ball_in_a_field(i: usize, _: usize) -> [f64; 3] {
     if i.is_multiple_of(10) { [1e4 * x, 1e4 * y, z] } else { [5e3 + x, 5e3 + y, z] }
 }
 
-/// Points that come ever closer to the origin.
+/// Returns a point of a cloud that becomes denser toward the origin without limit.
 fn powers(i: usize, n: usize) -> [f64; 3] {
     let [x, y, z] = random_point(i);
     [x, y, z].map(|c| (c - 0.5) * (-40.0 * i as f64 / n as f64).exp2())
@@ -99,20 +99,20 @@ fn volume(i: usize, _: usize) -> [f64; 3] {
     random_point(i)
 }
 
-/// Points on a circle about one in its middle, to which all are equally near.
+/// Returns a point of a circle, or its centre, which is equally near to all others.
 fn circle(i: usize, n: usize) -> [f64; 3] {
     let turn = std::f64::consts::TAU * i as f64 / n as f64;
     if i == 0 { [0.0; 3] } else { [turn.cos(), turn.sin(), 0.0] }
 }
 
-/// Points on a sphere about one in its middle.
+/// Returns a point of a sphere, or its centre.
 fn sphere(i: usize, n: usize) -> [f64; 3] {
     let (z, turn) = (2.0 * i as f64 / n as f64 - 1.0, 2.399_963_229_728_653 * i as f64);
     let radius = (1.0 - z * z).sqrt();
     if i == 0 { [0.0; 3] } else { [radius * turn.cos(), radius * turn.sin(), z] }
 }
 
-/// A table of n rows of 60 columns, with a line of names.
+/// Writes a table of `n` rows and 60 columns, with a header line.
 fn long_columns(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let mut text = String::from("x y z");
     (0..57).for_each(|k| _ = write!(text, " c{k}"));
@@ -125,7 +125,7 @@ fn long_columns(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("convert in.txt -o out.ply --force"))
 }
 
-/// A table of ten rows of n columns, with a line of names or without.
+/// Writes a table of ten rows and `n` columns, with or without a header line.
 fn wide(folder: &Path, n: usize, is_named: bool) -> io::Result<Vec<String>> {
     let mut text = String::new();
     if is_named {
@@ -142,7 +142,7 @@ fn wide(folder: &Path, n: usize, is_named: bool) -> io::Result<Vec<String>> {
     Ok(words("info in.csv --json"))
 }
 
-/// Points behind n lines of comments.
+/// Writes a table of points after `n` lines of comments.
 fn comments(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let mut text = String::new();
     (0..n).for_each(|i| _ = writeln!(text, "# line {i} of a long preamble"));
@@ -151,7 +151,7 @@ fn comments(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("info in.xyz --json"))
 }
 
-/// n scans of 2×2 points, each with its pose.
+/// Writes `n` scans of 2×2 points, each with its own pose.
 fn ptx_scans(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let mut text = String::new();
     for i in 0..n {
@@ -162,7 +162,7 @@ fn ptx_scans(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("info in.ptx --json"))
 }
 
-/// A PCD file of ten points and n fields.
+/// Writes a PCD file of ten points with `n` fields.
 fn pcd_fields(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let repeated = |word: &str| vec![word; n].join(" ");
     let names: Vec<String> = (3..n).map(|k| format!("f{k}")).collect();
@@ -183,7 +183,7 @@ fn pcd_fields(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("info in.pcd --json"))
 }
 
-/// Points and a condition of n comparisons.
+/// Writes points, and returns a command with a condition of `n` comparisons.
 fn conditions(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     write_points(&folder.join("in.ply"), 1000, |i| [i as f64, 0.0, 0.0])?;
     let terms: Vec<String> = (0..n).map(|i| format!("x<{i}")).collect();
@@ -213,7 +213,7 @@ pub(super) fn shapes() -> Vec<Shape> {
         Shape::new("points of a coplanar grid, sharp", points(4000), with(SHARP, grid)),
         Shape::new("points of a coplanar grid, to levels", points(40_000), with(TO_LEVELS, grid)),
         Shape::new("points of a spiral", points(10_000), with(TO_SPLATS, spiral)),
-        // Fewer are no lines.
+        // With fewer points, the turns of the coil aren't lines.
         Shape::new("points of a coil", points(80_000), with(TO_SPLATS, coil)),
         Shape::new("dense ball in a sparse field", points(10_000), with(TO_SPLATS, ball_in_a_field)),
         Shape::new("dense ball in a sparse field, drawn", points(10_000), with(RENDER, ball_in_a_field)),
@@ -234,7 +234,7 @@ pub(super) fn shapes() -> Vec<Shape> {
             }),
         ),
     ];
-    // A table of more than 128 columns is refused.
+    // The program refuses tables with more than 128 columns.
     all.extend(tables.map(|(name, n, counts, make)| {
         let shape = Shape::new(name, (n, counts), make);
         if name.starts_with("CSV of many") { shape.refused() } else { shape }

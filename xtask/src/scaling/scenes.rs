@@ -1,4 +1,4 @@
-//! Scenes of many objects, lights, layers and clips, and lists of many cameras and files.
+//! Shapes of scenes: many objects, lights, layers and clips, and many cameras and files.
 
 use super::Shape;
 use super::documents::words;
@@ -7,7 +7,7 @@ use std::fmt::Write;
 use std::io;
 use std::path::Path;
 
-/// A text splat file of disks facing +z, each with its opacity.
+/// Writes a text splat file of disks that face +z and have the opacity `alpha`; `place` returns their centres.
 fn disks(path: &Path, n: usize, alpha: f64, place: impl Fn(usize) -> [f64; 3]) -> io::Result<()> {
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {n}\n");
     for name in ["x", "y", "z", "nx", "ny", "nz", "radius", "alpha"] {
@@ -29,7 +29,7 @@ fn scene(folder: &Path, parts: &str) -> io::Result<Vec<String>> {
     Ok(words("render scene.json -o out.png --force --backend cpu"))
 }
 
-/// Surfaces behind each other in every pixel.
+/// Writes a scene of splats one behind another, which all cover the same pixels.
 fn stack(folder: &Path, n: usize, settings: &str, alpha: f64) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), n, alpha, |i| [0.0, 0.0, -(i as f64) * 5e-4])?;
     scene(folder, &format!(r#""objects": [{{"splats": "a.ply"}}], "settings": {settings}"#))
@@ -39,7 +39,7 @@ fn abuffer(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     stack(folder, n, r#"{"transparency": "abuffer:8", "depth_tolerance": "abs:1e-4"}"#, 0.001)
 }
 
-/// Splats whose depths all overlap, so that they are one surface.
+/// Writes a scene of splats whose depths all overlap, so that they are one surface of an A-buffer.
 fn abuffer_of_one(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     stack(folder, n, r#"{"transparency": "abuffer:8", "depth_tolerance": "abs:100"}"#, 0.001)
 }
@@ -83,7 +83,7 @@ fn lights(folder: &Path, n: usize, has_shadows: bool) -> io::Result<Vec<String>>
     )
 }
 
-/// Opaque splats in front of a light with a shadow map.
+/// Writes a scene of opaque splats in front of a light with a shadow map.
 fn shadow_casters(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), n, 1.0, |i| [0.0, 0.0, -0.01 * i as f64])?;
     scene(
@@ -93,7 +93,7 @@ fn shadow_casters(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// Ellipses in one place, each clipped by a curve and four lines.
+/// Writes a scene of ellipses in one place, each clipped by a curve and four lines.
 fn clips(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let lines = (0..4).flat_map(|k| ["a", "b", "c"].map(|name| format!("clip_line{k}_{name}")));
     let names = "x y z su sv sw tu tv tw clip_theta1 clip_theta3 clip_u clip_v clip_w".split(' ').map(str::to_owned);
@@ -109,7 +109,7 @@ fn clips(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     scene(folder, r#""objects": [{"splats": "a.ply"}]"#)
 }
 
-/// Trained Gaussians in one place, drawn over one another.
+/// Writes trained Gaussians in one place, which are blended one over another.
 fn gaussians(folder: &Path, n: usize, sort: &str) -> io::Result<Vec<String>> {
     let names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3";
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {n}\n");
@@ -125,7 +125,7 @@ fn gaussians(folder: &Path, n: usize, sort: &str) -> io::Result<Vec<String>> {
     )
 }
 
-/// An image from each of n cameras of NeRF's `transforms.json`.
+/// Writes `n` cameras in the format of NeRF's `transforms.json`, for an image each.
 fn cameras(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), 4, 1.0, |k| [k as f64 - 2.0, 0.0, 0.0])?;
     let frames: Vec<String> = (0..n)
@@ -140,7 +140,7 @@ fn cameras(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(words("render a.ply --cameras transforms.json -o out/{name}.png --force --backend cpu"))
 }
 
-/// Many input files of one image.
+/// Writes `n` input files for one image.
 fn inputs(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     (0..n).try_for_each(|i| disks(&folder.join(format!("a{i}.ply")), 4, 1.0, |k| [k as f64 - 2.0, i as f64, 0.0]))?;
     let mut command = vec!["render".to_owned()];
@@ -149,7 +149,7 @@ fn inputs(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     Ok(command)
 }
 
-/// A flags file of one key and n lines of comments.
+/// Writes a configuration file of one key and `n` lines of comments.
 fn configuration(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), 4, 1.0, |k| [k as f64 - 2.0, 0.0, 0.0])?;
     let comments: String = (0..n).map(|i| format!("# line {i}\n")).collect();
@@ -189,7 +189,7 @@ pub(super) fn shapes() -> Vec<Shape> {
     all.into_iter().map(|(name, n, counts, make)| Shape::new(name, (n, counts), make)).collect()
 }
 
-/// Objects that each have all the options that conversions have.
+/// Writes a scene of `n` objects, each with all conversion options.
 fn many_keys(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), 4, 1.0, |k| [k as f64 - 2.0, 0.0, 0.0])?;
     let all: Vec<String> = (0..n)
@@ -198,7 +198,7 @@ fn many_keys(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     scene(folder, &format!(r#""objects": [{}]"#, all.join(",")))
 }
 
-/// Translucent splats of one surface, drawn by the A-buffer in all of their pixels.
+/// Writes a scene of transparent splats of one surface, drawn with an A-buffer.
 fn glass(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), n, 0.5, |i| [random(i, 1) - 0.5, random(i, 2) - 0.5, -4.0 * random(i, 3)])?;
     scene(folder, r#""objects": [{"splats": "a.ply"}], "settings": {"transparency": "abuffer:8"}"#)

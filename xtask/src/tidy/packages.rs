@@ -1,9 +1,9 @@
-//! Checks of package manifests, and of the architecture page's paragraphs on packages.
+//! Checks of package manifests, and of the architecture page's descriptions of packages.
 
 use std::path::{Path, PathBuf};
 
-/// Packages with their own lints: the only one with unsafe code can't inherit the ban on it, nor can the one whose
-/// exported functions have unsafe attributes.
+/// Packages that don't inherit the workspace's lints, which forbid unsafe code. One has unsafe code, and the other has
+/// exported functions with unsafe attributes.
 const OWN_LINTS: [&str; 2] = ["surfel-ash", "surfel-web"];
 
 /// Returns problems of the packages' manifests, and packages that the architecture page doesn't mention.
@@ -14,7 +14,7 @@ pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     for manifest in files.iter().filter(|file| file.ends_with("Cargo.toml")) {
         let name = manifest.display();
         let Ok(text) = std::fs::read_to_string(root.join(manifest)) else { continue };
-        // A folder with its own workspace (fuzzing) has its own rules.
+        // A folder with its own workspace, such as that of fuzzing, has its own rules.
         let own_workspace = text.lines().any(|line| line.trim() == "[workspace]");
         let Some(package) = package_name(&root.join(manifest)).filter(|_| !own_workspace) else { continue };
         if !OWN_LINTS.contains(&package.as_str()) && !inherits_lints(&text) {
@@ -28,8 +28,8 @@ pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     problems
 }
 
-/// Checks that a package's integration tests are a single binary, since each binary links everything that the package
-/// needs. Cargo then finds no other tests, so a file that isn't a module of the binary would never run.
+/// Checks that the integration tests of a package are a single binary, since each binary links all dependencies of the
+/// package. A file that isn't a module of this binary would never run.
 fn check_tests(root: &Path, manifest: &Path, text: &str, files: &[PathBuf]) -> Vec<String> {
     let folder = manifest.with_file_name("tests");
     let in_folder = |file: &&PathBuf| file.parent() == Some(&folder) && file.extension().is_some_and(|e| e == "rs");
@@ -52,7 +52,7 @@ fn check_tests(root: &Path, manifest: &Path, text: &str, files: &[PathBuf]) -> V
     problems
 }
 
-/// True if `page` names `package` itself, not just a longer name that begins or ends with it.
+/// True if `page` contains the name `package`, and not only a longer name that begins or ends with it.
 fn names(page: &str, package: &str) -> bool {
     let part = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
     page.match_indices(package).any(|(at, _)| {
@@ -66,7 +66,7 @@ fn inherits_lints(manifest: &str) -> bool {
     lines.by_ref().take_while(|line| !line.starts_with('[')).any(|line| line.replace(' ', "") == "workspace=true")
 }
 
-/// Returns the name in the `[package]` table of a manifest, if there is one.
+/// Returns the name in the `[package]` table of a manifest, if it has one.
 pub(crate) fn package_name(manifest: &Path) -> Option<String> {
     let text = std::fs::read_to_string(manifest).ok()?;
     let mut table = text.lines().map(str::trim).skip_while(|line| *line != "[package]").skip(1);

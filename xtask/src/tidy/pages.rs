@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-/// Words about the past, which belongs in the CHANGELOG. Decision records may describe earlier attempts, and generated
-/// tables have no prose.
+/// Words about the past, which pages must not contain because it belongs in the CHANGELOG. Decision records and
+/// generated tables may contain them.
 const OF_THE_PAST: [&str; 18] = [
     "now",
     "measured today",
@@ -25,13 +25,13 @@ const OF_THE_PAST: [&str; 18] = [
     "before the work",
 ];
 
-/// Prefixes of paths of the tree that pages name.
+/// Prefixes by which paths of the tree are recognised on pages.
 const ROOTS: [&str; 7] = ["crates/", "shaders/", "tests/", "xtask/", "docs/", "assets/", "fuzz/"];
 
-/// Placeholders for parts of a path, and generated files.
+/// Texts that mark a path as a placeholder or as a generated file, which isn't checked.
 const NO_PATHS: [&str; 6] = ["*", "NAME", "FORMAT", "NNN", "…", "assets/generated"];
 
-/// Returns the problems of a page. `name` is relative to the root, with slashes.
+/// Returns the problems of a page. `name` is its path relative to the root, with slashes.
 pub(super) fn check(root: &Path, name: &str, text: &str) -> Vec<String> {
     let mut problems = Vec::new();
     if name != "README.md" && !name.starts_with("docs/") {
@@ -55,19 +55,19 @@ pub(super) fn check(root: &Path, name: &str, text: &str) -> Vec<String> {
     problems
 }
 
-/// Path that a page names.
+/// Path that a page contains.
 struct Named<'a> {
     name: &'a str,
-    /// True if the path is relative to the page rather than to the root.
+    /// True if the path is relative to the page; false if it is relative to the root.
     is_link: bool,
 }
 
-/// Returns links to files, and paths of the tree between backticks.
+/// Returns the paths on a page: links to files, and paths of the tree between backticks.
 fn paths(text: &str) -> Vec<Named<'_>> {
     let links = text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
     let links = links.filter(|target| !target.contains("://") && !target.starts_with('#'));
     let links = links.map(|target| Named { name: target.split('#').next().unwrap_or(target), is_link: true });
-    // Odd pieces are between backticks. Fences split into empty pieces and don't change the parity.
+    // Every second piece is between backticks. Fences split into empty pieces and don't change the parity.
     let quoted = text.split('`').skip(1).step_by(2).filter(|word| !word.contains(char::is_whitespace));
     let quoted = quoted.filter(|word| ROOTS.iter().any(|root| word.starts_with(root)));
     let quoted = quoted.map(|word| Named { name: word.split([':', '#']).next().unwrap_or(word), is_link: false });

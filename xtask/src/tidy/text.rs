@@ -1,18 +1,18 @@
-//! Checks of the lines of any file: length, leftovers, paths of one machine.
+//! Checks of the lines of any file: length, leftovers of debugging, and paths of a single machine.
 
 /// Maximum length of a line of prose or code, in columns.
 pub(super) const MAX_COLUMNS: usize = 120;
 
-/// Extensions of files whose lines are read in an editor.
+/// Extensions of files whose line length is checked.
 const READ_IN_EDITORS: [&str; 5] = [".rs", ".wgsl", ".toml", ".md", ".sh"];
 
 /// Folder of generated tables, whose rows may have any length.
 const GENERATED: &str = "docs/data/";
 
-/// Leftovers to find. Each is written in two parts, so that this file passes its own check.
+/// Leftovers that files must not contain. Each is written in two parts, so that this file passes its own check.
 pub(super) const LEFTOVERS: [&str; 3] = [concat!("to", "do!("), concat!("un", "implemented!("), concat!("db", "g!(")];
 
-/// Folders that exist on one machine only.
+/// Folders that exist on a single machine only, which files must not name.
 pub(super) const MACHINE_FOLDERS: [&str; 6] = [
     concat!("/ho", "me/"),
     concat!("/ro", "ot/"),
@@ -22,11 +22,11 @@ pub(super) const MACHINE_FOLDERS: [&str; 6] = [
     concat!(":\\Us", "ers\\"),
 ];
 
-/// Data beside the checkout, and the one file that may name it.
+/// Path of the data beside the checkout.
 pub(super) const BESIDE_THE_CHECKOUT: &str = concat!("../sha", "red");
 const TEST_DATA: &str = "tests/src/test_data.rs";
 
-/// Returns the problems of a file's lines. `name` is relative to the root, with slashes.
+/// Returns the problems in a file's lines. `name` is its path relative to the root, with slashes.
 pub(super) fn check(name: &str, text: &str) -> Vec<String> {
     let mut problems = Vec::new();
     let rust = name.ends_with(".rs");
@@ -58,7 +58,7 @@ fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)>
     let mut in_code = false;
     text.lines().enumerate().filter_map(move |(i, line)| {
         in_code ^= line.starts_with("```");
-        // A dependency under another name can't be wrapped.
+        // The declaration of a dependency under another name can't be wrapped.
         let is_renamed = line.contains(" = { package = \"");
         let is_free =
             is_renamed || is_page && (in_code || ["|", "<img", "!["].iter().any(|start| line.starts_with(start)));
@@ -72,7 +72,7 @@ fn contains_word(line: &str, word: &str) -> bool {
     before_each(line, word).any(|before| !before.is_some_and(|c| c.is_alphanumeric() || c == '_'))
 }
 
-/// True if the line contains `phrase` with no letter or digit beside it.
+/// True if the line contains `phrase` with no letter or digit directly before or after it.
 pub(super) fn contains_phrase(line: &str, phrase: &str) -> bool {
     line.match_indices(phrase).any(|(at, _)| {
         let beside = [line[..at].chars().next_back(), line[at + phrase.len()..].chars().next()];
@@ -80,7 +80,7 @@ pub(super) fn contains_phrase(line: &str, phrase: &str) -> bool {
     })
 }
 
-/// True if the line contains `folder` as the start of a path rather than inside one.
+/// True if the line contains `folder` at the beginning of a path, not within a path.
 fn contains_path(line: &str, folder: &str) -> bool {
     let inside = |c: char| c.is_alphanumeric() || "_-.~)}]>*$\\".contains(c);
     let drive = folder.starts_with(':');

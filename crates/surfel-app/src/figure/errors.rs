@@ -1,4 +1,4 @@
-//! Distances of clouds to a reference, and panels coloured by values so that they can be read against a colour bar.
+//! Distances of point clouds to a reference, and panels whose colours can be read against a colour bar.
 
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -15,9 +15,9 @@ use surfel_render::View;
 use surfel_sample::Distances;
 use surfel_sample::Progress;
 
-/// Share of the brightness that doesn't depend on the surface's direction, in panels coloured by values.
+/// Ambient fraction of the light in panels coloured by values. The rest depends on the surface's direction.
 const EVEN_LIGHT: f64 = 0.68;
-/// Percentile of all distances at the end of the colour map.
+/// Quantile of all distances that gets the last colour of the colour map.
 const PERCENTILE: f64 = 0.98;
 /// Number of ticks of a colour bar to which the end of its range is rounded.
 const TICKS: usize = 5;
@@ -59,7 +59,7 @@ fn digits(value: f64) -> String {
     format!("{value:.*}", (2 - magnitude).max(0) as usize)
 }
 
-/// Returns the splats of an object.
+/// Returns the splats of an object; an error for other geometry, which can't be measured.
 fn splats<'a>(object: &'a Object, path: &Path) -> Result<&'a Arc<SplatCloud>, Error> {
     let holds = match &object.geometry {
         Geometry::Splats(cloud) => return Ok(cloud),
@@ -75,7 +75,7 @@ fn centers(cloud: &SplatCloud) -> Vec<DVec3> {
     (0..cloud.len()).map(|i| cloud.center(i)).collect()
 }
 
-/// Returns the triangles of a file that holds a mesh; `None` for points and splats.
+/// Returns the triangles of a mesh file in the file's coordinates; `None` for points and splats.
 fn mesh(path: &Path, options: &LoadOptions) -> Result<Option<Vec<[DVec3; 3]>>, Error> {
     let corners = |mesh: &Mesh| {
         let at = |i: u32| mesh.origin + mesh.positions.get(i as usize);
@@ -122,19 +122,20 @@ pub(super) fn end_of_range<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
     let at = (PERCENTILE * last as f64).ceil() as usize;
     let value = *values.select_nth_unstable_by(at, f64::total_cmp).1;
     if value <= 0.0 {
-        // All points lie on the reference.
+        // The percentile is 0: nearly all points lie on the reference.
         return 1.0;
     }
     round_end(value, TICKS)
 }
 
-/// Returns the mean of the finite distances.
+/// Returns the mean of the finite distances; 0 if there are none.
 pub(super) fn mean(distances: &[f64]) -> f64 {
     let finite = || distances.iter().filter(|value| value.is_finite());
     finite().sum::<f64>() / finite().count().max(1) as f64
 }
 
-/// Returns an object whose splats are coloured by their distances.
+/// Returns a copy of an object whose splats are coloured by their distances. The distance `end` gets the last colour of
+/// `map`.
 pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f64) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object.clone()) };
     let mut cloud = SplatCloud::clone(cloud);
@@ -143,8 +144,8 @@ pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f
     Ok(Object { geometry: Geometry::Splats(Arc::new(cloud)), ..object.clone() })
 }
 
-/// Changes a scene and its settings so that light changes the lightness of colours a little and never their hue: the
-/// light is white and mostly even, and nothing shines. Unlit scenes aren't changed.
+/// Changes a scene and its settings so that light changes the lightness of colours a little and never their hue. Lights
+/// become white and mostly ambient, and highlights are removed. Unlit scenes without a sky aren't changed.
 pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &View) {
     if let Some(sky) = &mut scene.sky {
         sky.even = EVEN_LIGHT;

@@ -1,4 +1,4 @@
-//! Marks over a panel, from the camera that draws it.
+//! Marks over a panel: scale bar, axes, north arrow, frusta and labels, placed by the panel's camera.
 
 use super::{FigureOptions, MarkKind};
 use crate::camera;
@@ -14,32 +14,33 @@ use surfel_render::View;
 const SCALE_SHARE: f64 = 0.25;
 /// Length of a drawn frustum as a fraction of the distance between eye and target.
 const FRUSTUM_SHARE: f64 = 0.08;
-/// Colours of x, y and z.
+/// Names, directions and sRGB colours of the axes x, y and z.
 const AXES: [(&str, DVec3, [u8; 3]); 3] =
     [("x", DVec3::X, [196, 48, 43]), ("y", DVec3::Y, [44, 140, 60]), ("z", DVec3::Z, [38, 92, 178])];
-/// Colour of frusta.
+/// sRGB colour of frusta.
 const FRUSTUM: [u8; 3] = [200, 70, 20];
-/// Fraction of a panel that frusta may fill, measured from its centre.
+/// Fraction of a panel's half-width and half-height within which frusta must fit.
 const FRUSTA_FILL: f64 = 0.95;
-/// Number of times that the camera moves away from frusta, whose drawn length grows with its distance.
+/// Largest number of steps by which the camera moves away from frusta. Their drawn length grows with its distance, so
+/// that one step isn't enough.
 const STEPS: u32 = 8;
-/// Number of parts of an edge that are hidden or visible.
+/// Number of segments of a frustum's edge, each of which is tested for visibility.
 const PARTS: u32 = 48;
-/// Slack of the depth test, relative to the depth.
+/// Tolerance of the depth test, relative to the depth.
 const DEPTH_SLACK: f64 = 1e-3;
 
-/// Returns the view-space position of a point.
+/// Returns the position of a world-space point in view space.
 fn in_view(view: &View, point: DVec3) -> DVec3 {
     view.view_from_world * (point - view.eye)
 }
 
-/// Returns the pixel position of a view-space point; `None` behind the near plane.
+/// Returns the pixel position of a view-space point; `None` if it is in front of the near plane.
 fn pixel(view: &View, p: DVec3) -> Option<[f64; 2]> {
     let at = view.projection.pixel(V3::new(p.x, p.y, p.z));
     (p.z >= view.projection.near).then_some([at.x, at.y])
 }
 
-/// Returns the marks of a panel. `depth` has the panel's depths if it was drawn with them.
+/// Returns the marks of a panel. `depth` is the panel's depth plane; if it is empty, no mark is hidden.
 pub(super) fn of_panel(
     camera: &Camera,
     view: &View,
@@ -66,7 +67,7 @@ pub(super) fn of_panel(
     marks
 }
 
-/// Returns a scale bar of a round length, true at the distance of the target.
+/// Returns a scale bar of a round length. In perspective, it is true at the distance of the camera's target.
 fn scale(camera: &Camera, view: &View, unit: Option<&str>) -> Option<Mark> {
     let depth = in_view(view, DVec3::from(camera.target)).z.max(view.projection.near);
     let per_unit = view.projection.focal_px[0] / if view.projection.is_perspective() { depth } else { 1.0 };
@@ -78,7 +79,7 @@ fn scale(camera: &Camera, view: &View, unit: Option<&str>) -> Option<Mark> {
     (units > 0.0).then_some(Mark::Scale { length: units * per_unit, label })
 }
 
-/// Formats a round number.
+/// Formats a round number, with an exponent if it is very small or large.
 fn number(value: f64) -> String {
     if (1e-4..1e7).contains(&value) { format!("{value}") } else { format!("{value:.0e}") }
 }
@@ -96,13 +97,13 @@ fn north(view: &View) -> Mark {
     Mark::North { direction: [north.x, north.y] }
 }
 
-/// Returns the length of the frusta that a camera sees.
+/// Returns the length of the frusta in a panel, in world units, for the panel's camera.
 fn frustum_length(camera: &Camera) -> f64 {
     FRUSTUM_SHARE * DVec3::from(camera.eye).distance(DVec3::from(camera.target))
 }
 
-/// Returns the eye and the four corners of a camera's frustum, `length` units long, in world space. `None` for a camera
-/// without a view.
+/// Returns a frustum as a pyramid `length` units long in world space: the eye and the four corners of the base. `None`
+/// if the camera is invalid.
 fn pyramid(camera: &Camera, length: f64) -> Option<(DVec3, [DVec3; 4])> {
     let own = View::new(camera).ok()?;
     let [width, height] = own.size.map(f64::from);
@@ -114,7 +115,7 @@ fn pyramid(camera: &Camera, length: f64) -> Option<(DVec3, [DVec3; 4])> {
     Some((own.eye, [world(0.0, 0.0), world(width, 0.0), world(width, height), world(0.0, height)]))
 }
 
-/// Returns the visible edges of a camera's frustum, `length` units long.
+/// Returns the visible parts of the edges of a camera's frustum, `length` units long.
 fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark> {
     let Some((eye, corners)) = pyramid(camera, length) else { return Vec::new() };
     let sides = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]);
@@ -122,8 +123,8 @@ fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark
     edges.flat_map(|edge| visible(edge.map(|p| in_view(view, p)), view, depth)).collect()
 }
 
-/// Returns a camera that sees what `camera` sees and all frusta: a perspective camera moves away along its view, and
-/// an orthographic one shows a larger height.
+/// Returns a camera like `camera` whose image includes all frusta. A perspective camera moves backwards along its view,
+/// and an orthographic one gets a larger height.
 pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
     let mut wide = camera.clone();
     for _ in 0..STEPS {
@@ -134,7 +135,7 @@ pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
         let points: Vec<DVec3> = points.filter(|p| p.is_finite()).collect();
         let nearest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
         let half = [0, 1].map(|k| 0.5 * FRUSTA_FILL * f64::from(view.size[k]) / view.projection.focal_px[k]);
-        // Points that are outside of the panel, or before the near plane, move the camera back or raise its height.
+        // If points are outside of the panel or before the near plane, the camera moves back, or its height grows.
         let (mut back, mut factor) = ((wide.near - nearest).max(0.0), 1.0f64);
         for p in &points {
             let reach = (p.x.abs() / half[0]).max(p.y.abs() / half[1]);
@@ -156,7 +157,7 @@ pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
     wide
 }
 
-/// Returns the parts of a view-space edge that nothing hides.
+/// Returns the parts of a view-space edge that aren't hidden by the surfaces in `depth`.
 fn visible([a, b]: [DVec3; 2], view: &View, depth: &[f32]) -> Vec<Mark> {
     let mut lines: Vec<Vec<[f64; 2]>> = vec![Vec::new()];
     for i in 0..=PARTS {
@@ -178,10 +179,10 @@ fn is_hidden([x, y]: [f64; 2], z: f64, view: &View, depth: &[f32]) -> bool {
     is_inside && depth.get(place).is_some_and(|nearest| z > f64::from(*nearest) * (1.0 + DEPTH_SLACK))
 }
 
-/// Reads the cameras whose frusta are drawn.
+/// Reads the cameras that are drawn as frusta.
 pub(super) fn frusta(options: &FigureOptions) -> Result<Vec<Camera>, Error> {
     let Some(path) = &options.frusta else { return Ok(Vec::new()) };
-    // Images without a size have the proportions of most cameras.
+    // If the files state no image size, 640×480 is assumed, the aspect ratio of most cameras.
     let cameras = camera::named(path, None).or_else(|_| camera::named(path, Some([640, 480])))?;
     Ok(cameras.into_iter().map(|(_, camera)| camera).collect())
 }

@@ -1,7 +1,7 @@
 //! Figures for papers: panels of several files under one camera, one light and one colour range, with words and marks.
 //!
-//! A [`FigureRequest`] loads and draws the panels. The result is a [`FigureImage`], which is saved as PDF, SVG or PNG.
-//! `surfel-figure` lays it out.
+//! A [`FigureRequest`] loads the files and draws the panels; `surfel-figure` lays them out. The result is a
+//! [`FigureImage`], which is saved as PDF, SVG or PNG.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), surfel_load::Error> {
@@ -39,18 +39,18 @@ use surfel_load::coloring::{ColorMap, ColorScale, Coloring, confusions};
 use surfel_model::Camera;
 use surfel_sample::Progress;
 
-/// Pixels per inch of figures by default.
+/// Default resolution of figures, in pixels per inch.
 const DPI: f64 = 300.0;
-/// Width and height of a panel by default, in pixels.
+/// Default width and height of a panel, in pixels.
 const PANEL: [u32; 2] = [720, 720];
 
-/// Attributes that are lengths along an axis, in the unit of the coordinates.
+/// Attributes that are coordinates along an axis, whose unit is that of the coordinates.
 const HEIGHTS: [&str; 4] = ["height", "x", "y", "z"];
 
-/// A figure that has been drawn.
+/// A figure that has been drawn and laid out.
 #[derive(Clone, Debug)]
 pub struct FigureImage {
-    /// Images, lines and words at fixed places.
+    /// Images, lines and words at fixed positions.
     pub drawing: Drawing,
     /// Pixels per inch.
     pub dpi: f64,
@@ -59,19 +59,19 @@ pub struct FigureImage {
 /// File format of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FigureFormat {
-    /// Pixels.
+    /// PNG: an image of pixels.
     Png,
-    /// Embedded images, and words as text.
+    /// SVG: images are embedded, and words are text.
     Svg,
-    /// Embedded images, and words as text.
+    /// PDF: images are embedded, and words are text.
     Pdf,
 }
 
 impl FigureFormat {
-    /// Returns the format that a file's name states; PNG for `-`, which is stdout.
+    /// Returns the format for the extension of a file's name; PNG for `-`, which is stdout.
     ///
     /// # Errors
-    /// [`Error::Usage`] for other names.
+    /// [`Error::Usage`] for other extensions.
     pub fn of(path: &Path) -> Result<Self, Error> {
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
         match extension.as_deref() {
@@ -88,7 +88,7 @@ impl FigureFormat {
 }
 
 impl FigureImage {
-    /// Encodes the figure.
+    /// Encodes the figure in a file format.
     pub fn bytes(&self, format: FigureFormat) -> Vec<u8> {
         match format {
             FigureFormat::Png => self.drawing.png(Some(self.dpi)),
@@ -97,10 +97,10 @@ impl FigureImage {
         }
     }
 
-    /// Writes the figure in the format that the file's name states.
+    /// Writes the figure in the format for the extension of the file's name.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a name of another format, [`Error::Io`] if the file can't be written, or exists and
+    /// [`Error::Usage`] for other extensions. [`Error::Io`] if the file can't be written, or if it exists and
     /// `overwrite` is false.
     pub fn save(&self, path: &Path, overwrite: bool) -> Result<(), Error> {
         let bytes = self.bytes(FigureFormat::of(path)?);
@@ -110,25 +110,25 @@ impl FigureImage {
 
 /// Files and options of a figure.
 pub struct FigureRequest<'a> {
-    /// A scene file, or files that get a panel each.
+    /// A scene file, or files that get one panel each.
     pub inputs: &'a [PathBuf],
-    /// Options for drawing the panels; the size is that of a panel.
+    /// Options for drawing the panels. The size is that of one panel.
     pub render: &'a RenderOptions,
     /// Panels and words.
     pub figure: &'a FigureOptions,
-    /// Content of stdin, for the name `-`.
+    /// Content of the input named `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
-/// Files that show one thing, and have one camera and one light.
+/// Group of files that show the same subject, with one camera and one light.
 struct Subject<'a> {
     paths: &'a [PathBuf],
     resolved: Resolved,
-    /// True if the first file holds points.
+    /// True if the first file contains points.
     is_of_points: bool,
-    /// True if each object is a panel of its own.
+    /// True if each object has its own panel; false if one panel shows the whole scene.
     is_split: bool,
-    /// True if the camera is placed so that it sees the files, and may move away from them.
+    /// True if the camera was framed automatically, so that it may move back to include frusta.
     is_framed: bool,
     /// Distances between the points of all panels but the first and the first file.
     errors: Vec<PanelErrors>,
@@ -140,19 +140,19 @@ impl Subject<'_> {
     }
 }
 
-/// Colours of distances.
+/// Colour scale of the error row.
 struct ErrorColors {
     map: ColorMap,
     end: f64,
-    /// True if distances are larger than the end.
+    /// True if some distances are larger than `end`.
     is_exceeded: bool,
 }
 
 impl FigureRequest<'_> {
-    /// Refuses options that contradict each other or the inputs, before anything is loaded.
+    /// Checks that the options are consistent with each other and with the number of inputs, before files are loaded.
     ///
     /// # Errors
-    /// [`Error::Usage`].
+    /// [`Error::Usage`] if they aren't.
     pub fn check(&self) -> Result<(), Error> {
         let (count, subjects) = (self.inputs.len(), self.subjects());
         let usage = |text: String| Err(Error::Usage(text));
@@ -185,13 +185,13 @@ impl FigureRequest<'_> {
         self.figure.subjects.unwrap_or(1) as usize
     }
 
-    /// Returns the number of panels side by side.
+    /// Returns the number of panels in a row.
     fn columns(&self) -> usize {
         let all = self.inputs.len() / self.subjects().max(1);
         self.figure.wrap.map_or(all, |most| all.min(most as usize)).max(1)
     }
 
-    /// Returns the number of pixels per inch.
+    /// Returns the resolution in pixels per inch.
     fn dpi(&self) -> f64 {
         self.figure.dpi.unwrap_or(DPI)
     }
@@ -236,7 +236,7 @@ impl FigureRequest<'_> {
         Ok(FigureImage { drawing, dpi: self.dpi() })
     }
 
-    /// Loads, frames and lights the files of each subject.
+    /// Loads the files of each subject, and chooses a camera and light for each.
     fn load(&self, progress: &dyn Progress, note: &mut dyn FnMut(String)) -> Result<Vec<Subject<'_>>, Error> {
         let mut options = self.render.clone();
         options.apply_style();
@@ -266,7 +266,7 @@ impl FigureRequest<'_> {
         Ok(subjects)
     }
 
-    /// Measures the distances of the error row.
+    /// Measures the distances for the error row, and returns its colour scale. `None` without an error row.
     fn measure(&self, subjects: &mut [Subject<'_>], progress: &dyn Progress) -> Result<Option<ErrorColors>, Error> {
         let Some(map) = self.figure.error_row else { return Ok(None) };
         for subject in subjects.iter_mut() {
@@ -279,7 +279,7 @@ impl FigureRequest<'_> {
         Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))
     }
 
-    /// Returns the title of the key of a colouring. Heights have the unit of the coordinates.
+    /// Returns the title of a colouring's key. The unit of the coordinates is appended for heights.
     fn value_title(&self, coloring: &Coloring) -> String {
         let title = self.figure.value_title.as_deref().unwrap_or(&coloring.attribute);
         let is_length = HEIGHTS.iter().any(|name| coloring.attribute.eq_ignore_ascii_case(name));
@@ -287,7 +287,7 @@ impl FigureRequest<'_> {
         if is_length && is_of_values && !title.contains('[') { self.with_unit(title) } else { title.to_owned() }
     }
 
-    /// Returns the title of a colour bar of lengths.
+    /// Returns the title of a colour bar of lengths, followed by the unit in brackets if it is given.
     fn with_unit(&self, title: &str) -> String {
         match &self.figure.unit {
             Some(unit) => format!("{title} [{unit}]"),
@@ -295,21 +295,21 @@ impl FigureRequest<'_> {
         }
     }
 
-    /// Returns the colour bars and legends.
+    /// Returns the colour bars and legends of the figure.
     fn keys(&self, coloring: Option<&Coloring>, errors: Option<&ErrorColors>) -> Vec<Key> {
         let is_one_row = self.subjects() == 1 && self.columns() == self.inputs.len();
         let of_values = coloring.and_then(|coloring| color_bar::key(coloring, Some(&self.value_title(coloring))));
         let of_errors = errors.map(|colors| {
             Key::bar(&self.with_unit("distance"), colors.map.levels(), [0.0, colors.end]).exceeded(colors.is_exceeded)
         });
-        // With one row of each kind, each key stands beside its own row.
+        // If the figure has one row of values and one of errors, each key is placed beside its row.
         let rows = |row: usize| if is_one_row && errors.is_some() { row..row + 1 } else { 0..0 };
         let of_values = of_values.map(|key| key.beside(rows(0)));
         of_values.into_iter().chain(of_errors.map(|key| key.beside(rows(1)))).collect()
     }
 }
 
-/// Returns the first colouring by values.
+/// Returns the first colouring of the subjects that shows values.
 fn coloring_of(subjects: &[Subject<'_>]) -> Option<Coloring> {
     let mut all = subjects.iter().flat_map(|subject| subject.resolved.colorings.iter());
     all.find(|(_, coloring)| coloring.scale != ColorScale::Direct).map(|(_, coloring)| coloring.clone())
@@ -319,10 +319,10 @@ fn is_perspective(camera: &Camera) -> bool {
     !matches!(camera.projection, surfel_model::Projection::Orthographic { .. })
 }
 
-/// Refuses a figure's file that couldn't be written, before the work is done.
+/// Checks the path of a figure's file, before the figure is drawn. Returns the file format.
 ///
 /// # Errors
-/// [`Error::Usage`] for a name of another format, [`Error::Io`] for a file that exists.
+/// [`Error::Usage`] for an unsupported extension, [`Error::Io`] if the file exists and `overwrite` is false.
 pub fn check_output(path: &Path, overwrite: bool) -> Result<FigureFormat, Error> {
     let format = FigureFormat::of(path)?;
     if path.is_file() && !overwrite {

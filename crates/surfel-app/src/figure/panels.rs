@@ -1,4 +1,4 @@
-//! Panels of a figure: their places, their sizes, and their images.
+//! Panels of a figure: their grid, their sizes, and their images.
 
 use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks, values};
 use crate::camera::resized;
@@ -12,22 +12,22 @@ use surfel_model::{Camera, Scene};
 use surfel_model::{MAX_IMAGE_SIDE, Settings};
 use surfel_render::{Frame, Planes, Renderer as _, View};
 
-/// Font size in points, for figures whose width is a length on paper.
+/// Font size in points of figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
-/// Size of words in figures whose width is a number of pixels, as a fraction of this width.
+/// Font size of figures whose width is in pixels, as a fraction of the width.
 const FONT_OF_WIDTH: f64 = 1.0 / 46.0;
-/// Size of words in figures without a fixed width, as a fraction of a panel's shorter side.
+/// Font size of figures without a fixed width, as a fraction of a panel's shorter side.
 const FONT_OF_PANEL: f64 = 0.032;
-/// Least size of words in pixels, unless it is given.
+/// Minimum font size in pixels, if the options state no font size.
 const LEAST_FONT: f64 = 9.0;
-/// Share of a figure's width that panels are assumed to get, before the words are laid out.
+/// Fraction of a figure's width that panels are assumed to fill, before the layout is computed.
 const PANELS_SHARE: f64 = 0.85;
 /// Smallest width of a panel in pixels.
 const LEAST_WIDTH: f64 = 16.0;
-/// Points per inch.
+/// Number of typographic points per inch.
 const POINTS: f64 = 72.0;
 
-/// A panel and what it shows.
+/// One panel: its position in the grid, and the file it shows.
 pub(super) struct Cell {
     row: usize,
     column: usize,
@@ -37,7 +37,7 @@ pub(super) struct Cell {
     is_error: bool,
 }
 
-/// The figure while its panels are drawn.
+/// Figure whose panels are being drawn.
 pub(super) struct Panels<'a> {
     request: &'a FigureRequest<'a>,
     pub(super) figure: Figure,
@@ -53,7 +53,7 @@ fn fixed_width(request: &FigureRequest<'_>) -> Option<f64> {
     })
 }
 
-/// Returns the size of a panel before the words are laid out. `given` is that of the options.
+/// Returns the size of a panel in pixels, before the layout is computed. `given` is the size in the options.
 pub(super) fn first_size(request: &FigureRequest<'_>, given: Option<[u32; 2]>) -> [u32; 2] {
     let [width, height] = given.unwrap_or(PANEL);
     let Some(whole) = fixed_width(request) else { return [width, height] };
@@ -61,14 +61,14 @@ pub(super) fn first_size(request: &FigureRequest<'_>, given: Option<[u32; 2]>) -
     sized(own, [width, height])
 }
 
-/// Returns a size of this width with the proportions of another.
+/// Returns a size of the given width, in pixels, with the aspect ratio of another size.
 fn sized(width: f64, [w, h]: [u32; 2]) -> [u32; 2] {
     let height = width * f64::from(h) / f64::from(w);
     [width, height].map(|side| side.round().clamp(1.0, f64::from(MAX_IMAGE_SIDE)) as u32)
 }
 
 impl<'a> Panels<'a> {
-    /// Places empty panels, whose size follows from the width of the figure, if it is fixed.
+    /// Creates a figure with empty panels. Their size follows from the figure's width if that is fixed.
     pub(super) fn new(request: &'a FigureRequest<'a>, subjects: &[Subject<'_>], keys: Vec<Key>) -> Result<Self, Error> {
         let size = subjects.first().map_or(PANEL, |subject| subject.resolved.file.camera.size);
         let [r, g, b, a] = subjects.first().map_or([1.0; 4], |subject| subject.resolved.file.background);
@@ -86,7 +86,7 @@ impl<'a> Panels<'a> {
         Ok(panels)
     }
 
-    /// Adds the rows of a subject.
+    /// Adds the rows of panels of a subject.
     fn add(&mut self, subject: usize, content: &Subject<'_>, subjects: usize) {
         let (columns, options) = (self.request.columns(), self.request.figure);
         let count = content.panels();
@@ -116,7 +116,7 @@ impl<'a> Panels<'a> {
             if content.errors.is_empty() {
                 continue;
             }
-            // The reference has no error, so that its place stays empty.
+            // The reference file has no error, so that its panel in the error row is empty.
             let panels = members.clone().map(|member| {
                 let caption = content.errors.get(member.checked_sub(1)?)?.caption(options.unit.as_deref());
                 Some(Panel { caption: Some(caption), ..Panel::empty(self.size) })
@@ -126,13 +126,13 @@ impl<'a> Panels<'a> {
         }
     }
 
-    /// Chooses the size of the panels so that the figure has its fixed width.
+    /// Scales the panels so that the figure has its fixed width, if any.
     fn fit(&mut self) -> Result<(), Error> {
         let Some(whole) = fixed_width(self.request) else { return Ok(()) };
         let proportions = self.size;
         let columns = self.figure.rows.iter().map(|row| row.panels.len()).max().unwrap_or(1).max(1);
         let mut width = f64::from(self.size[0]);
-        // The words depend a little on the size of the panels.
+        // The layout of the words depends slightly on the size of the panels, so that this takes several steps.
         for _ in 0..4 {
             let excess = f64::from(self.figure.layout().size[0]) - whole;
             width = (width - (excess / columns as f64)).floor();
@@ -154,8 +154,8 @@ impl<'a> Panels<'a> {
         self.figure.rows.iter_mut().flat_map(|row| &mut row.panels).flatten().for_each(|panel| panel.size = size);
     }
 
-    /// Draws the image of a panel. `errors` are the colours of distances; `has_values` states that panels are coloured
-    /// by values.
+    /// Draws the image of the panel with index `at`. `errors` is the colour scale of the error row. `has_values` is
+    /// true if panels are coloured by values.
     pub(super) fn draw(
         &mut self,
         at: usize,
@@ -227,7 +227,7 @@ impl<'a> Panels<'a> {
     }
 }
 
-/// Returns the size of words in pixels.
+/// Returns the font size in pixels.
 fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     let is_on_paper = matches!(request.figure.width, Some(Length::Inches(_)));
     let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));

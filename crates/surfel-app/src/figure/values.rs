@@ -1,8 +1,8 @@
-//! Panels coloured by values that are blended before they are coloured.
+//! Panels in which values are blended before they are mapped to colours.
 //!
-//! Overlapping splats are blended. A mean of two colours of a colour map is often no colour of the map, so that noisy
-//! values would show colours that the bar lacks. Here the values themselves are drawn as greys, and each pixel gets the
-//! colour of its mean value, times the light of a white surface.
+//! Overlapping splats are blended. A mean of two colours of a colour map is often not a colour of the map. Noisy values
+//! would therefore show colours that aren't in the colour bar. Here, the values themselves are drawn as greys. Each
+//! pixel then gets the colour of its mean value, times the shade of a white surface.
 
 use std::sync::Arc;
 use surfel_load::Error;
@@ -10,16 +10,17 @@ use surfel_load::coloring::{ColorMap, ColorScale, recolor};
 use surfel_model::Scene;
 use surfel_model::{Geometry, GroundStyle, Object, Settings, Shader, SplatCloud};
 
-/// Scenes of a panel that is coloured by values.
+/// The two scenes from which a panel coloured by values is composed.
 pub(super) struct ValuePanel {
     /// The objects in white, with the scene's light.
     pub(super) white: Scene,
-    /// The objects without light, in greys from 0 to 1.
+    /// The objects without light, with values as greys from 0 to 1.
     pub(super) values: Scene,
 }
 
-/// Splits a scene of one object whose splats have these values, of which `end` has the last colour. Returns `None` for
-/// geometry that isn't blended, for values without a colour, and for grounds that have colours of their own.
+/// Splits a scene of one object into a white scene and a scene of values. `values` has one value per splat; the value
+/// `end` becomes 1. Returns `None` for geometry that isn't blended, for values that aren't finite, and for grounds with
+/// colours.
 pub(super) fn split(scene: &Scene, values: &[f64], end: f64) -> Result<Option<ValuePanel>, Error> {
     let [object] = scene.objects.as_slice() else { return Ok(None) };
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(None) };
@@ -41,12 +42,13 @@ pub(super) fn split(scene: &Scene, values: &[f64], end: f64) -> Result<Option<Va
     Ok(Some(ValuePanel { white, values: Scene { objects, sky: None, ground: None, lights: None, ..bare } }))
 }
 
-/// Returns the settings by which values are drawn.
+/// Returns the settings for drawing the scene of values.
 pub(super) fn of_values(settings: &Settings) -> Settings {
     settings.with_shader(Shader::Unlit)
 }
 
-/// Colours a white frame by the map of the values of another, over the background. All are premultiplied.
+/// Multiplies a white frame by the colours of another frame's values, and composites it over the background. Pixels are
+/// premultiplied.
 pub(super) fn color(frame: &mut [[f32; 4]], values: &[[f32; 4]], map: &ColorMap, background: [f64; 4]) {
     let scale = ColorScale::Range { map: map.clone(), range: [0.0, 1.0] };
     let painter = scale.painter();

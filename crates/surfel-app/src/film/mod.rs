@@ -1,8 +1,8 @@
 //! Films: paths of a camera, and sequences of files.
 //!
-//! 1. [`CameraPath`] is a path through keys: cameras that somebody has saved. It gives the camera of each frame.
+//! 1. [`CameraPath`] is a path through keys, which are saved cameras. The path gives the camera of each frame.
 //! 2. [`Sequence`] draws several files as frames of one film. Camera, light, up axis, colours and the size of balls are
-//!    chosen once, from a sample of all files, so that nothing pumps or flickers.
+//!    chosen once, from a sample of all files. So brightness, colours and sizes don't flicker.
 //! 3. [`FilmWriter`] encodes frames as animated PNG, GIF or MP4.
 //!
 //! ```no_run
@@ -40,9 +40,10 @@ pub use path::CameraPath;
 pub use sequence::Sequence;
 pub use surfel_io::film::{FilmEncoder, FilmFormat, FilmOptions, FilmWriter, FrameRate};
 
-/// Duration in seconds of a turntable for which no number of frames is stated.
+/// Duration in seconds of a turntable if no number of frames is given.
 const TURN_SECONDS: f64 = 4.0;
-/// Duration in seconds of the way from key to key for which neither times nor a number of frames is stated.
+/// Duration in seconds between two successive keys of a camera path, if the keys have no times and no number of frames
+/// is given.
 const KEY_SECONDS: f64 = 2.0;
 
 /// Returns the number of frames of a turntable that lasts four seconds.
@@ -51,7 +52,8 @@ pub fn turn_frames(rate: FrameRate) -> u32 {
 }
 
 impl CameraPath {
-    /// Returns the number of frames by the times of the keys, or with two seconds from key to key.
+    /// Returns the number of frames at a frame rate. The duration comes from the keys' times, or is two seconds from
+    /// key to key. An open path has one frame more, for its last key.
     pub fn frames(&self, rate: FrameRate) -> u32 {
         let ways = self.keys() - usize::from(!self.is_closed());
         let seconds = self.seconds().unwrap_or(KEY_SECONDS * ways as f64);

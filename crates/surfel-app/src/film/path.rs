@@ -1,13 +1,13 @@
 //! Paths of a camera through keys.
 //!
-//! Positions follow cubic splines through the keys (Catmull and Rom 1974, with intervals of their own: Barry and
-//! Goldman 1988), so that neither position nor speed jumps. Without times, intervals are the square roots of the
-//! distances between keys, the *centripetal* choice, which has no loops (Yuksel, Schaefer, Keyser 2011). Viewing
-//! directions and up vectors follow the same construction on the sphere, with arcs of great circles in place of lines.
-//! The axes of each camera are orthonormal.
+//! Positions follow cubic splines through the keys, so that neither position nor speed jumps. The construction is that
+//! of Catmull and Rom (1974), with an interval for each pair of keys (Barry and Goldman 1988). Without times, intervals
+//! are the square roots of the distances between keys, the *centripetal* choice, which has no loops (Yuksel, Schaefer,
+//! Keyser 2011). Viewing directions and up vectors follow the same construction on the sphere, with arcs of great
+//! circles in place of lines. The axes of each camera are orthonormal.
 //!
-//! The eye or the target, whichever moves less, has a spline of its own. The other one lies at the distance and
-//! in the direction that splines give; that of the distance runs through logarithms. So a camera that circles a target
+//! Of eye and target, the one that moves less has a spline of its own. The other one is computed from it by a splined
+//! direction and a splined distance; the distance is interpolated as a logarithm. So a camera that circles a target
 //! remains at its distance, and one that looks around stays in its place.
 
 use crate::camera::resized;
@@ -18,23 +18,23 @@ use surfel_io::camera_path::CameraKeys;
 use surfel_load::Error;
 use surfel_model::{Camera, Projection};
 
-/// Shortest interval between keys, relative to the mean: equal keys hold the camera this long.
+/// Shortest interval between keys, relative to the mean interval. At two equal keys, the camera pauses for this long.
 const SHORTEST: f64 = 1e-3;
 
-/// A camera path, ready to be sampled.
+/// A camera path through keys, prepared for sampling at any time.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     cameras: Vec<Camera>,
-    /// Times of the keys; of a closed path also the time of its return to the first key.
+    /// Times of the keys. For a closed path, an additional last time is that of the return to the first key.
     times: Vec<f64>,
-    /// True if times are seconds.
+    /// True if times are in seconds, as the keys state them; false if times are derived from distances.
     is_timed: bool,
     is_closed: bool,
-    /// True if the eye follows from the target, and not the reverse.
+    /// True if the target has its own spline and the eye is computed from it; false for the reverse.
     circles: bool,
 }
 
-/// Place between two keys: the index of the first, and the fraction of the interval.
+/// Position between two successive keys: the index of the first key, and the fraction (0 to 1) of the interval.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     key: usize,
@@ -42,7 +42,7 @@ struct Place {
 }
 
 impl CameraPath {
-    /// Reads a camera path from a file. The options may state another size of the images.
+    /// Reads a camera path from a file. The size in `options`, if any, replaces the size of the keys' images.
     ///
     /// # Errors
     /// [`Error::Io`] for a file that can't be read or isn't a camera path; [`Error::Unsuitable`] for cameras of
@@ -51,7 +51,8 @@ impl CameraPath {
         Self::of(surfel_io::camera_path::read(path)?, path, options)
     }
 
-    /// Parses a camera path like [`CameraPath::read`]; `name` is for messages, and its folder for names of files.
+    /// Parses a camera path from JSON, like [`CameraPath::read`]. `name` appears in messages, and names of files in the
+    /// path are relative to its folder.
     ///
     /// # Errors
     /// Errors of [`CameraPath::read`].
@@ -66,10 +67,11 @@ impl CameraPath {
         Self::new(keys, styled.size).map_err(unsuitable)
     }
 
-    /// Prepares a path for sampling. `size` replaces the size of the cameras' images.
+    /// Prepares a path for sampling. `size`, in pixels, replaces the size of the cameras' images.
     ///
     /// # Errors
-    /// A description of cameras that no path leads through.
+    /// A description of the problem: no keys, keys with different projections, or keys with different sizes if `size`
+    /// is `None`.
     pub fn new(path: CameraKeys, size: Option<[u32; 2]>) -> Result<Self, String> {
         let CameraKeys { keys, closed } = path;
         let times: Option<Vec<f64>> = keys.iter().map(|key| key.time).collect();
@@ -101,7 +103,7 @@ impl CameraPath {
         self.cameras.len()
     }
 
-    /// Returns the duration that the keys' times state, in seconds.
+    /// Returns the duration in seconds, if the keys state times.
     pub fn seconds(&self) -> Option<f64> {
         self.is_timed.then(|| self.duration())
     }
@@ -115,11 +117,11 @@ impl CameraPath {
         self.times.last().zip(self.times.first()).map_or(0.0, |(last, first)| last - first)
     }
 
-    /// Returns the cameras of a film of this many frames. It begins at the first key and ends at the last; a closed
-    /// path is sampled so that the film can be repeated.
+    /// Returns one camera for each frame of a film with `frames` frames. The film begins at the first key and ends at
+    /// the last; a closed path is sampled so that the film can be repeated.
     ///
     /// # Errors
-    /// [`Error::Usage`] where the camera has no direction, since it turns by 180° between two keys.
+    /// [`Error::Usage`] if the camera turns by 180° between two keys, so that its direction isn't defined.
     pub fn cameras(&self, frames: u32) -> Result<Vec<Camera>, Error> {
         let steps = if self.is_closed { frames } else { frames.saturating_sub(1).max(1) };
         let (first, duration) = (self.times.first().copied().unwrap_or_default(), self.duration());
@@ -169,27 +171,28 @@ impl CameraPath {
         Place { key, fraction: ((time - start) / (end - start)).clamp(0.0, 1.0) }
     }
 
-    /// Returns a key's camera. A closed path goes around; before and behind an open one its ends are repeated.
+    /// Returns the camera of a key. For a closed path, the index wraps around; for an open one, it is clamped to the
+    /// ends.
     fn camera(&self, key: isize) -> &Camera {
         let count = self.cameras.len() as isize;
         let at = if self.is_closed { key.rem_euclid(count) } else { key.clamp(0, count - 1) };
         &self.cameras[at as usize]
     }
 
-    /// Returns the length of the interval that begins at a key; 0 outside an open path.
+    /// Returns the length of the interval that begins at a key; 0 for an index outside of an open path.
     fn interval(&self, key: isize) -> f64 {
         let count = self.times.len() as isize - 1;
         let at = if self.is_closed { key.rem_euclid(count) } else { key };
         usize::try_from(at).ok().and_then(|at| Some(self.times.get(at + 1)? - self.times[at])).unwrap_or(0.0)
     }
 
-    /// Returns the value of a spline through a property of the cameras. `mix` returns what lies between two values, and
-    /// beyond them for fractions outside of 0 to 1.
+    /// Evaluates a spline through a property of the cameras, `of`, at a place between two keys. `mix` interpolates
+    /// between two values, and extrapolates for fractions outside of 0 to 1.
     fn spline(&self, place: Place, mix: Mix, of: impl Fn(&Camera) -> DVec3) -> DVec3 {
         let key = place.key as isize;
         let mut values = [key - 1, key, key + 1, key + 2].map(|key| of(self.camera(key)));
         let [mut before, here, mut behind] = [key - 1, key, key + 1].map(|key| self.interval(key));
-        // Beyond its ends, an open path goes straight on.
+        // Beyond its ends, an open path is extended in a straight line.
         if before <= 0.0 {
             (before, values[0]) = (here, mix(values[1], values[2], -1.0));
         }
@@ -210,14 +213,14 @@ impl CameraPath {
     }
 }
 
-/// Function that mixes two values.
+/// Function that interpolates between two values, by a fraction.
 type Mix = fn(DVec3, DVec3, f64) -> DVec3;
 
 fn linear(a: DVec3, b: DVec3, t: f64) -> DVec3 {
     a + (b - a) * t
 }
 
-/// Mixes two unit vectors on the great circle through both. Zero if they are opposite.
+/// Interpolates between two unit vectors along the great circle through both. Returns zero if they are opposite.
 fn spherical(a: DVec3, b: DVec3, t: f64) -> DVec3 {
     let across = a.cross(b);
     let angle = across.length().atan2(a.dot(b));
@@ -241,7 +244,7 @@ fn toward(camera: &Camera) -> DVec3 {
     target(camera) - eye(camera)
 }
 
-/// Returns the projection between two of the same kind.
+/// Interpolates between two projections of the same kind; returns `from` if their kinds differ.
 fn between(from: Projection, to: Projection, t: f64) -> Projection {
     let mix = |a: f64, b: f64| a + (b - a) * t;
     match (from, to) {
@@ -258,7 +261,8 @@ fn between(from: Projection, to: Projection, t: f64) -> Projection {
     }
 }
 
-/// Returns times whose differences are the square roots of the distances between keys, so that the mean is 1.
+/// Returns times whose differences are proportional to the square roots of the distances between keys. The mean
+/// difference is 1.
 fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     let next = cameras.iter().cycle().skip(1);
     let pairs = cameras.iter().zip(next).take(cameras.len() - usize::from(!closed));
@@ -273,7 +277,7 @@ fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     times
 }
 
-/// Adds the time of a closed path's return to its first key: the mean interval.
+/// Appends the time at which a closed path returns to its first key. The additional interval is the mean of the others.
 fn with_return(mut times: Vec<f64>) -> Vec<f64> {
     if let (Some(first), Some(last)) = (times.first().copied(), times.last().copied()) {
         times.push(last + (last - first) / (times.len() - 1).max(1) as f64);

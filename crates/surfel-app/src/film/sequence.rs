@@ -28,14 +28,14 @@ use surfel_sample::Progress;
 use surfel_stage::Lighting;
 use surfel_stage::auto_up;
 
-/// Largest number of files that the choices are made from.
+/// Largest number of files in the sample from which camera, light and colours are chosen.
 const SAMPLE: usize = 12;
-/// Largest number of splats that are kept of each of them.
+/// Largest number of splats of each sampled file; larger files are thinned to it.
 const KEPT: usize = 100_000;
-/// Distance of the near plane relative to that of an image of the sample alone: other files may come nearer.
+/// Factor on the near distance of the sample's camera, since surfaces of other files may be nearer.
 const NEAR: f64 = 0.1;
 
-/// Movement of the camera.
+/// Movement of the camera in the course of a sequence.
 #[derive(Clone, Debug)]
 enum Motion {
     Still,
@@ -50,7 +50,7 @@ enum Motion {
 pub struct Sequence {
     inputs: Vec<PathBuf>,
     options: RenderOptions,
-    /// Scene of each frame but for its file, camera and lights.
+    /// Scene that all frames share. Its file, camera and lights are replaced for each frame.
     scene: SceneFile,
     motion: Motion,
     turntable: Turntable,
@@ -63,8 +63,8 @@ impl Sequence {
     /// `note`, as sentences without a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for scene files and stdin, and for a path with another number of cameras; otherwise as
-    /// [`Request::load`] and [`Request::resolve`].
+    /// [`Error::Usage`] for scene files and stdin, and for a camera path whose number of cameras differs from the
+    /// number of files. Otherwise, errors of [`Request::load`] and [`Request::resolve`].
     pub fn survey(
         inputs: &[PathBuf],
         options: &RenderOptions,
@@ -115,7 +115,7 @@ impl Sequence {
         self.inputs.len()
     }
 
-    /// True if there are no frames, which [`Sequence::survey`] refuses.
+    /// True if there are no frames. A sequence from [`Sequence::survey`] always has one.
     pub fn is_empty(&self) -> bool {
         self.inputs.is_empty()
     }
@@ -163,7 +163,7 @@ impl Sequence {
     }
 }
 
-/// Refuses inputs that are no frames, and a path of another length.
+/// Checks that no input is a scene file or stdin, and that the motion has one frame for each input.
 fn check(inputs: &[PathBuf], motion: &Pictures) -> Result<(), Error> {
     let usage = |text: String| Err(Error::Usage(text));
     if inputs.is_empty() {
@@ -184,20 +184,20 @@ fn check(inputs: &[PathBuf], motion: &Pictures) -> Result<(), Error> {
     Ok(())
 }
 
-/// Returns the indices of the sample: evenly distributed, with the first and the last frame.
+/// Returns the indices of the sampled files: evenly distributed, with the first and the last frame.
 fn picked(count: usize) -> impl Iterator<Item = usize> {
     let picked = count.min(SAMPLE);
     (0..picked).map(move |i| i * (count - 1) / (picked - 1).max(1))
 }
 
-/// Objects of the sample, thinned.
+/// Objects of the sampled files, thinned, with estimates for each file.
 struct Survey {
     loaded: LoadedObjects,
-    /// Typical spacing of the points of each file of points.
+    /// Typical spacing of the points of each point file, in world units.
     spacings: Vec<f64>,
-    /// Interior weight of each file of points.
+    /// Interior weight of each point file that has one.
     weights: Vec<f64>,
-    /// Up axis of each file.
+    /// Estimated up axis of each file; empty if the options state the axis.
     uprights: Vec<Upright>,
 }
 
@@ -219,13 +219,14 @@ impl Survey {
                     spacings.push(points_as::spacing(cloud));
                     weights.extend(cloud.data().interior_weight);
                 }
-                // The overview suffices for the choices, and must not be refined.
+                // The overview of a file that is read by levels suffices here, and must not be refined.
                 facts.partial = false;
                 all.objects.push(thinned(object)?);
                 all.facts.push(facts);
             }
             all.color_jobs.append(one.color_jobs);
-            // Of files alike, the notes on the first suffice; those on colours are of one file alone.
+            // For similar files, the notes on the first suffice. Notes on colours hold for one file only, and are left
+            // out.
             let of_colors: Vec<&str> = one.colorings.notes().map(|(_, text)| text).collect();
             for note in &one.notes {
                 let is_known = all.notes.iter().any(|other| are_alike(&other.text, &note.text));
@@ -251,7 +252,7 @@ impl Survey {
         progress.stage("colours", 0);
         let mut tallies = Tallies::default();
         let mut loaded = self.loaded.clone();
-        // Heights of files that state no axis.
+        // Heights need an up axis. Files that state none get the chosen one.
         if let Some(up) = options.up.flatten() {
             loaded.color_jobs.assume_up(up);
         }
@@ -264,13 +265,13 @@ impl Survey {
     }
 }
 
-/// True for texts that differ in numbers only.
+/// True if two texts differ only in digits and decimal points.
 fn are_alike(a: &str, b: &str) -> bool {
     let words = |text: &str| text.chars().filter(|c| !c.is_ascii_digit() && *c != '.').collect::<String>();
     words(a) == words(b)
 }
 
-/// Returns an object with at most [`KEPT`] splats, evenly selected. Geometry of other kinds doesn't change.
+/// Returns an object with at most [`KEPT`] splats, evenly selected. Other kinds of geometry are returned unchanged.
 fn thinned(object: Object) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object) };
     let step = cloud.len().div_ceil(KEPT);
@@ -283,8 +284,8 @@ fn thinned(object: Object) -> Result<Object, Error> {
     Ok(Object { geometry: cloud.into(), ..object })
 }
 
-/// Returns the object of all frames but for its file: with the material and the kind of splat of most files, and with
-/// one radius if points are drawn as balls or disks.
+/// Returns the object that all frames share, apart from its file. Its material and its kind of splat are those of most
+/// files. Points drawn as balls or disks get one radius for all frames.
 fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64>) -> Result<ObjectFile, Error> {
     let materials: Vec<Material> = objects.iter().map(|object| object.material).collect();
     let kinds: Vec<Option<PointsAs>> = objects.iter().map(|object| object.convert.points_as).collect();
@@ -293,7 +294,7 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
     splats::apply(&options.splats, &mut object.convert)?;
     spacings.sort_unstable_by(f64::total_cmp);
     let radius = spacings.get(spacings.len() / 2).map(|spacing| PointRadius::World(points_as::OF_SPACING * spacing));
-    // No file decides by itself.
+    // The kind of splat is fixed for all frames, so that it isn't chosen for each file.
     object.convert.points_as = Some(match most_frequent(&kinds).flatten().unwrap_or(PointsAs::Surface) {
         PointsAs::Balls(None) => PointsAs::Balls(radius),
         PointsAs::Disks(None) => PointsAs::Disks(radius),
@@ -315,13 +316,13 @@ fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize)
     }
 }
 
-/// Returns the most frequent value; of several, the first.
+/// Returns the most frequent value; among equally frequent ones, the first.
 fn most_frequent<T: PartialEq + Clone>(values: &[T]) -> Option<T> {
     let count = |value: &&T| values.iter().filter(|other| other == value).count();
     values.iter().rev().max_by_key(count).cloned()
 }
 
-/// Moves the near and far planes of a framed camera away from the sample.
+/// Moves the near plane of a camera that was framed on the sample closer, and an orthographic camera's far plane away.
 fn make_room(camera: &mut Camera) {
     camera.near *= NEAR;
     if matches!(camera.projection, Projection::Orthographic { .. }) {
@@ -329,7 +330,7 @@ fn make_room(camera: &mut Camera) {
     }
 }
 
-/// Returns the options of a frame: those that its scene file doesn't have.
+/// Returns the options for loading a frame: only the ones that a scene file doesn't contain.
 fn of_frame(options: &RenderOptions) -> RenderOptions {
     let splats = SplatOptions { memory: options.splats.memory, ..SplatOptions::default() };
     RenderOptions {
@@ -343,7 +344,7 @@ fn of_frame(options: &RenderOptions) -> RenderOptions {
     }
 }
 
-/// Notes that differ by the name of a file only, each of which is passed on once.
+/// Filter for notes: passes on each text once, ignoring the name of the file at its beginning.
 struct Told {
     names: Vec<String>,
     known: HashSet<String>,

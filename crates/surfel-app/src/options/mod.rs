@@ -1,11 +1,18 @@
 //! Options table: every option of the program in one place.
 //!
-//! A [`Row`] states an option's name, parser, default, task, readers, purpose, commands, kinds of files, scene-file key
-//! and Python type. The command line, its help and completions, [`RenderOptions::set`], Python's keywords and stubs,
-//! the check for options without effect, suggestions for misspelt options and `docs/options.md` follow from the
-//! [`Table`]. A new option is a row here and a field of [`Options`], or of the options in it.
+//! A [`Row`] defines one option: its name, parser, default, purpose, commands, kinds of files, scene-file key and
+//! Python type. These parts of the program are derived from the [`Table`]:
 //!
-//! Values go one way: from text by [`Row::set`] to [`Options`], and from there to [`crate::request::Request`].
+//! - the command line, its help and completions;
+//! - [`RenderOptions::set`];
+//! - Python's keywords and stubs;
+//! - the check for options without effect, and suggestions for misspelt options;
+//! - the page `docs/options.md`.
+//!
+//! To add an option, add a row here and a field to [`Options`] or to one of its parts.
+//!
+//! Values flow in one direction: [`Row::set`] parses text into [`Options`], and [`crate::request::Request`] is built
+//! from them.
 //!
 //! ```
 //! use surfel_app::options::{Commands, Options, table};
@@ -39,15 +46,15 @@ use std::sync::LazyLock;
 pub struct Options {
     /// Input files.
     pub inputs: Vec<PathBuf>,
-    /// True if a missing output is named after the input, as for `surfel INPUT`.
+    /// True if the output's name is derived from the input's, when no output is given (`surfel INPUT`).
     pub names_output: bool,
     /// Options for an image and for converting files to splats.
     pub render: RenderOptions,
-    /// File to write.
+    /// Path of the file to write.
     pub output: Option<PathBuf>,
     /// True if existing files are overwritten.
     pub force: bool,
-    /// True if the colour bar is named after the output.
+    /// True if the colour bar's name is derived from the output's.
     pub names_colorbar: bool,
     /// True if the resolved scene file is printed.
     pub print_scene: bool,
@@ -57,15 +64,15 @@ pub struct Options {
     pub png16: bool,
     /// True if images get no metadata.
     pub no_metadata: bool,
-    /// True if a coarse image is written first.
+    /// True if a coarse image is written before the final one.
     pub progressive: bool,
-    /// True if times and counts are printed.
+    /// True if timings and counts are printed.
     pub stats: bool,
-    /// Number of timed runs.
+    /// Number of renders for timing, after a warm-up.
     pub repeat: Option<u32>,
-    /// True if JSON is printed.
+    /// True if output is printed as JSON.
     pub json: bool,
-    /// True if an octree is written.
+    /// True if `surfel convert` writes an octree.
     pub hybrid: bool,
     /// True if PLY files are written as text.
     pub ascii: bool,
@@ -77,11 +84,11 @@ pub struct Options {
     pub path: Option<PathBuf>,
     /// True if the inputs are frames of a film.
     pub sequence: bool,
-    /// Number of frames a second of films.
+    /// Frame rate of films, in frames per second.
     pub fps: Option<FrameRate>,
-    /// Frames or cameras to draw.
+    /// Subset of frames or cameras that is drawn.
     pub frame_range: Option<FrameRange>,
-    /// Shard of a job.
+    /// Shard of the job that this process draws.
     pub shard: Option<Part>,
     /// True if existing images are skipped.
     pub skip_existing: bool,
@@ -89,9 +96,9 @@ pub struct Options {
     pub resume: bool,
     /// Name of the backend; `None`: selected automatically.
     pub backend: Option<String>,
-    /// Part of the adapter's name.
+    /// Substring of the name of the GPU adapter to use.
     pub adapter: Option<String>,
-    /// True if splats are stored in 16 bits per number.
+    /// True if backends store splats as 16-bit numbers.
     pub quantised: bool,
     /// Number of threads; `None`: one per CPU.
     pub threads: Option<usize>,
@@ -101,25 +108,26 @@ pub struct Options {
     pub verbose: bool,
     /// True if no browser is opened.
     pub no_open: bool,
-    /// Port of the page.
+    /// TCP port on which `surfel view` serves its page.
     pub port: Option<u16>,
-    /// Address at which the page is served.
+    /// Address on which the page is served.
     pub host: Option<String>,
     /// HTML file that is written instead of serving the page.
     pub export: Option<PathBuf>,
-    /// File with options.
+    /// File from which options are read.
     pub config: Option<PathBuf>,
-    /// Side of an orthoimage's pixel in the units of x and y.
+    /// Ground sampling distance: side of an orthoimage's pixel, in the units of x and y.
     pub gsd: Option<f64>,
-    /// GeoTIFF of heights.
+    /// Output GeoTIFF of heights (digital surface model).
     pub dsm: Option<PathBuf>,
-    /// GeoTIFF of normals.
+    /// Output GeoTIFF of normals.
     pub normals: Option<PathBuf>,
-    /// Bounds of an orthoimage in the units of x and y: least x and y, then largest.
+    /// Bounds of an orthoimage in the units of x and y: minimum x, minimum y, maximum x, maximum y.
     pub bounds: Option<[f64; 4]>,
-    /// Point at which a corner of an orthoimage's pixels lies.
+    /// Point (x, y) with which a corner of the pixel grid of an orthoimage coincides.
     pub origin: Option<[f64; 2]>,
-    /// Radius of the largest circle that fits into gaps to be filled, in the units of x and y; `None` fills no gaps.
+    /// Limit on the gaps that are filled: no circle of this radius, in the units of x and y, fits into them. `None`
+    /// fills no gaps.
     pub fill: Option<f64>,
     /// EPSG code of an orthoimage's coordinate reference system.
     pub crs: Option<u16>,
@@ -134,7 +142,7 @@ impl Options {
     }
 }
 
-/// Table of options.
+/// Table of the options of all commands.
 #[derive(Clone, Debug)]
 pub struct Table {
     rows: Vec<Row>,
@@ -152,37 +160,37 @@ pub fn table() -> &'static Table {
 }
 
 impl Table {
-    /// Adds a row.
+    /// Appends a row to the table.
     #[must_use]
     pub fn with(mut self, row: Row) -> Self {
         self.rows.push(row);
         self
     }
 
-    /// Returns all rows in the order of help.
+    /// Returns all rows, in the order in which help lists them.
     pub fn rows(&self) -> impl Iterator<Item = &Row> {
         self.rows.iter()
     }
 
-    /// Returns the rows of commands in the order of help.
+    /// Returns the rows of one or several commands, in the order in which help lists them.
     pub fn of(&self, commands: Commands) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.commands.has(commands))
     }
 
-    /// Returns the row of a command's option by its long name.
+    /// Returns the row of a command's option with this long name.
     pub fn find(&self, commands: Commands, name: &str) -> Option<&Row> {
         self.of(commands).find(|row| row.name == name)
     }
 
-    /// Returns the rows that are keywords of Python functions.
+    /// Returns the rows that are keywords of the given Python functions.
     pub fn keywords(&self, functions: Commands) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.keyword.has(functions))
     }
 
-    /// Sets an option of a command by its long name, from its text; a switch from `on` or `off`.
+    /// Sets an option of a command by its long name, from its text. A switch is set by `on` or `off`.
     ///
     /// # Errors
-    /// A description of the expected value, or that the command has no such option.
+    /// A description of the expected value, or a message that the command has no such option.
     pub fn set(&self, options: &mut Options, command: Commands, name: &str, text: &str) -> Result<(), String> {
         let row = self.find(command, name).ok_or_else(|| "there is no such flag here".to_owned())?;
         row.set(options, text.as_ref())

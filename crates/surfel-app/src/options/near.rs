@@ -2,18 +2,19 @@
 
 use super::{Commands, Row, Table};
 
-/// Option near to one that doesn't exist.
+/// Suggestion for an option that doesn't exist.
 #[derive(Clone, Copy, Debug)]
 pub enum Near<'a> {
-    /// Option of the same command with a similar meaning or spelling.
+    /// An option of the same command with a similar meaning or spelling.
     Here(&'a Row),
-    /// Option of this name that only other commands have.
+    /// An option of this name, or with this letter, that only other commands have.
     Elsewhere(&'a Row),
 }
 
 impl Table {
-    /// Returns the option that is nearest to `name`, a long name or a letter without dashes, which the command doesn't
-    /// have: first an option of similar meaning, then one of another command, then one of similar spelling.
+    /// Returns the option that is nearest to `name`, for which the command has no option. `name` is a long name or a
+    /// letter, without dashes. The search looks for a synonym, then for an option of another command, then for a
+    /// similar spelling.
     pub fn near(&self, command: Commands, name: &str) -> Option<Near<'_>> {
         if let Some(row) = self.of(command).find(|row| row.is_built && row.synonyms.contains(&name)) {
             return Some(Near::Here(row));
@@ -25,21 +26,21 @@ impl Table {
         nearest(self.of(command), name).map(Near::Here)
     }
 
-    /// Returns the keyword of Python functions that is nearest to `name`.
+    /// Returns the keyword of the given Python functions that is nearest to `name`.
     pub fn near_keyword(&self, functions: Commands, name: &str) -> Option<String> {
         let row = nearest(self.keywords(functions), &name.replace('_', "-"))?;
         Some(row.name.replace('-', "_"))
     }
 }
 
-/// Returns the row that has `name` among its synonyms, else the row of the most similar spelling.
+/// Returns the row that has `name` among its synonyms, or else the row of the most similar spelling.
 fn nearest<'a>(rows: impl Iterator<Item = &'a Row>, name: &str) -> Option<&'a Row> {
     let name = name.to_ascii_lowercase();
     let rows: Vec<&Row> = rows.filter(|row| row.is_built).collect();
     if let Some(row) = rows.iter().find(|row| row.synonyms.contains(&name.as_str())) {
         return Some(row);
     }
-    // Two changes in a word of four letters make another word.
+    // The allowed number of changes grows with the length: two changes in a word of four letters make another word.
     let most = (name.len() / 3).clamp(1, 3);
     let spelled = rows.iter().map(|row| (changes(&name, row.name), *row)).filter(|(changes, _)| *changes <= most);
     spelled.min_by_key(|(changes, _)| *changes).map(|(_, row)| row)

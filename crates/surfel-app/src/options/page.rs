@@ -1,4 +1,4 @@
-//! The page `docs/options.md`.
+//! Generator of the page `docs/options.md`.
 
 use super::{Audience, Commands, EXPERT, Group, Row, Table};
 use std::fmt::Write as _;
@@ -22,7 +22,7 @@ that are used every day, in **bold** here, and `surfel COMMAND --help` lists all
 ";
 
 impl Table {
-    /// Returns the page `docs/options.md`.
+    /// Returns the Markdown text of the page `docs/options.md`.
     pub fn page(&self) -> String {
         let mut text = INTRODUCTION.to_owned();
         for group in Group::ALL {

@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::path::PathBuf;
 use surfel_load::effects::{self, Inputs};
 
-/// Set of commands.
+/// Set of commands, as bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Commands(u16);
 
@@ -29,7 +29,7 @@ impl Commands {
     pub const FIGURE: Self = Self(64);
     /// `surfel view`.
     pub const VIEW: Self = Self(128);
-    /// Every command, also those that have no rows of their own.
+    /// Set of all commands, including commands without rows in the table.
     pub const ALL: Self = Self(u16::MAX);
     /// Commands that write images of a scene: `render` and `serve`.
     pub const IMAGE_FILES: Self = Self::RENDER.and(Self::SERVE);
@@ -39,7 +39,7 @@ impl Commands {
     pub const DRAWN: Self = Self::IMAGES.and(Self::FIGURE);
     /// Commands that make splats: `render`, `serve`, `view`, `figure`, `convert` and `ortho`.
     pub const SPLATS: Self = Self::DRAWN.and(Self::CONVERT).and(Self::ORTHO);
-    /// Every command of the table, with its name.
+    /// All commands of the table, with their names.
     pub const NAMED: [(&'static str, Self); 8] = [
         ("render", Self::RENDER),
         ("convert", Self::CONVERT),
@@ -51,7 +51,7 @@ impl Commands {
         ("view", Self::VIEW),
     ];
 
-    /// Returns the union of two sets.
+    /// Returns the union of both sets.
     #[must_use]
     pub const fn and(self, other: Self) -> Self {
         Self(self.0 | other.0)
@@ -63,7 +63,7 @@ impl Commands {
         Self(self.0 & !other.0)
     }
 
-    /// Returns the commands of both sets.
+    /// Returns the intersection of both sets.
     #[must_use]
     pub const fn common(self, other: Self) -> Self {
         Self(self.0 & other.0)
@@ -74,7 +74,7 @@ impl Commands {
         self.0 & other.0 != 0
     }
 
-    /// Returns the command of this name; [`Self::NONE`] if the table has none.
+    /// Returns the command with this name, or [`Self::NONE`] if the table doesn't have it.
     pub fn named(name: &str) -> Self {
         Self::NAMED.iter().find(|(known, _)| *known == name).map_or(Self::NONE, |(_, command)| *command)
     }
@@ -85,10 +85,10 @@ impl Commands {
     }
 }
 
-/// Task that an option belongs to; help lists the tasks in this order.
+/// Task that an option belongs to. Help lists the tasks in the order of the variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
-    /// Images and files to write.
+    /// Images and files that are written.
     Output,
     /// Panels and words of a figure.
     Figure,
@@ -96,7 +96,7 @@ pub enum Group {
     Grid,
     /// Camera.
     Camera,
-    /// Shading, light and background.
+    /// Shading, light and background of an image.
     Appearance,
     /// Colours of points, meshes and values.
     Colors,
@@ -104,7 +104,7 @@ pub enum Group {
     Points,
     /// Conversion to splats.
     Splats,
-    /// Reading of files.
+    /// Reading of input files.
     Files,
     /// Several images of a scene.
     Series,
@@ -112,12 +112,12 @@ pub enum Group {
     Jobs,
     /// Rendering backend.
     Backend,
-    /// The program itself.
+    /// Behaviour of the program itself, such as its messages.
     Program,
 }
 
 impl Group {
-    /// Every group in order.
+    /// All groups in the order of help.
     pub const ALL: [Self; 13] = [
         Self::Output,
         Self::Figure,
@@ -154,18 +154,18 @@ impl Group {
     }
 }
 
-/// Readers that an option is meant for.
+/// Group of users for whom an option is meant; it decides where help lists the option.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Audience {
-    /// Everybody: `-h` lists the option.
+    /// All users: `-h` lists the option.
     Everyday,
-    /// Readers of the whole list: `--help`.
+    /// Users who read the whole list: `--help` lists the option.
     All,
-    /// Experts: last in `--help`.
+    /// Experts: `--help` lists the option last.
     Expert,
 }
 
-/// Heading above the options for experts.
+/// Heading of the section with the experts' options.
 pub const EXPERT: &str = "For experts";
 
 /// Function that parses an option's value and stores it.
@@ -175,29 +175,29 @@ pub enum Setter {
     Switch(fn(&mut Options, bool)),
     /// Value that is text.
     Text(fn(&mut Options, &str) -> Result<(), String>),
-    /// Value that is a path, which may be empty if [`Row::missing`] is.
+    /// Value that is a path. An empty path is accepted only if [`Row::missing`] is empty text.
     Path(fn(&mut Options, PathBuf) -> Result<(), String>),
 }
 
-/// An option: everything that the command line, scene files, Python and the documentation state about it.
+/// An option, with all data that the command line, scene files, Python and the documentation need about it.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct Row {
     /// Long name without dashes. Two rows have the same name only for different commands.
     pub name: &'static str,
-    /// Letter of the short form.
+    /// Letter of the short form, such as `o` for `-o`.
     pub short: Option<char>,
-    /// Name of the value in help; empty for switches.
+    /// Placeholder for the value in help, such as `WxH`; empty for switches.
     pub value: &'static str,
     /// Parser and destination of the value.
     pub set: Setter,
-    /// Default value, if it is a fixed text.
+    /// Default value as help shows it; `None` if the default isn't a fixed text.
     pub default: Option<&'static str>,
-    /// Value of the option if it is given without one; `None` if a value is required.
+    /// Value that is used if the option is given without one; `None` if a value is required.
     pub missing: Option<&'static str>,
     /// Function that returns the names that are valid values; `None` if the value isn't a name.
     pub names: Option<fn() -> Vec<&'static str>>,
-    /// True if the value may be something else than one of [`Self::names`].
+    /// True if values other than [`Self::names`] are valid, too.
     pub is_open: bool,
     /// True if the option may be given several times.
     pub is_repeated: bool,
@@ -205,41 +205,42 @@ pub struct Row {
     pub is_list: bool,
     /// True if the value may begin with a minus sign.
     pub is_signed: bool,
-    /// Purpose in one sentence.
+    /// Purpose of the option in one sentence, for help.
     pub help: &'static str,
-    /// Details after that sentence; empty if there are none.
+    /// Details that follow the purpose in the long help; empty if there are none.
     pub more: &'static str,
     /// Task under which help lists the option.
     pub group: Group,
-    /// Readers that the option is meant for; help lists options for experts last.
+    /// Users for whom the option is meant.
     pub audience: Audience,
-    /// Commands with this option.
+    /// Commands that have the option.
     pub commands: Commands,
     /// Python functions with this keyword (`open`, `render` and the like count as [`Commands::RENDER`]).
     pub keyword: Commands,
-    /// Type in Python's stubs; empty for switches and named values, whose type follows.
+    /// Type in Python's stubs, such as `float`. If empty, the type is derived: `bool` for switches, a `Literal` for
+    /// names, otherwise `str`.
     pub python: &'static str,
-    /// Separator that joins the values of a Python sequence to the option's text.
+    /// Separator with which the values of a Python sequence are joined to the option's text.
     pub separator: &'static str,
-    /// True if the value is part of [`crate::request::RenderOptions`].
+    /// True if the option is part of [`crate::request::RenderOptions`].
     pub is_image: bool,
-    /// True if the value is stored in an image's metadata beside the scene, from where `surfel again` restores it.
+    /// True if an image's metadata store the value in addition to the scene, so that `surfel again` can restore it.
     pub is_drawn: bool,
     /// Key in a scene file, such as `settings.cutoff` or `convert.crop`.
     pub scene: Option<&'static str>,
-    /// Valid value other than the default, for tests and the documentation.
+    /// Valid value other than the default, which tests and the documentation use.
     pub example: &'static str,
     /// Options that can't be given together with this one.
     pub conflicts: &'static [&'static str],
-    /// Options that must be given too.
+    /// Options that must be given together with this one.
     pub requires: &'static [&'static str],
-    /// True if the option must be given, unless one of [`Self::unless`] is.
+    /// True if the option must be given, except together with one of [`Self::unless`].
     pub is_required: bool,
-    /// Options that replace a required one.
+    /// Options whose presence makes a required option unnecessary.
     pub unless: &'static [&'static str],
-    /// Names of similar meaning in other programs.
+    /// Names that other programs use for similar options; suggestions for unknown names use them.
     pub synonyms: &'static [&'static str],
-    /// True if the option's Cargo feature is enabled.
+    /// True if the Cargo feature that the option needs is enabled.
     pub is_built: bool,
 }
 
@@ -301,19 +302,20 @@ impl Row {
         Self::new(name, "", Setter::Switch(set))
     }
 
-    /// Sets purpose and details.
+    /// Sets the purpose and its details.
     #[must_use]
     pub const fn help(self, help: &'static str, more: &'static str) -> Self {
         Self { help, more, ..self }
     }
 
-    /// Sets task and commands.
+    /// Sets the task and the commands of the option.
     #[must_use]
     pub const fn of(self, group: Group, commands: Commands) -> Self {
         Self { group, commands, ..self }
     }
 
-    /// Makes the value part of an image's options, and a keyword of the Python functions of its commands.
+    /// Marks the option as part of [`crate::request::RenderOptions`], and as a keyword of its commands' Python
+    /// functions.
     #[must_use]
     pub const fn image(self) -> Self {
         let functions = Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO).and(Commands::FIGURE);
@@ -326,19 +328,19 @@ impl Row {
         Self { audience: Audience::Everyday, ..self }
     }
 
-    /// Lists the option last.
+    /// Lists the option last in `--help`.
     #[must_use]
     pub const fn expert(self) -> Self {
         Self { audience: Audience::Expert, ..self }
     }
 
-    /// Limits the value to names.
+    /// Restricts the value to the given names.
     #[must_use]
     pub const fn names(self, names: fn() -> Vec<&'static str>) -> Self {
         Self { names: Some(names), ..self }
     }
 
-    /// Sets the names that the value may have, besides other forms.
+    /// Sets names that are valid values, in addition to values of another form.
     #[must_use]
     pub const fn names_or_other(self, names: fn() -> Vec<&'static str>) -> Self {
         Self { names: Some(names), is_open: true, ..self }
@@ -350,7 +352,7 @@ impl Row {
         Self { is_signed: true, ..self }
     }
 
-    /// Sets Python's type.
+    /// Sets the type in Python's stubs.
     #[must_use]
     pub const fn python(self, python: &'static str) -> Self {
         Self { python, ..self }
@@ -368,7 +370,7 @@ impl Row {
         Self { scene: Some(key), ..self }
     }
 
-    /// Sets a valid value.
+    /// Sets a valid value other than the default.
     #[must_use]
     pub const fn example(self, example: &'static str) -> Self {
         Self { example, ..self }
@@ -380,13 +382,13 @@ impl Row {
         Self { synonyms, ..self }
     }
 
-    /// Sets the options that can't be given together with this one.
+    /// Sets the options that conflict with this one.
     #[must_use]
     pub const fn conflicts(self, conflicts: &'static [&'static str]) -> Self {
         Self { conflicts, ..self }
     }
 
-    /// Sets the options that must be given too.
+    /// Sets the options that must be given together with this one.
     #[must_use]
     pub const fn requires(self, requires: &'static [&'static str]) -> Self {
         Self { requires, ..self }
@@ -404,7 +406,7 @@ impl Row {
         Self { default: Some(value), ..self }
     }
 
-    /// Sets the value of the option if it is given without one.
+    /// Sets the value that is used if the option is given without one.
     #[must_use]
     pub const fn missing(self, value: &'static str) -> Self {
         Self { missing: Some(value), ..self }
@@ -422,51 +424,51 @@ impl Row {
         Self { is_list: true, ..self }
     }
 
-    /// Stores the value in an image's metadata.
+    /// Stores the value in an image's metadata, in addition to the scene.
     #[must_use]
     pub const fn drawn(self) -> Self {
         Self { is_drawn: true, ..self }
     }
 
-    /// Requires the option, unless one of the others is given.
+    /// Makes the option required, except together with one of the options in `unless`.
     #[must_use]
     pub const fn required(self, unless: &'static [&'static str]) -> Self {
         Self { is_required: true, unless, ..self }
     }
 
-    /// Sets the text between a sequence's values in Python.
+    /// Sets the separator with which a Python sequence's values are joined.
     #[must_use]
     pub const fn separator(self, separator: &'static str) -> Self {
         Self { separator, ..self }
     }
 
-    /// Hides the option from help if its Cargo feature is off.
+    /// Hides the option from help if `is_built` is false, because its Cargo feature is disabled.
     #[must_use]
     pub const fn built(self, is_built: bool) -> Self {
         Self { is_built, ..self }
     }
 
-    /// Returns the key in the `convert` of a scene file's object.
+    /// Returns the option's key in the `convert` object of a scene file, if it has one.
     pub fn convert_key(&self) -> Option<&'static str> {
         self.scene.and_then(|key| key.strip_prefix("convert."))
     }
 
-    /// Returns the kinds of files that the option has an effect on.
+    /// Returns the kinds of files that the option affects.
     pub fn inputs(&self) -> Inputs {
         self.convert_key().and_then(effects::of).map_or(Inputs::ALL, |effect| effect.inputs)
     }
 
-    /// True if a value is one of the option's names.
+    /// True if `value` is one of the option's names.
     pub fn has_name(&self, value: &str) -> bool {
         self.names.is_some_and(|names| names().contains(&value))
     }
 
-    /// True for a switch.
+    /// True if the option is a switch, without a value.
     pub fn is_switch(&self) -> bool {
         matches!(self.set, Setter::Switch(_))
     }
 
-    /// Returns purpose and details.
+    /// Returns the purpose followed by the details.
     pub fn full_help(&self) -> String {
         if self.more.is_empty() { self.help.to_owned() } else { format!("{} {}", self.help, self.more) }
     }
@@ -504,19 +506,19 @@ impl Row {
     }
 }
 
-/// Stores a parsed value.
+/// Stores a parsed value in `slot`, or returns the parser's error.
 pub(super) fn put<T>(slot: &mut Option<T>, value: Result<T, String>) -> Result<(), String> {
     *slot = Some(value?);
     Ok(())
 }
 
-/// Stores a path.
+/// Stores a path in `slot`.
 pub(super) fn put_path(slot: &mut Option<PathBuf>, path: PathBuf) -> Result<(), String> {
     *slot = Some(path);
     Ok(())
 }
 
-/// Returns the names of a table of named values.
+/// Returns the names from a list of named values.
 pub(super) fn names_of<T>(named: &[(&'static str, T)]) -> Vec<&'static str> {
     named.iter().map(|(name, _)| *name).collect()
 }

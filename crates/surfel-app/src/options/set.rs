@@ -1,11 +1,11 @@
-//! Setting of single options from text.
+//! Methods that set a single option from text.
 
 use super::{Commands, Options, table};
 use crate::render_options::{RenderOptions, SplatOptions};
 
 impl SplatOptions {
-    /// Sets an option of `surfel convert` by its long name without dashes, from its text; a switch from `on` or `off`.
-    /// Returns false if no such option exists here.
+    /// Sets an option of `surfel convert` by its long name without dashes, from its text. A switch is set by `on` or
+    /// `off`. Returns false if `surfel convert` has no such option, or the option doesn't affect splats.
     ///
     /// # Errors
     /// A message that states the expected values, if the text isn't a valid value of the flag.
@@ -21,11 +21,11 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
-    /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`.
+    /// Sets a flag by its long name without dashes, from its text. A switch is set by `on` or `off`.
     ///
     /// # Errors
-    /// A message that states the expected values, if the text isn't a valid value of the flag, or no such flag exists
-    /// here. Flags for backends and output files are handled by the caller.
+    /// A message that states the expected values, if the text isn't a valid value; or a message that no such flag
+    /// exists here. Flags for backends and output files are handled by the caller.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<(), String> {
         let row = table().find(Commands::RENDER, flag).filter(|row| row.is_image);
         let row = row.ok_or_else(|| "there is no such flag here".to_owned())?;

@@ -1,4 +1,4 @@
-//! Keywords of Python, and their stubs.
+//! Generator of Python's keywords and their type stubs.
 
 use super::{Commands, Row, Table};
 use std::fmt::Write as _;
@@ -19,7 +19,7 @@ impl Row {
 }
 
 impl Table {
-    /// Returns the classes of keywords for Python's stubs.
+    /// Returns Python source for the stubs: one `TypedDict` of keywords for each function.
     pub fn stub(&self) -> String {
         let mut text = String::new();
         for (class, functions) in [
@@ -36,7 +36,7 @@ impl Table {
         }
         text
     }
-    /// Returns the module `_table.py`, which has the keywords' names.
+    /// Returns the source of Python's module `_table.py`: names, separators and synonyms of the keywords.
     pub fn python(&self) -> String {
         let mut text =
             "\"\"\"Keywords, generated from the options table in crates/surfel-app/src/options.\"\"\"\n\n".to_owned();

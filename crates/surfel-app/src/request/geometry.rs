@@ -1,4 +1,4 @@
-//! The scene of files without a scene file: up axis, view, camera, lights and settings.
+//! Builds the scene for files without a scene file: chooses up axis, view, camera, lights and settings.
 
 use super::{
     Request, Resolved, absolute_paths, beside, cull, matcap, note_near, note_strays, of_gaussians, up_note,
@@ -19,7 +19,7 @@ use surfel_stage::{
 };
 
 impl Request {
-    /// Returns the scene of loaded objects without a scene file.
+    /// Builds the scene from loaded objects, if no scene file is given.
     pub(super) fn scene_of_geometry(
         mut self,
         loaded: LoadedObjects,
@@ -57,7 +57,7 @@ impl Request {
                 note(format!("seen from --view {angles} (azimuth and elevation; {reason})"));
                 ViewChoice::From(angles)
             }
-            // If options give either eye or target, the other follows from the default view.
+            // If options give only the eye or only the target, the other is computed from the default view.
             ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
             given => given,
         };
@@ -114,7 +114,8 @@ impl Request {
     }
 }
 
-/// Determines the up axis from the files or their shape, and passes a note to `note` on how to override it.
+/// Estimates the up axis from the files' statements or their shape. Passes a note to `note` that states how to override
+/// it.
 fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
     let found = auto_up(loaded);
     note(up_note(found));

@@ -5,11 +5,11 @@ use super::record::{Device, Record, Writer};
 use crate::Failure;
 use crate::machine::Machine;
 
-/// Exit codes for the kit's script: only devices that compute on the CPU, and no device.
+/// Exit codes for the kit's script: 3 if all devices compute on the CPU, 4 if there is no device.
 const SOFTWARE_ALONE: i32 = 3;
 const NO_DEVICE: i32 = 4;
 
-/// Writes the machine and its devices, and exits with a code that describes the result.
+/// Appends the machine and its devices to the records. Exits with a code that describes the result.
 pub(super) fn run(on: &On) -> Result<(), Failure> {
     let mut writer = Writer::open(&on.out)?;
     writer.write(&Record::Machine(Machine::this()))?;
@@ -26,7 +26,7 @@ pub(super) fn run(on: &On) -> Result<(), Failure> {
     }
 }
 
-/// Returns the devices of every backend that is compiled in, the backend's default first.
+/// Returns the devices of every GPU backend in this build, the default device of each backend first.
 #[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(unused_variables, unused_mut, reason = "no GPU backend"))]
 fn all(on: &On) -> Vec<Device> {
     let mut all = Vec::new();

@@ -1,4 +1,4 @@
-//! Step `frames` of the kit: times frames of the kit's scenes on one backend.
+//! Step `frames` of the kit: times frames of the kit's scenes with one backend.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,22 +17,23 @@ use crate::report::{Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, kit};
 use crate::{Failure, machine};
 
-/// Sizes of the images in pixels.
+/// Sizes of the images, in pixels.
 const SIZES: [[u32; 2]; 2] = [[1024, 1024], [1920, 1080]];
-/// Divisors for small images: of the pixels a side, and of the splats of scenes.
+/// Divisors with `--small`: of the side of images in pixels, and of the number of splats of scenes.
 const SMALL_SIDE: u32 = 8;
 const SMALL_SPLATS: usize = 100;
 
-/// Number of frames per scene and size: as many as fit into [`TIME`], within these bounds.
+/// Bounds of the number of timed frames per scene and size. Within the bounds, as many frames are timed as fit into
+/// [`TIME`].
 const FRAMES: std::ops::RangeInclusive<usize> = 5..=30;
 const SMALL_FRAMES: std::ops::RangeInclusive<usize> = 3..=5;
 const TIME: Duration = Duration::from_millis(500);
 
 /// Time of drawing before frames are timed. A GPU that idled while a scene was loaded needs tens of milliseconds to
-/// raise its clocks: without a warm-up, times of equal frames on an H100 differed by a factor of 2 to 3.
+/// raise its clock rate. Without this warm-up, times of equal frames on an H100 differed by a factor of 2 to 3.
 const WARM_UP: Duration = Duration::from_millis(150);
 
-/// Number of frames that are hashed.
+/// Number of frames per scene that are hashed.
 const HASHED: usize = 5;
 const SMALL_HASHED: usize = 2;
 
@@ -48,7 +49,7 @@ pub(super) fn run(backend: crate::Backend, on: &On) -> Result<(), Failure> {
     let mut failures = 0;
     let mut at = 0;
     while let Some(first) = cases.get(at) {
-        // Scenes with the same source are consecutive, and share an upload.
+        // Scenes with the same source are consecutive, and share one upload.
         let of_source = cases[at..].iter().take_while(|case| case.source == first.source).count();
         let start = Instant::now();
         let loaded = first.source.load(Path::new("models"))?;
@@ -76,7 +77,7 @@ pub(super) fn run(backend: crate::Backend, on: &On) -> Result<(), Failure> {
     if failures > 0 { Err(format!("{failures} scenes failed on {}", info.backend).into()) } else { Ok(()) }
 }
 
-/// Scene drawn at one size.
+/// Scene to be drawn at one size.
 struct Drawn<'a> {
     case: &'a Case,
     loaded: &'a Loaded,
@@ -85,20 +86,20 @@ struct Drawn<'a> {
     small: bool,
 }
 
-/// Draws a scene repeatedly. The times of loading and uploading are left at 0.
+/// Draws a scene repeatedly. The times of loading and uploading remain 0 in the result.
 fn measured(backend: &mut Backend, drawn: &Drawn<'_>) -> Result<record::Frame, Failure> {
     let Drawn { case, loaded, resident, size, small } = *drawn;
     let view = View::new(&Camera { size, ..case.camera(loaded) })?;
     let settings = case.settings(loaded);
     let mut frame = Frame::default();
-    // The first frame compiles pipelines and counts fragments, which some backends count only on request.
+    // The first frame compiles pipelines and counts fragments. Some backends count fragments only on request.
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
     let start = Instant::now();
     let stats = backend.render_into(resident, &view, &settings, counted, &mut frame)?;
     let first_ms = milliseconds(start);
     let covered_px = frame.weight().iter().filter(|&&weight| weight > 0.0).count() as u64;
     let mut samples = Samples { covered_px, fragments: stats.fragments, ..Samples::default() };
-    // Without the counts the frame has other passes, so their pipelines are compiled here, too.
+    // Without the counts, the frame has other passes, so these frames compile further pipelines.
     let begin = Instant::now();
     loop {
         backend.render_into(resident, &view, &settings, case.planes, &mut frame)?;

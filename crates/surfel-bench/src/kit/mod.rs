@@ -1,7 +1,7 @@
-//! `surfel-bench kit`: measurements of a GPU on a machine, and the page that shows them.
+//! `surfel-bench kit`: measurements of a machine's GPU, and the page that shows them.
 //!
 //! `cargo xtask gpu-kit` packs this program with a script that runs its steps one after the other. Each step appends
-//! lines to the same file of records, so that the results of a killed step are preserved.
+//! lines to one file of records, so that results are preserved if a step is killed.
 
 mod devices;
 mod frames;
@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// True if an adapter's name contains the requested one.
+/// True if an adapter's name contains the requested text, or if none is requested.
 #[cfg(any(feature = "wgpu", feature = "ash"))]
 fn fits(on: &On, name: &str) -> bool {
     on.adapter.as_ref().is_none_or(|wanted| name.to_lowercase().contains(&wanted.to_lowercase()))

@@ -1,4 +1,4 @@
-//! Page of a kit's measurements: `docs/data/gpu.md`.
+//! Page of a kit's measurements, such as `docs/data/gpu.md`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,13 +10,13 @@ use crate::Failure;
 use crate::machine::Machine;
 use crate::page::Table;
 
-/// GPU backends, in the order of columns.
+/// GPU backends, in the order of the page's columns.
 const GPU_BACKENDS: [&str; 2] = ["ash", "wgpu"];
 
-/// Marker of a page without a measured GPU. `cargo xtask tidy` searches for it.
+/// Text that marks a page without a measured GPU. `cargo xtask tidy` searches for it.
 const NOT_MEASURED: &str = "**Not measured.**";
 
-/// Device facts that the page shows, by either API's name; the records contain all facts.
+/// Properties of devices that the page shows, by their names in either API. The records contain more.
 const FACTS: [&str; 12] = [
     "deviceType",
     "memoryHeaps",
@@ -32,10 +32,10 @@ const FACTS: [&str; 12] = [
     "max_buffer_size",
 ];
 
-/// Scenes whose passes the page shows, at the first size; the records contain all scenes.
+/// Scenes whose passes the page shows, at the first size. The records contain all scenes.
 const SHOWN: [&str; 5] = ["igea-like", "igea-like-unlit", "igea-like-edges", "5M", "far"];
 
-/// Writes the page of a folder to a file, or prints it.
+/// Writes the page about the records in `out` to a file, or prints it.
 pub(super) fn run(out: &Path, markdown: Option<&Path>) -> Result<(), Failure> {
     let path = out.join(RESULTS);
     let text = std::fs::read_to_string(&path)
@@ -55,7 +55,7 @@ pub(super) fn run(out: &Path, markdown: Option<&Path>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Records sorted by kind.
+/// Records of a kit, grouped by kind.
 #[derive(Default)]
 struct Found<'a> {
     commit: &'a str,
@@ -86,12 +86,12 @@ impl<'a> Found<'a> {
         found
     }
 
-    /// Returns the frames of GPU backends.
+    /// Returns the frames that GPU backends drew.
     fn on_gpu(&self) -> impl Iterator<Item = &'a Frame> {
         self.frames.iter().copied().filter(|frame| GPU_BACKENDS.contains(&frame.backend.as_str()))
     }
 
-    /// Returns the GPU whose frames were timed.
+    /// Returns the name of the GPU whose frames were timed; `None` if no hardware GPU was.
     fn measured(&self) -> Option<&'a str> {
         self.on_gpu().find(|frame| !frame.is_software).map(|frame| frame.adapter.as_str())
     }
@@ -113,7 +113,7 @@ fn page(records: &[Record], bad: &[usize]) -> String {
     text
 }
 
-/// Returns the sentence that names the measured device.
+/// Returns the sentence of the page that names the measured device.
 fn head(found: &Found<'_>) -> String {
     let software = found.on_gpu().next().map(|frame| frame.adapter.as_str());
     let mut text = match (found.measured(), software) {
@@ -324,8 +324,8 @@ fn probes(found: &Found<'_>) -> String {
     format!("\n## Probes\n\nWhat the device does at best, of several runs.\n\n{}", table.markdown())
 }
 
-/// Returns the section on repeated frames. It lists passes of scenes whose images are always identical, passes that
-/// occur only in other scenes, and the differing planes of these.
+/// Returns the section on the reproducibility of frames. It lists the passes of scenes whose repeated images are
+/// identical, the passes that occur only in other scenes, and the planes that differ.
 fn determinism(found: &Found<'_>) -> String {
     let mut text = "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times, by \
                     software twice, and its planes are hashed.\n\n"
@@ -351,7 +351,7 @@ fn determinism(found: &Found<'_>) -> String {
     text
 }
 
-/// Hashes of a scene that was drawn several times.
+/// Hashes of a scene's planes from repeated frames.
 struct Repeats<'a> {
     scene: String,
     passes: Vec<&'a str>,
@@ -359,7 +359,7 @@ struct Repeats<'a> {
 }
 
 impl Repeats<'_> {
-    /// Returns the planes whose hashes differ.
+    /// Returns the names of the planes whose hashes differ between frames.
     fn unsteady(&self) -> Vec<&str> {
         let differs = |hashes: &[String]| hashes.iter().any(|hash| *hash != hashes[0]);
         self.hashes.iter().filter(|plane| differs(plane.1)).map(|plane| plane.0.as_str()).collect()

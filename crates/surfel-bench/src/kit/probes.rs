@@ -11,47 +11,47 @@ use super::record::{Probe, Record, Writer};
 use super::{On, fits};
 use crate::Failure;
 
-/// Side of the target in pixels, the same as in `probes.wgsl`.
+/// Side of the render target in pixels; the same constant is in `probes.wgsl`.
 const SIDE_PX: u32 = 1024;
-/// Invocations of a workgroup, the same as in `probes.wgsl`.
+/// Number of invocations per workgroup; the same constant is in `probes.wgsl`.
 const WORKGROUP: u64 = 256;
-/// Number of vectors that an invocation of `memory_read` reads, the same as in `probes.wgsl`.
+/// Number of vectors that an invocation of `memory_read` reads; the same constant is in `probes.wgsl`.
 const READS: u64 = 64;
-/// Operations of an invocation of the arithmetic kernels: `ROUNDS` of `probes.wgsl`, four vectors of four lanes, one
-/// multiplication and one addition.
+/// Number of floating-point operations per invocation of the arithmetic kernels. It is the product of `ROUNDS` in
+/// `probes.wgsl`, four vectors of four lanes, and two operations (a multiplication and an addition).
 const ARITHMETIC_FLOPS: f64 = 256.0 * 16.0 * 2.0;
-/// Size of a vector in bytes.
+/// Size of a vector of four f32, in bytes.
 const VECTOR: u64 = 16;
-/// Number of words that atomics access, one per pixel.
+/// Number of words that atomics modify, one per pixel.
 const COUNTERS: u64 = SIDE_PX as u64 * SIDE_PX as u64;
 
-/// Size of each of the two buffers in bytes, larger than any cache.
+/// Size of each of the two buffers in bytes; larger than any cache.
 const BYTES: u64 = 512 << 20;
 const SMALL_BYTES: u64 = 8 << 20;
-/// Invocations of an arithmetic kernel.
+/// Number of invocations of an arithmetic kernel.
 const INVOCATIONS: u64 = 8 << 20;
 const SMALL_INVOCATIONS: u64 = 16 << 10;
-/// Full-screen triangles of the probe of fragment arithmetic, and number of quads.
+/// Numbers of full-screen triangles in the probe of fragment arithmetic, and of quads in the probe of small quads.
 const LAYERS: u32 = 2;
 const QUADS: u32 = 4 << 20;
 const SMALL_QUADS: u32 = 64 << 10;
-/// Side in pixels of the target of fragment arithmetic with `--small`.
+/// Side of the target of fragment arithmetic with `--small`, in pixels.
 const SMALL_SIDE_PX: u32 = 64;
 
-/// Runs of each probe; the best one counts.
+/// Number of runs of each probe, of which the best counts.
 const RUNS: usize = 5;
 
-/// Commands that a probe records.
+/// Commands that a run of a probe records.
 #[derive(Clone, Copy)]
 enum Work {
     /// Dispatch of a compute shader.
     Compute { entry: &'static str, invocations: u64 },
-    /// Draw: vertex and fragment shader, numbers of vertices and instances, topology, and side of the drawn part of the
-    /// target.
+    /// Draw with a vertex and a fragment shader, numbers of vertices and instances, topology, and the side of the drawn
+    /// part of the target.
     Draw { entries: [&'static str; 2], vertices: u32, instances: u32, strip: bool, side_px: u32 },
 }
 
-/// Probe: its name, its unit, and the amount of work of a run in that unit.
+/// Probe: its name, its unit, and the amount of work of one run in this unit.
 struct Task {
     name: &'static str,
     unit: &'static str,
@@ -88,7 +88,7 @@ fn tasks(small: bool, bytes: u64) -> Vec<Task> {
     ]
 }
 
-/// Measures everything, and writes each rate as soon as it is known.
+/// Runs all probes, and writes each rate as soon as it is known.
 pub(super) fn run(on: &On) -> Result<(), Failure> {
     let mut writer = Writer::open(&on.out)?;
     let mut write = |probe: Probe| {
@@ -129,7 +129,7 @@ pub(super) fn run(on: &On) -> Result<(), Failure> {
     if failures.is_empty() { Ok(()) } else { Err(format!("{} probes failed", failures.len()).into()) }
 }
 
-/// Device that wgpu opens, with the probes' buffers and target.
+/// Device that wgpu opens, with the buffers and the target of the probes.
 struct Device {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -140,7 +140,7 @@ struct Device {
     #[cfg_attr(not(test), expect(dead_code, reason = "tests read what kernels write"))]
     sink: wgpu::Buffer,
     target: wgpu::TextureView,
-    /// Size of each of the two large buffers in bytes.
+    /// Size of each of the two large buffers, in bytes.
     bytes: u64,
 }
 
@@ -197,7 +197,7 @@ impl Device {
         };
         let (source, sink) = (buffer("source", bytes), buffer("sink", bytes));
         let counters = buffer("counters", 4 * COUNTERS);
-        // Factors and terms of the arithmetic chains, chosen so that values stay near 1.
+        // Factors and summands of the arithmetic chains, chosen so that values stay near 1.
         let start: [f32; 8] = [0.999, 0.998, 0.997, 0.996, 0.001, 0.002, 0.003, 0.004];
         queue.write_buffer(&source, 0, &start.map(f32::to_le_bytes).concat());
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -237,7 +237,7 @@ impl Device {
         }
     }
 
-    /// Returns the best rate of several runs, by the device's clock if it has one.
+    /// Returns the best rate of several runs, per second. Times come from the device's timestamps if it has them.
     fn rate(&self, task: &Task) -> Result<f64, Failure> {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let pipeline = self.pipeline(task.work);
@@ -298,7 +298,7 @@ impl Device {
         }
     }
 
-    /// Returns the time of one run in seconds.
+    /// Returns the time of one run, in seconds.
     fn seconds(&self, work: Work, pipeline: &Pipeline) -> Result<f64, Failure> {
         let has_clock = self.device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let set = has_clock.then(|| {
@@ -319,7 +319,7 @@ impl Device {
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(0, &self.group, &[]);
                 let groups = invocations.div_ceil(WORKGROUP);
-                // Devices support at most 65535 workgroups in a row.
+                // Devices support at most 65535 workgroups along an axis.
                 let rows = groups.div_ceil(32768);
                 pass.dispatch_workgroups(groups.div_ceil(rows) as u32, rows as u32, 1);
             }
@@ -372,7 +372,7 @@ impl Device {
         Ok(ticks as f64 * f64::from(self.queue.get_timestamp_period()) * 1e-9)
     }
 
-    /// Reads the first bytes of a buffer.
+    /// Reads the first `size` bytes of a buffer.
     fn read(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>, Failure> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let (label, mapped_at_creation) = (Some("readback"), false);
@@ -382,7 +382,7 @@ impl Device {
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = mpsc::channel();
         copy.map_async(wgpu::MapMode::Read, .., move |result| {
-            // The receiver no longer exists if waiting failed.
+            // If waiting failed, nothing receives the result.
             let _ = sender.send(result);
         });
         self.device.poll(wgpu::PollType::wait_indefinitely())?;

@@ -1,4 +1,4 @@
-//! Lines of a kit's `results.jsonl`: one JSON object each, written as soon as its value is known.
+//! Lines of a kit's `results.jsonl`. Each line is a JSON object, which is written as soon as its values are known.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -11,38 +11,38 @@ use super::work::Work;
 use crate::machine::Machine;
 use crate::report::Row;
 
-/// Line of the file of records.
+/// Record in `results.jsonl`, one per line.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub(crate) enum Record {
-    /// Kit itself; the first line, written by the script.
+    /// Description of the kit; the first line, written by the script.
     Kit(Kit),
-    /// CPU and system of the machine.
+    /// CPU and operating system of the machine.
     Machine(Machine),
-    /// Device that a backend sees.
+    /// Device that a backend finds.
     Device(Device),
-    /// Step of the script that has ended.
+    /// Result of a step of the script.
     Step(Step),
     /// Message of the script.
     Note { text: String },
-    /// One scene at one size on one backend.
+    /// Times of one scene at one size on one backend.
     Frame(Box<Frame>),
     /// Comparison of one scene with the reference, as the conformance runner writes it.
     Conformance(Conformance),
-    /// Peak rate of the device.
+    /// Measured peak rate of the device.
     Probe(Probe),
 }
 
 /// Commit and build of the kit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kit {
-    /// Commit, with a trailing `+` if files differ from it.
+    /// Commit of the source, with a trailing `+` if the working tree has changes.
     pub commit: String,
     /// Oldest version of glibc on which the programs run.
     pub glibc: String,
 }
 
-/// Device that a backend sees; the backend's default comes first.
+/// Device that a backend finds. The backend's default device comes first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Device {
     pub backend: String,
@@ -50,11 +50,11 @@ pub(crate) struct Device {
     pub driver: String,
     /// True if the device computes on the CPU.
     pub is_software: bool,
-    /// Limits and features by the API's names.
+    /// Limits and features, by their names in the graphics API.
     pub facts: BTreeMap<String, String>,
 }
 
-/// Step of the script.
+/// Result of a step of the script.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Step {
     pub name: String,
@@ -63,19 +63,19 @@ pub(crate) struct Step {
     pub outcome: String,
 }
 
-/// One scene at one size on one backend.
+/// Times of one scene at one size on one backend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Frame {
     pub backend: String,
     pub adapter: String,
     pub is_software: bool,
-    /// Time to generate the scene, milliseconds.
+    /// Time to generate the scene, in milliseconds.
     pub load_ms: f64,
-    /// Time to upload the scene, milliseconds.
+    /// Time to upload the scene, in milliseconds.
     pub upload_ms: f64,
-    /// Time of the first frame, which compiles pipelines, milliseconds.
+    /// Time of the first frame, in milliseconds. It includes the compilation of pipelines.
     pub first_ms: f64,
-    /// Hashes of repeated frames by plane; empty if frames weren't repeated.
+    /// Hashes of each plane in repeated frames, by the plane's name; empty if frames weren't repeated.
     pub hashes: BTreeMap<String, Vec<String>>,
     /// Estimated work of each pass.
     pub work: Vec<Work>,
@@ -93,11 +93,11 @@ pub struct Conformance {
     pub is_software: bool,
     /// Name of the scene.
     pub scene: String,
-    /// Width and height, pixels.
+    /// Width and height in pixels.
     pub size: [u32; 2],
     /// `passed`, `as expected`, `skipped` or `FAILED`.
     pub verdict: String,
-    /// Reason, unless the verdict is `passed`.
+    /// Reason for the verdict; empty if it is `passed`.
     pub why: String,
     /// Plane with the largest error; `None` if nothing was compared.
     pub plane: Option<String>,
@@ -109,25 +109,25 @@ pub struct Conformance {
     pub forgiven: u64,
     /// Names of the frame's passes.
     pub passes: Vec<String>,
-    /// Hashes of repeated frames by plane.
+    /// Hashes of each plane in repeated frames, by the plane's name.
     pub hashes: BTreeMap<String, Vec<String>>,
-    /// Drawing time, including repeated frames, milliseconds.
+    /// Drawing time including repeated frames, in milliseconds.
     pub ms: f64,
 }
 
-/// Peak rate of the device.
+/// Measured peak rate of the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Probe {
     pub backend: String,
     pub adapter: String,
     pub is_software: bool,
     pub name: String,
-    /// Unit of the count: `byte`, `flop`, `fragment`, `quad` or `atomic`.
+    /// Unit in which the rate counts: `byte`, `flop`, `fragment`, `quad` or `atomic`.
     pub unit: String,
     pub per_s: f64,
 }
 
-/// File of a kit's results, for programs that compare scenes with the reference.
+/// Writer of conformance results to a kit's `results.jsonl`, for programs that compare scenes with the reference.
 pub struct Lines(Writer);
 
 impl Lines {
@@ -139,7 +139,7 @@ impl Lines {
         Writer::open(folder).map(Self)
     }
 
-    /// Appends a line.
+    /// Appends a line with the comparison of a scene.
     ///
     /// # Errors
     /// [`std::io::Error`] if the file can't be written.
@@ -148,8 +148,8 @@ impl Lines {
     }
 }
 
-/// File of records, opened for appending. Every line is written with one call, so that a killed program loses at most
-/// one.
+/// File of records, opened for appending. Each line is written by a single call, so that a killed program loses at most
+/// one line.
 pub(crate) struct Writer(File);
 
 impl Writer {
@@ -170,8 +170,8 @@ impl Writer {
 /// Name of the file of records.
 pub(crate) const RESULTS: &str = "results.jsonl";
 
-/// Returns the records of a text, and the numbers of lines that aren't records, such as the last line of a killed
-/// program.
+/// Parses the lines of a file of records. Returns the records, and the numbers of lines that aren't records, such as an
+/// incomplete last line.
 pub(crate) fn parse(text: &str) -> (Vec<Record>, Vec<usize>) {
     let (mut records, mut bad) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -183,7 +183,7 @@ pub(crate) fn parse(text: &str) -> (Vec<Record>, Vec<usize>) {
     (records, bad)
 }
 
-/// Returns a hash of values (FNV-1a on words), by which images are compared.
+/// Returns a hash of 32-bit words (FNV-1a on words), by which images are compared.
 fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
     let mixed = bytes.into_iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, word| {
         (hash ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
@@ -191,7 +191,7 @@ fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
     format!("{mixed:016x}")
 }
 
-/// Returns hashes of a frame's planes of colour, depth, normals and weights, by the planes' names.
+/// Returns a hash of each plane of a frame (colour, depth, normals and weights), with the plane's name.
 pub fn plane_hashes(frame: &surfel_render::Frame) -> Vec<(&'static str, String)> {
     let words = |values: &[f32]| hash(values.iter().map(|value| value.to_bits()));
     let planes = [

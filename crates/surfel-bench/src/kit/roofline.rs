@@ -1,16 +1,16 @@
-//! Compares times of passes with lower bounds: the passes' work at the peak rates of probes.
+//! Comparison of the times of passes with lower bounds, which are the passes' work at the measured peak rates.
 
 use std::collections::BTreeMap;
 
 use super::record::{Frame, Probe};
 use super::work::Work;
 
-/// Fraction of a frame's pass time below which a pass is ignored: the fixed cost of a pass then dominates.
+/// Smallest fraction of a frame's pass time at which a pass is compared. Below it, the fixed cost of a pass dominates.
 const LEAST_SHARE: f64 = 0.02;
-/// Number of passes that the page names.
+/// Number of passes that the page lists.
 const NAMED: usize = 3;
 
-/// Peak rates of the device, by probe; the best of both backends.
+/// Peak rates of the device per second, by the name of the probe; the better one of both backends.
 pub(super) struct Roofline<'a>(BTreeMap<&'a str, f64>);
 
 /// Lower bound of a pass's time, and the resource that limits it.
@@ -27,17 +27,17 @@ pub(super) struct Judged<'a> {
     pub name: &'a str,
     pub ms: f64,
     pub work: Option<&'a Work>,
-    /// Lower bound of the time; `None` if the pass has no estimate or the probe that it needs is missing.
+    /// Lower bound of the time; `None` if the work of the pass isn't estimated, or if a probe is missing.
     pub bound: Option<Bound>,
 }
 
 impl Judged<'_> {
-    /// Returns the measured time over the bound; 0 without a bound.
+    /// Returns the ratio of the measured time to the bound; 0 without a bound.
     pub(super) fn times_over(&self) -> f64 {
         self.bound.as_ref().map_or(0.0, |bound| self.ms / bound.ms)
     }
 
-    /// Returns the pass's fraction of the time of all passes of its frame.
+    /// Returns the pass's fraction of the time of all passes in its frame.
     fn share(&self) -> f64 {
         self.ms / self.frame.row.stages_ms.values().sum::<f64>()
     }
@@ -62,7 +62,7 @@ impl<'a> Roofline<'a> {
         passes.collect()
     }
 
-    /// Returns the longest of the times that each kind of work takes alone.
+    /// Returns the lower bound of the time: the largest of the times that each kind of work would take alone.
     fn bound(&self, work: &Work) -> Option<Bound> {
         let ms = |probe: &str, amount: f64| Some(amount / self.0.get(probe)? * 1e3);
         let mut kinds = vec![
@@ -71,7 +71,7 @@ impl<'a> Roofline<'a> {
             ("arithmetic in fragment shaders", ms("f32 arithmetic, fragments", work.fragment_flops)),
             ("quads", ms("quads of a pixel, strips", work.quads)),
         ];
-        // Draws into different sets of targets run one after the other, so their times add up.
+        // Draws to different sets of targets run one after another, so their times add up.
         let fills = work.fill.iter().map(|(probe, fragments)| ms(&format!("fill: {probe}"), *fragments));
         kinds.push(("fill rate", fills.sum()));
         let known = kinds.into_iter().filter_map(|(by, ms)| Some((by, ms?)));
@@ -80,8 +80,8 @@ impl<'a> Roofline<'a> {
     }
 }
 
-/// Returns the passes that are farthest from their bound, each name once, among those with a relevant fraction of their
-/// frame.
+/// Returns the passes with the largest ratio of time to bound, each name once. Passes with a negligible fraction of
+/// their frame are ignored.
 pub(super) fn farthest<'a, 'b>(judged: &'b [Judged<'a>]) -> Vec<&'b Judged<'a>> {
     let mut sorted: Vec<&Judged<'a>> =
         judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= LEAST_SHARE).collect();

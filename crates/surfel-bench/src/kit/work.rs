@@ -1,8 +1,8 @@
-//! Estimates of the work of a frame's passes, for a comparison of their times with the device's peak rates.
+//! Estimates of the work of a frame's passes, to compare their times with the device's peak rates.
 //!
-//! Bytes have to be read from or written to memory at least once. Operations are counted by hand in the WGSL of the
-//! pass, a fused multiply-add as two, and are accurate to a factor of two. Passes whose work is hard to estimate
-//! (layers, polygons, Gaussians, samples of edges) have no estimate.
+//! Bytes are those that have to be read from or written to memory at least once. Operations are counted by hand in the
+//! WGSL of the pass and are accurate to a factor of two; a fused multiply-add counts as two. Passes whose work is hard
+//! to estimate (layers, polygons, Gaussians, samples of edges) have no estimate.
 
 use serde::{Deserialize, Serialize};
 use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
@@ -11,8 +11,8 @@ use surfel_render::{FramePlan, Pass};
 
 /// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
-/// Bytes that sorting moves for a pair of a splat and a cell: emitted once, read twice and written once for each of two
-/// digits, and read once more (`cells.wgsl`).
+/// Bytes that sorting moves per pair of a splat and a cell. Each pair is emitted once, read twice and written once for
+/// each of two digits, and read once more (`cells.wgsl`).
 const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
 /// Bytes of a record that the two loops over a cell's records read (`cell_raster.wgsl`).
 const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
@@ -20,50 +20,50 @@ const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
 const VISIBILITY_FLOPS: f64 = 35.0;
 /// Operations of a fragment of the attribute pass (`attributes.wgsl`).
 const ATTRIBUTE_FLOPS: f64 = 55.0;
-/// Bytes of a pixel's edge data: written by the cells, and read by the pass over edges (`cell_neighbours.wgsl`).
+/// Bytes of a pixel's edge data. The cells write them, and the pass over edges reads them (`cell_neighbours.wgsl`).
 const EDGE_DATA_BYTES: f64 = 16.0;
-/// Operations of edge detection at a pixel, over its eight neighbours (`edges.wgsl`).
+/// Operations of edge detection per pixel, over its eight neighbours (`edges.wgsl`).
 const EDGE_FLOPS: f64 = 60.0;
-/// Operations of dividing and encoding a pixel, without light (`shade.wgsl`).
+/// Operations of dividing and encoding a pixel, without lighting (`shade.wgsl`).
 const RESOLVE_FLOPS: f64 = 30.0;
-/// Operations of lighting a pixel by the usual lights (`lighting.wgsl`).
+/// Operations of lighting a pixel with the default lights (`lighting.wgsl`).
 const LIGHT_FLOPS: f64 = 150.0;
 
-/// Counts of a frame.
+/// Measured counts of a frame, from which work is estimated.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Counts {
-    /// Splats of the scene.
+    /// Number of splats of the scene.
     pub splats: f64,
-    /// Splats that were drawn.
+    /// Number of splats that were drawn.
     pub drawn: f64,
-    /// Fragments that contribute to a pixel.
+    /// Number of fragments that contribute to a pixel.
     pub fragments: f64,
     pub pixels: f64,
     /// Resident bytes per splat.
     pub bytes_per_splat: f64,
-    /// Pairs of a splat and a cell; 0 unless compute shaders drew the frame.
+    /// Number of pairs of a splat and a cell; 0 unless the compute path drew the frame.
     pub pairs: f64,
 }
 
-/// Work of one pass of a frame.
+/// Estimated work of one pass of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Work {
-    /// Name in the statistics.
+    /// Name of the pass in the statistics.
     pub pass: String,
-    /// Bytes to and from memory.
+    /// Bytes read from and written to memory.
     pub bytes: f64,
-    /// Operations in compute shaders.
+    /// Floating-point operations in compute shaders.
     pub compute_flops: f64,
-    /// Operations in fragment shaders.
+    /// Floating-point operations in fragment shaders.
     pub fragment_flops: f64,
-    /// Quads that are rasterised.
+    /// Number of quads that are rasterised.
     pub quads: f64,
-    /// Fragments, by the fill-rate probe that writes the same targets.
+    /// Numbers of fragments, with the name of the fill-rate probe that writes the same targets.
     pub fill: Vec<(String, f64)>,
 }
 
 impl Work {
-    /// Returns the work of every pass of a plan for which there is an estimate.
+    /// Estimates the work of the passes of a plan. Passes without an estimate are omitted.
     pub(crate) fn of(plan: &FramePlan, counts: Counts) -> Vec<Self> {
         if counts.pairs > 0.0 {
             return Self::of_cells(plan, counts);
@@ -82,7 +82,7 @@ impl Work {
         all.extend(PixelPass::of(plan).into_iter().filter(|pass| pass.is_shade()).map(|pass| {
             let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
             let read: f64 = sums(plan).iter().map(|&target| bytes(target, plan)).sum();
-            // Each pixel's planes are written: colour, and the other requested ones.
+            // Each pixel's planes are written: the colour and the other requested planes.
             let written = 4.0 * plane_floats(plan);
             Self {
                 pass: pass.name().to_owned(),
@@ -94,10 +94,10 @@ impl Work {
         all
     }
 
-    /// Returns the work of the compute path's passes.
+    /// Estimates the work of the compute path's passes.
     fn of_cells(plan: &FramePlan, counts: Counts) -> Vec<Self> {
         let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
-        // The second loop evaluates a fragment again, and sums it.
+        // The second loop evaluates each fragment again, and sums it.
         let of_fragment = VISIBILITY_FLOPS + 2.0 * ATTRIBUTE_FLOPS;
         let sort = Self { pass: "sort".to_owned(), bytes: counts.pairs * SORT_PAIR_BYTES, ..Self::default() };
         let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
@@ -108,7 +108,7 @@ impl Work {
             compute_flops: counts.fragments * of_fragment + counts.pixels * (RESOLVE_FLOPS + light),
             ..Self::default()
         };
-        // What is drawn again at edges, few pixels in most images, isn't estimated.
+        // The work of drawing edge pixels again isn't estimated, because most images have few.
         let edges = has_edges.then(|| Self {
             pass: "edges".to_owned(),
             bytes: edge_data,
@@ -128,7 +128,7 @@ impl Work {
         }
     }
 
-    /// Returns the work of a draw; `None` if there is no estimate.
+    /// Estimates the work of a draw; `None` if there is no estimate.
     fn of_draw(draw: Draw, plan: &FramePlan, counts: Counts) -> Option<Self> {
         let (flops, of) = match draw.name() {
             "visibility" => (VISIBILITY_FLOPS, counts.fragments),
@@ -180,7 +180,7 @@ fn sums(plan: &FramePlan) -> Vec<Target> {
     additive.flat_map(|draw| draw.colors().iter().copied()).collect()
 }
 
-/// Returns the number of floats of a pixel's planes.
+/// Returns the number of floats per pixel in all planes.
 fn plane_floats(plan: &FramePlan) -> f64 {
     let planes = plan.planes;
     let counted = [(planes.color, 4), (planes.depth, 1), (planes.normal, 3), (planes.weight, 1)];

@@ -1,4 +1,4 @@
-//! Cost of a scene's features: counted in the plan, and measured.
+//! Cost of a scene's features: the passes of its plan, and measured times.
 
 use crate::page::Table;
 use surfel_backend::BackendScene;
@@ -17,7 +17,7 @@ fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
     Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &everything)?)
 }
 
-/// Returns the passes that not every frame of splats has, with their numbers.
+/// Returns the names of the passes beyond those of the plainest frame, with their numbers.
 fn passes(plan: &FramePlan) -> String {
     let always = [Pass::Visibility, Pass::Attributes, Pass::Shade];
     let mut found: Vec<(Pass, usize)> = Vec::new();
@@ -55,14 +55,14 @@ fn name(pass: Pass) -> &'static str {
     }
 }
 
-/// Measurements of a case.
+/// Measured times of a case.
 #[derive(Clone, Default)]
 pub(super) struct Measured {
     pub(super) ms: Vec<f64>,
     bytes_per_splat: Option<f64>,
 }
 
-/// Plans and draws every case.
+/// Plans and times every case. Returns the table of costs.
 pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
     let view = View::new(&subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size))?;
     let cases = cases(&view)?;
@@ -110,13 +110,13 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// True if two plans differ at most in the number of splats, which is no decision of planning.
+/// True if two plans are equal apart from the number of splats, which isn't a decision of planning.
 fn decides_alike(plan: &FramePlan, other: &FramePlan) -> bool {
     *plan == FramePlan { splats: plan.splats, ..other.clone() }
 }
 
-/// Draws every case in turn, repeatedly; the first round warms up. Each case is drawn twice and timed once, as in
-/// [`super::measure`].
+/// Draws all cases in alternation, several times; the first round warms up. Each case is drawn twice and timed once, as
+/// in [`super::measure`].
 pub(super) fn measure(
     backends: &mut Backends,
     cases: &[Case],

@@ -1,5 +1,5 @@
-//! Level of detail of octrees: splats up to a size in pixels, and polygons where even the finest splats are larger.
-//! Also level of detail of points.
+//! Measurements of level of detail. An octree is drawn as splats up to a size in pixels, and as polygons where even the
+//! finest splats are larger. Point clouds are measured, too.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::{Failure, clouds};
 const ERRORS_PX: [f64; 6] = [1.0, 0.5, 1.5, 2.0, 4.0, 8.0];
 const POINT_ERRORS_PX: [f64; 4] = [1.0, 0.5, 2.0, 4.0];
 
-/// Measures a bumpy ball of polygons and its octree.
+/// Measures a bumpy ball as polygons and as an octree.
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -44,7 +44,7 @@ pub(crate) fn all(
     measure::details(&whole, &levels, backends, runs, figures)
 }
 
-/// Measures points of a bumpy ball by level of detail, and all points for comparison.
+/// Measures the points of a bumpy ball at each level of detail, and all points for comparison.
 pub(crate) fn points(
     size: u32,
     quick: bool,
@@ -85,7 +85,7 @@ fn points_in(
     measure::details(&whole, &chosen, backends, runs, figures)
 }
 
-/// Returns a cloud's centres and colours as a LAS file of format 2, with coordinates in steps of a hundred-thousandth.
+/// Returns a cloud's centres and colours as a LAS file of point format 2, with a coordinate resolution of 1e-5.
 fn las(cloud: &SplatCloud) -> Vec<u8> {
     const STEP: f64 = 1e-5;
     let (header, record) = (227_u16, 26_u16);

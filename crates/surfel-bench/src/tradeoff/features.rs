@@ -1,5 +1,6 @@
-//! Scenes with one feature each, compared with the plainest scene. Cost follows content: a scene without a feature must
-//! have the plain scene's plan whatever its settings, and so must a scene whose settings disable its feature.
+//! Scenes with one feature each, compared with the plain scene. The cost must depend only on the content. A scene
+//! without a feature must have the plan of the plain scene whatever its settings, and so must a scene whose settings
+//! disable its feature.
 
 use std::sync::Arc;
 
@@ -19,7 +20,7 @@ use crate::{Failure, clouds};
 /// Number of disks of the plain scene.
 pub(crate) const SPLATS: usize = 40_000;
 
-/// Plain scene with one feature.
+/// Variation of the plain scene by one feature.
 pub(crate) struct Case {
     pub name: &'static str,
     pub scene: Scene,
@@ -27,10 +28,10 @@ pub(crate) struct Case {
     pub planes: Planes,
     /// True if splats are stored in 16 bits.
     pub quantised: bool,
-    /// True if the scene has a feature that its settings disable, or its settings request one that it lacks. The plan
-    /// is then the plain one.
+    /// True if the feature has no effect: the settings disable it, or the settings request a feature that the scene
+    /// doesn't have. The plan must then equal the plan of the plain scene.
     pub absent: bool,
-    /// True if the scene has other splats than the plain one, so that their times can't be compared.
+    /// True if the scene has other splats than the plain scene, so that times can't be compared.
     pub other_scene: bool,
 }
 
@@ -61,7 +62,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     let by_pixel = set(|s| s.sort = Sort::Pixel);
     let principal = set(|s| s.gaussian_filter = Filter::Principal);
     let whole = set(|s| s.clip = ClipPolicy::Off);
-    // 4 px of 256: at this level of detail the octree has both splats and polygons.
+    // 4 px of an image of 256: with this level of detail, the octree has both splats and polygons.
     let octree_px = f64::from(view.size[0]) / 64.0;
     Ok(vec![
         Case::new("nothing: white disks, unlit", plain()?, unlit),
@@ -111,7 +112,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     ])
 }
 
-/// Returns the plain scene's splats after a change.
+/// Returns the splats of the plain scene after `change`.
 fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     let mut data = clouds::ball(SPLATS)?.into_data();
     data.colors = None;
@@ -120,7 +121,7 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns as many flat Gaussians in place of the plain scene's splats, with half the opacity.
+/// Returns a scene of flat Gaussians in place of the plain scene's splats, with half the opacity.
 pub(super) fn gaussians() -> Result<Scene, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let count = ball.len();
@@ -153,14 +154,14 @@ fn colors(data: &mut CloudData) {
     data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
 }
 
-/// Adds rows of a file, and a class for each.
+/// Adds input rows and class labels to the splats.
 pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());
     data.labels = Some((0..n).map(|i| i % 7).collect());
 }
 
-/// Turns the splats into balls.
+/// Replaces the disks by balls of the same radii.
 fn balls(data: &mut CloudData) {
     if let Shape::Disks { radii, .. } = &data.shape {
         data.shape = Shape::Balls { radii: radii.clone(), in_pixels: false, flat: false };
@@ -171,7 +172,7 @@ fn alphas(data: &mut CloudData) {
     data.alphas = Some(vec![0.5; data.centers.len()]);
 }
 
-/// Turns the splats into ellipses, so that they can be clipped.
+/// Replaces the splats by ellipses, which can be clipped.
 fn ellipses(data: &mut CloudData) {
     if let Shape::Disks { normals, radii } = &data.shape {
         let axes = |i: usize| {
@@ -210,7 +211,7 @@ fn clay(scene: Scene) -> Scene {
     Scene { matcap: Some(Matcap::builtin()), ..scene }
 }
 
-/// Adds another object with another material, outside of the view.
+/// Adds an object with another material, which is outside of the view.
 fn materials(mut scene: Scene) -> Scene {
     let away = DAffine3::from_translation(DVec3::X * 50.0);
     let other = scene.objects.first().map(|first| Object {
@@ -222,7 +223,7 @@ fn materials(mut scene: Scene) -> Scene {
     scene
 }
 
-/// Adds a quad through the splats.
+/// Adds a quad of polygons that intersects the splats.
 fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     let corners = [[-2.0, -0.4, -2.0], [2.0, -0.4, -2.0], [2.0, -0.4, 2.0], [-2.0, -0.4, 2.0]].map(Vec3::from);
     let mesh = Mesh {
@@ -235,7 +236,7 @@ fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     Ok(scene)
 }
 
-/// Returns the same surface as an octree.
+/// Returns the surface of the plain scene as an octree.
 fn octree() -> Result<Scene, Failure> {
     let mut mesh = clouds::bumpy_mesh(64);
     mesh.colors = None;

@@ -1,4 +1,4 @@
-//! Measurements, as stored in JSON.
+//! Results of the trade-off measurements, as stored in JSON.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,25 +8,25 @@ use crate::report::BackendFacts;
 /// Version of the JSON format. It increases whenever a field changes its meaning, but not with new fields.
 const VERSION: u32 = 1;
 
-/// Figures of a run.
+/// Results of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Figures {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
-    /// Size of every image, pixels.
+    /// Width and height of every image, in pixels.
     pub size: [u32; 2],
-    /// Number of frames of which times are the median.
+    /// Number of frames per variant; times are medians of these.
     pub runs: usize,
     pub subjects: Vec<SubjectFacts>,
     pub rows: Vec<Row>,
     /// Subjects that weren't drawn, with the reason.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
-    /// Duration of the whole run.
+    /// Duration of the whole run, in seconds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Figures of other backends, with fewer subjects and smaller images.
+    /// Results of other backends, with fewer subjects and smaller images.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<Self>,
 }
@@ -36,16 +36,16 @@ pub(crate) struct Figures {
 pub(crate) struct SubjectFacts {
     pub name: String,
     pub about: String,
-    /// Truth that model errors are relative to.
+    /// Description of the ideal image that model errors are measured against.
     pub truth: String,
     pub splats: u64,
 }
 
-/// Difference between the colours of two images, linear and premultiplied.
+/// Difference between the colours of two images, which are linear and premultiplied.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Error {
     pub max_abs: f64,
-    /// Quantile: 99.9 % of the pixels have at most this error.
+    /// The 99.9 % quantile of the errors of pixels.
     pub p999: f64,
     pub rmse: f64,
     /// PSNR in dB; `None` for equal images.
@@ -60,25 +60,25 @@ pub(crate) struct Row {
     pub value: String,
     /// Reason why the backend can't draw the image. The figures then describe the reference's image.
     pub not_drawn: Option<String>,
-    /// Median time of a frame, milliseconds: CPU time on one thread, or wall-clock time of a GPU.
+    /// Median time of a frame, in milliseconds: CPU time on one thread, or wall-clock time of a GPU.
     pub ms: Option<f64>,
-    /// All splats of the scene divided by that time.
+    /// Number of splats of the scene divided by `ms`.
     pub splats_per_s: Option<f64>,
     pub bytes_per_splat: Option<f64>,
     pub fragments: Option<u64>,
-    /// Difference between the backend and the reference at the same settings, outside of decision margins.
+    /// Difference between the backend's image and the reference's with the same settings, outside of decision margins.
     pub fidelity: Option<Error>,
-    /// Difference from the subject's truth; `None` if there is no truth for this knob.
+    /// Model error: difference from the subject's ideal image; `None` if there is none for this setting.
     pub model: Option<Error>,
-    /// Difference from the truth without rims: in pixels that the truth covers completely, together with their
-    /// neighbours. `None` if there are none.
+    /// Model error without silhouettes: only in pixels that the ideal image covers completely, together with their
+    /// neighbours. `None` if there are no such pixels.
     pub model_inside: Option<Error>,
     pub model_flip: Option<f64>,
-    /// Relative RMS difference of Z where both images have one.
+    /// Relative RMS difference of depth `Z` in pixels where both images have a depth.
     pub model_depth: Option<f64>,
-    /// RMS angle between normals where both images have one, degrees.
+    /// RMS angle between normals, in degrees, in pixels where both images have a normal.
     pub model_normal_deg: Option<f64>,
-    /// PSNR against the reference's image with the preset `reference`, dB; `None` for equal images.
+    /// PSNR against the reference's image with the preset `reference`, in dB; `None` for equal images.
     pub from_reference_preset_db: Option<f64>,
 }
 
@@ -98,7 +98,7 @@ impl Figures {
         }
     }
 
-    /// Returns the row of a subject, knob and value.
+    /// Returns the row with this subject, setting (`knob`) and value.
     pub(crate) fn row(&self, subject: &str, knob: &str, value: &str) -> Option<&Row> {
         self.rows.iter().find(|r| r.subject == subject && r.knob == knob && r.value == value)
     }

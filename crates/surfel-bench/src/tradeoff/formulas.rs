@@ -1,5 +1,5 @@
-//! Cost and error of the innermost formulas, the kernel and the reciprocal. They are no settings: the ones in use are
-//! the fastest whose error is invisible, as this measurement shows.
+//! Cost and error of the innermost formulas: the kernel and the reciprocal. No option selects them. This measurement
+//! shows that the formulas in use are the fastest whose error is invisible.
 
 use std::time::Instant;
 
@@ -9,9 +9,9 @@ use surfel_cpu::formulas::{Formula, Reciprocal, Weight};
 use super::measure::median;
 use crate::Failure;
 
-/// Numbers per run, few enough for the first-level cache.
+/// Number of values per run; few enough for the first-level cache.
 const COUNT: usize = 2048;
-/// Passes over the numbers per measurement of time.
+/// Number of passes over the values per measurement of time.
 const PASSES: usize = 40;
 /// Number of measurements of time.
 const RUNS: usize = 15;
@@ -21,10 +21,10 @@ struct Case {
     formula: Formula,
     inputs: Vec<f32>,
     exact: fn(f64) -> f64,
-    /// Largest error of a weight per error of the formula: e^(−2ρ²) changes by at most 2/e times a relative error of
-    /// 1/w.
+    /// Largest error of a weight divided by the error of the formula. e^(−2ρ²) changes by at most 2/e times a relative
+    /// error of 1/w.
     per_error: f64,
-    /// Reason why the formula is used, or isn't.
+    /// Reason for or against using the formula.
     verdict: &'static str,
 }
 
@@ -66,7 +66,7 @@ fn cases() -> Option<Vec<Case>> {
     };
     let reciprocal = |name, way, verdict| {
         let (inputs, exact): (_, fn(f64) -> f64) = (over(0.66, 2.01), |x| 1.0 / x);
-        // The factor is for relative errors, which equal absolute ones at w = 1, a splat's centre.
+        // The factor is for relative errors. They equal absolute errors at w = 1, which is the centre of a splat.
         let per_error = 2.0 / std::f64::consts::E;
         Some(Case { name, formula: Formula::reciprocal(way)?, inputs, exact, per_error, verdict })
     };

@@ -1,4 +1,4 @@
-//! Trained Gaussians: sort order, filter, and their replacement by surfaces.
+//! Trade-offs of trained Gaussians: sort order, filter, and drawing them as surfaces instead.
 
 use glam::{DQuat, DVec3};
 use surfel_math::gaussian::SH_C0;
@@ -12,10 +12,10 @@ use super::subjects::{self, Approximates, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// Number of Gaussians of each of the three shells.
+/// Number of Gaussians in each of the three shells.
 const SPLATS: usize = 12_000;
 
-/// Measures every sort order and filter of Gaussians; the first is the default.
+/// Measures every sort order and filter of Gaussians. The first variant is the default.
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -58,7 +58,8 @@ fn subject(scene: &Scene, settings: Settings, size: u32, samples: u32) -> Subjec
     }
 }
 
-/// Returns shells of Gaussians, each tilted against its surface by up to a right angle, so that they intersect.
+/// Returns three shells of Gaussians. Each Gaussian is tilted against its shell by up to 90°, so that Gaussians
+/// intersect.
 fn shells() -> Result<GaussianCloud, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let mut numbers = clouds::Random(1);
@@ -68,7 +69,7 @@ fn shells() -> Result<GaussianCloud, Failure> {
     for (shell, scale) in [1.0, 0.85, 0.7].into_iter().enumerate() {
         for i in 0..ball.len() {
             centers.push(ball.center(i) * scale);
-            // Sizes are a fifth to six times the median, more small than large ones.
+            // Sizes are between 1/5 and 6 times the median, with more small than large ones.
             let sigma = 0.5 * ball.radius_max(i) * scale * 30f64.powf(random()) / 5.0;
             sigmas.push([sigma as f32, (sigma * (0.2 + 0.8 * random())) as f32, 0.0]);
             let tilt = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * 2.0;
@@ -95,7 +96,7 @@ fn shells() -> Result<GaussianCloud, Failure> {
     Ok(GaussianCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns the surface of `--composite surface`: opaque ellipses of two standard deviations.
+/// Returns the splats of `--composite surface`: opaque ellipses with half-axes of two standard deviations.
 fn ellipses(gaussians: &GaussianCloud) -> Result<SplatCloud, Failure> {
     let kept: Vec<usize> =
         (0..gaussians.len()).filter(|&i| gaussians.data().opacities[i] >= GaussianCloud::FAINT).collect();

@@ -10,7 +10,7 @@ use surfel_light::{LightOptions, light_scene};
 use surfel_model::{Geometry, Object, Sky};
 use surfel_model::{Scene, SplatCloud};
 
-/// Numbers of directions, and sides of the maps; the defaults are 128 and 384.
+/// Measured numbers of directions and sides of the maps; the first pair is the default.
 const LEVELS: [(u32, u32); 10] = [
     (128, 384),
     (16, 384),
@@ -23,14 +23,15 @@ const LEVELS: [(u32, u32); 10] = [
     (128, 512),
     (128, 1024),
 ];
-/// Half-width of the floor in radii of the ball on it, and distance between its splats.
+/// Half-width of the floor in radii of the ball, and spacing of the floor's splats.
 const FLOOR: (f32, f32) = (3.0, 0.05);
 /// Number of splats of the ball.
 const BALL: u32 = 6000;
-/// Distance from the contact below which points aren't compared: the gap is too narrow for the offset of lookups.
+/// Distance from the point of contact within which points aren't compared. The gap there is too narrow for the offset
+/// of lookups.
 const CONTACT: f64 = 0.5;
 
-/// Measures the light on a floor below a ball of disks, against the closed form of the ball's form factor.
+/// Measures the stored light on a floor below a ball of disks, against the closed form: the form factor of a sphere.
 pub(crate) fn table() -> Result<Table, Failure> {
     let scene = scene()?;
     let mut table = Table::new(&["directions", "texels of a map", "time", "error, RMSE", "largest error"]);
@@ -74,7 +75,7 @@ fn scene() -> Result<Scene, Failure> {
     Ok(Scene { objects: vec![Object::from(floor), Object::from(ball)], ..Scene::default() })
 }
 
-/// Returns the root mean square and the largest error of the light of a floor.
+/// Returns the root mean square error and the largest error of the light on a floor.
 fn errors(floor: &Object) -> (f64, f64) {
     let Geometry::Splats(cloud) = &floor.geometry else { return (f64::NAN, f64::NAN) };
     let (mut sum, mut worst, mut count) = (0.0, 0.0f64, 0u32);

@@ -1,4 +1,5 @@
-//! Draws every variant of every subject, times it, and measures both kinds of error.
+//! Measurement of variants: draws every variant of every subject, times it, and measures its fidelity and its model
+//! error.
 
 use std::time::Instant;
 
@@ -16,7 +17,7 @@ use super::variants::{self, Only, Variant};
 use crate::Failure;
 use crate::machine::busy_ms;
 
-/// Backend under test, a second instance that stores splats in 16 bits, and the reference.
+/// Backends of a measurement: the tested one, a second instance that stores splats in 16 bits, and the reference.
 pub(crate) struct Backends {
     pub wide: Backend,
     pub narrow: Backend,
@@ -39,11 +40,11 @@ impl Backends {
     }
 }
 
-/// Variant during its measurement.
+/// Variant that is being measured.
 struct Ready {
     variant: Variant,
     settings: Settings,
-    /// Index of its scene among the uploaded ones.
+    /// Index of the variant's scene among the uploaded scenes.
     scene: usize,
     frame: Frame,
     stats: Stats,
@@ -51,8 +52,8 @@ struct Ready {
     ms: Vec<f64>,
 }
 
-/// Draws a single geometry, with back faces culled and a shader without light. Returns the image and the median time of
-/// `runs` frames.
+/// Draws a single geometry with back-face culling and without light. Returns the image and the median time of `runs`
+/// frames, in milliseconds.
 pub(super) fn draw_alone(
     backends: &mut Backends,
     geometry: &Geometry,
@@ -75,16 +76,16 @@ pub(super) fn draw_alone(
     Ok((image, crate::report::median(&ms)))
 }
 
-/// Effort of a measurement.
+/// Extent of a measurement.
 #[derive(Clone, Copy)]
 pub(crate) struct Pace {
-    /// Number of frames of which a time is the median.
+    /// Number of frames per variant; a time is the median of these.
     pub runs: usize,
-    /// True to measure fewer variants.
+    /// True to measure only some of the variants.
     pub quick: bool,
 }
 
-/// Measures one subject and adds its rows.
+/// Measures one subject and appends its rows.
 pub(crate) fn subject(
     subject: &Subject,
     backends: &mut Backends,
@@ -111,7 +112,7 @@ pub(crate) fn subject(
     let reference = &mut backends.reference;
     let truth = truth(subject, reference, &exact, &view)?;
     let best = image(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
-    // Variants with equal settings (other storage, some presets) share one reference image.
+    // Variants with equal settings (other storage, some presets) share one image of the reference.
     let mut drawn: Vec<(Settings, Option<Frame>)> = Vec::new();
     for one in ready {
         let known = drawn.iter().position(|(settings, _)| *settings == one.settings);
@@ -125,8 +126,8 @@ pub(crate) fn subject(
     Ok(())
 }
 
-/// Measures scenes that show the same object in different detail, and adds their rows. The first one is the default.
-/// The truth is that of `subject`, which isn't drawn.
+/// Measures scenes that show one object at different levels of detail, and appends their rows. The first scene is the
+/// default. The ideal image is that of `subject`, whose own scene isn't drawn.
 pub(crate) fn details(
     subject: &Subject,
     levels: &[(Variant, Subject)],
@@ -152,7 +153,7 @@ pub(crate) fn details(
     Ok(())
 }
 
-/// Draws a variant's first image, with all planes.
+/// Draws the first image of a variant, with all planes.
 fn first_image(
     backends: &mut Backends,
     (scenes, scene): (&[BackendScene], usize),
@@ -190,9 +191,9 @@ fn draw(
     backend.render_into(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
 }
 
-/// Times all variants in turn, repeatedly, so that disturbances of the machine affect all equally. Only colours are
-/// drawn. Each variant is drawn twice and timed once, so that the caches' contents from the slowest variant don't
-/// affect the next one.
+/// Times all variants in alternation, several times, so that disturbances of the machine affect all equally. Only
+/// colours are drawn. Each variant is drawn twice and timed once, so that the cache contents of the previous variant
+/// have no effect.
 fn time(
     backends: &mut Backends,
     scenes: &[BackendScene],
@@ -263,17 +264,17 @@ fn row(
         let mask: Vec<bool> = want.margin().iter().map(|&m| m == 0.0).collect();
         error(one.frame.color(), want.color(), &mask)
     });
-    // Another shader gives another image.
+    // Images of different shaders can't be compared.
     let comparable = one.settings.shader == subject.settings.shader;
     let (mut model, mut model_flip, mut depth, mut normal) = (None, None, None, None);
     let mut model_inside = None;
-    // Both images are the reference's, so that fidelity doesn't contribute.
+    // Both images are drawn by the reference, so that fidelity has no effect.
     let best = best.zip(at_same).filter(|_| one.variant.preset().is_some());
     let from_best = best.map(|(best, same)| error(same.color(), best.color(), &vec![true; best.color().len()]));
     if let Some(frame) = shown.filter(|_| comparable) {
         model = Some(error(frame.color(), &truth.color, &truth.mask));
         let inside = truth.inside(size);
-        // An opaque background covers every pixel, so there is no rim.
+        // An opaque background covers every pixel, so there are no silhouettes.
         let has_rim = subject.scene.background[3] == 0.0 && inside.contains(&true);
         model_inside = has_rim.then(|| error(frame.color(), &truth.color, &inside));
         model_flip = Some(flip(size, frame.color(), truth)?);
@@ -308,7 +309,7 @@ pub(super) fn median(values: &[f64]) -> Option<f64> {
     sorted.get(sorted.len() / 2).copied()
 }
 
-/// Returns the difference between colours of the pixels in the mask.
+/// Returns the difference between the colours of two images, in the pixels of the mask.
 fn error(got: &[[f32; 4]], want: &[[f32; 4]], mask: &[bool]) -> Error {
     let (mut squares, mut worst) = (0.0, Vec::new());
     for ((got, want), _) in got.iter().zip(want).zip(mask).filter(|(_, counts)| **counts) {

@@ -1,4 +1,4 @@
-//! `cargo xtask tradeoff`: cost of every knob in time and in error.
+//! `cargo xtask tradeoff`: measures the cost of every setting (*knob*) in time and in error.
 
 mod costs;
 mod detail;
@@ -74,7 +74,7 @@ enum Which {
 }
 
 impl Which {
-    /// Returns the names of the backends, in order, each once.
+    /// Returns the names of the requested backends, in order, each once.
     fn names(asked: &[Self]) -> Vec<&'static str> {
         let mut names = Vec::new();
         for which in asked {
@@ -93,11 +93,11 @@ impl Which {
 
 const RUNS: usize = 15;
 const QUICK_RUNS: usize = 5;
-/// Number of runs of backends after the first, which are drawn mainly for their fidelity.
+/// Number of runs of the backends after the first one, which are measured mainly for their fidelity.
 const OTHERS_RUNS: usize = 3;
 const OTHERS_SIZE: u32 = 128;
 
-/// Results of a run, for printing and for the page.
+/// Results of all measurements, for printing and for the page.
 pub(crate) struct Findings {
     pub figures: Figures,
     pub values: Vec<verdict::Value>,
@@ -108,7 +108,7 @@ pub(crate) struct Findings {
     pub scans: Table,
     pub normals: Table,
     pub light: Table,
-    /// Other backends, with tables of the fidelity of their knobs.
+    /// Results of other backends, with tables of their fidelity by setting.
     pub others: Vec<(BackendFacts, Table)>,
 }
 
@@ -190,7 +190,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// True if a subject of this name is requested.
+    /// True if the subject with this name is requested.
     fn wants(&self, name: &str) -> bool {
         self.subject.is_empty() || self.subject.iter().any(|word| name.contains(word.as_str()))
     }
@@ -210,7 +210,7 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Sub
     Ok(subjects)
 }
 
-/// Measures a backend other than the first: generated subjects without models, in small images.
+/// Measures a backend other than the first one, with small images of generated subjects.
 fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figures, Failure> {
     let facts = facts(&backends.wide);
     eprintln!("{} ({})", facts.name, facts.adapter);

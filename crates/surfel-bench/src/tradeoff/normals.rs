@@ -1,4 +1,4 @@
-//! Ways to store a normal: the reason why normals have no setting besides the storage of splats.
+//! Comparison of ways to store a normal. It shows why the storage of splats is the only setting that concerns normals.
 
 use std::f64::consts::PI;
 
@@ -6,7 +6,7 @@ use crate::page::Table;
 use glam::DVec3;
 use surfel_math::{V3, quantise};
 
-/// Number of evenly spread directions, over which errors are maximised.
+/// Number of evenly distributed directions, over which the largest error is determined.
 const DIRECTIONS: u32 = 40_000;
 
 struct Way {
@@ -44,7 +44,7 @@ const WAYS: [Way; 5] = [
     },
 ];
 
-/// Rounds a direction's two octahedral coordinates to `steps` steps on each side of zero.
+/// Rounds the two octahedral coordinates of a direction to `steps` steps on each side of zero.
 fn octahedron(n: DVec3, steps: f64) -> DVec3 {
     let folded = quantise::folded(V3::new(n.x as f32, n.y as f32, n.z as f32));
     let [x, y] = folded.map(|c| (f64::from(c) * steps).round() / steps);
@@ -52,13 +52,13 @@ fn octahedron(n: DVec3, steps: f64) -> DVec3 {
     DVec3::new(v.x, v.y, v.z)
 }
 
-/// Returns the nearest half float: eleven bits, least normal exponent −14.
+/// Returns the nearest half float, which has eleven significant bits and a least normal exponent of −14.
 fn half(value: f64) -> f64 {
     let unit = (value.abs().log2().floor().max(-14.0) - 10.0).exp2();
     (value / unit).round_ties_even() * unit
 }
 
-/// Returns a table of every way with its memory and its error.
+/// Returns a table of every way to store a normal, with its memory and its error.
 pub(crate) fn table() -> Table {
     let mut table = Table::new(&["normals as", "bytes a splat", "largest error", "of a lit colour", "verdict"]);
     for Way { name, bytes, keep, verdict } in &WAYS {
@@ -67,7 +67,7 @@ pub(crate) fn table() -> Table {
             (*name).to_owned(),
             bytes.to_string(),
             format!("{:.1e}°", radians.to_degrees()),
-            // n·l changes by at most the angle of the normal.
+            // n·l changes by at most the angle between the normals, in radians.
             format!("{radians:.1e}"),
             (*verdict).to_owned(),
         ]);
@@ -75,7 +75,7 @@ pub(crate) fn table() -> Table {
     table
 }
 
-/// Returns the largest angle between a direction and its stored form, radians.
+/// Returns the largest angle between a direction and its stored form, in radians.
 fn largest_error(keep: fn(DVec3) -> DVec3) -> f64 {
     let golden = PI * (3.0 - 5f64.sqrt());
     let direction = |i: u32| {

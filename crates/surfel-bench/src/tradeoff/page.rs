@@ -1,4 +1,4 @@
-//! Page of the trade-offs: recommendations, costs, and errors of images.
+//! Page of the trade-off measurements: recommendations, costs, and errors of images.
 
 use crate::chart::{Axis, Chart, Series, Style};
 use crate::page::Page;
@@ -8,7 +8,7 @@ use super::figures::Figures;
 use super::variants::DEFAULT;
 use super::verdict;
 
-/// Returns a self-contained page.
+/// Returns the page as a self-contained HTML file.
 pub(crate) fn page(findings: &Findings) -> String {
     let mut page = Page::new("Speed against accuracy");
     introduction(&mut page, &findings.figures);
@@ -21,7 +21,7 @@ pub(crate) fn page(findings: &Findings) -> String {
     page.html()
 }
 
-/// Writes what the page compares, and the machine.
+/// Writes the introduction: what is compared, and on which machine.
 fn introduction(page: &mut Page, figures: &Figures) {
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each image below \
@@ -50,7 +50,7 @@ fn introduction(page: &mut Page, figures: &Figures) {
     }
 }
 
-/// Writes the presets, the settings and the papers' claims.
+/// Writes the sections on presets, settings, and claims of papers.
 fn settings(page: &mut Page, findings: &Findings) {
     let Findings { figures, values, .. } = findings;
     page.section("Which preset?");
@@ -73,7 +73,7 @@ fn settings(page: &mut Page, findings: &Findings) {
     page.table(&verdict::claims(figures));
 }
 
-/// Writes the costs of features, planes and options, and of formulas that no setting chooses.
+/// Writes the sections on the costs of features, planes and options, and of formulas that no option selects.
 fn options(page: &mut Page, findings: &Findings) {
     let Findings { features, planes, formulas, textures, scans, normals, .. } = findings;
     page.section("What a scene's features cost");
@@ -123,7 +123,7 @@ fn options(page: &mut Page, findings: &Findings) {
     page.table(normals);
 }
 
-/// Writes the cost and error of stored light.
+/// Writes the section on the cost and error of stored light.
 fn light(page: &mut Page, findings: &Findings) {
     page.section("Light of a sky");
     page.paragraph(
@@ -134,7 +134,7 @@ fn light(page: &mut Page, findings: &Findings) {
     page.table(&findings.light);
 }
 
-/// Writes the fidelity of the other backends.
+/// Writes the sections on the fidelity of the other backends.
 fn other_backends(page: &mut Page, findings: &Findings) {
     for (backend, table) in &findings.others {
         page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
@@ -153,7 +153,7 @@ fn other_backends(page: &mut Page, findings: &Findings) {
     }
 }
 
-/// Writes a chart of each subject.
+/// Writes the section with a chart per subject.
 fn subjects(page: &mut Page, figures: &Figures) {
     page.section("Subjects");
     page.paragraph(
@@ -166,14 +166,14 @@ fn subjects(page: &mut Page, figures: &Figures) {
         page.heading(&subject.name);
         page.paragraph(&format!("{} ({} splats). Truth: {}.", subject.about, subject.splats, subject.truth));
         let chart = chart(figures, &subject.name);
-        // The front alone makes two series.
+        // A chart that has only the Pareto front has two series.
         if chart.series.len() > 2 {
             page.chart(&chart);
         }
     }
 }
 
-/// Writes the model errors of all subjects.
+/// Writes the section on the model errors of all subjects.
 fn errors(page: &mut Page, figures: &Figures) {
     page.section("Model errors (RMSE)");
     page.table(&verdict::errors(figures, |r| r.model));
@@ -185,13 +185,14 @@ fn errors(page: &mut Page, figures: &Figures) {
     page.table(&verdict::errors(figures, |r| r.model_inside));
 }
 
-/// Index of the palette's black.
+/// Index of black in the palette.
 const BLACK: usize = 7;
 
-/// Largest error in a chart, relative to the least one of other variants; a perfect variant would compress all others.
+/// Largest error in a chart, relative to the smallest nonzero one. Without a limit, a nearly perfect variant would
+/// compress the range of all others.
 const MOST_RANGE: f64 = 100.0;
 
-/// Returns a chart of time against model error, with a point per variant and the Pareto front.
+/// Returns a chart of time against model error, with a point per variant, and with the Pareto front.
 fn chart(figures: &Figures, subject: &str) -> Chart {
     let rows = figures.rows.iter().filter(|r| r.subject == subject && r.knob != "shader");
     let points = rows.filter_map(|r| Some((r.knob.as_str(), r.value.as_str(), [r.ms?, r.model?.rmse])));
@@ -211,13 +212,13 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         better
     });
     let mut series = vec![Series::new("front", Style::Steps, 6, front)];
-    // The default comes last, on top of all others.
+    // The default comes last, so that it is drawn on top of all others.
     groups.retain(|knob| *knob != DEFAULT);
     groups.push(DEFAULT);
     for (color, knob) in groups.iter().enumerate() {
         let of_knob = || points.iter().filter(|p| p.0 == *knob);
-        // A paper's setting is labelled by the paper's name; values that mean nothing alone are labelled with their
-        // knob.
+        // The setting of a paper is labelled by the name of the paper. A value that is meaningless alone is labelled
+        // with its setting.
         let label = |p: &(&str, &str, [f64; 2])| match (p.1.split_once('('), p.1) {
             (Some((_, name)), _) => name.trim_end_matches(')').to_owned(),
             (None, "on") => "edges".to_owned(),
@@ -228,7 +229,7 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         series.push(Series {
             name: (*knob).to_owned(),
             style: Style::Points,
-            // Only the default is black.
+            // Black is used only for the default.
             color: if is_default { BLACK } else { color + usize::from(color >= BLACK) },
             points: of_knob().map(|p| p.2).collect(),
             labels: of_knob().map(label).collect(),

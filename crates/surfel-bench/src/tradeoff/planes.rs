@@ -1,4 +1,5 @@
-//! Cost of every plane of an image compared with colour alone, and its errors against the reference and the truth.
+//! Cost of each plane of an image compared with colour alone, and errors of planes against the reference and the ideal
+//! image.
 
 use std::sync::Arc;
 
@@ -15,27 +16,27 @@ use super::subjects::{self, Approximates};
 use super::truth::Truth;
 use crate::Failure;
 
-/// Plane, the bytes of its pixels, and its errors.
+/// Plane to be measured, with its bytes per pixel and its error measures.
 struct Plane {
     name: &'static str,
     planes: Planes,
     bytes: usize,
     /// Description of the error measure.
     error: &'static str,
-    /// Error between two frames, over the pixels of a mask.
+    /// Function that measures the error between two frames in the pixels of a mask.
     between: fn(&Frame, &Frame, &[bool]) -> f64,
-    /// Error against the closed form of the sphere, if the plane has one.
+    /// Function that measures the error against the closed form of the sphere; `None` if the plane has no closed form.
     truth: Option<fn(&Frame, &Truth) -> Option<f64>>,
-    /// True for planes of Gaussians.
+    /// True for planes that only trained Gaussians have.
     of_gaussians: bool,
 }
 
-/// Returns the largest value of a function over the pixels of a mask; 0 for an empty mask.
+/// Returns the largest value of `error` over the pixels of a mask; 0 for an empty mask.
 fn largest(mask: &[bool], error: impl Fn(usize) -> f64) -> f64 {
     (0..mask.len()).filter(|&i| mask[i]).map(error).fold(0.0, f64::max)
 }
 
-/// Returns |a − b| relative to b; 0 if both are equal or infinite.
+/// Returns |a − b| relative to |b|; 0 if both are equal, even infinite.
 fn relative(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { f64::from((a - b) / b).abs() }
 }
@@ -118,14 +119,14 @@ fn all() -> Vec<Plane> {
     ]
 }
 
-/// Returns the RMS distance of positions from the unit sphere, where the truth has one.
+/// Returns the RMS distance of positions from the unit sphere, in the pixels where the sphere is visible.
 fn off_the_sphere(frame: &Frame, truth: &Truth) -> Option<f64> {
     let there = frame.position().iter().zip(&truth.depth).filter(|(p, z)| z.is_finite() && p[0].is_finite());
     let (sum, n) = there.fold((0.0, 0.0), |(s, n), (p, _)| (s + (vector(*p).length() - 1.0).powi(2), n + 1.0));
     (n > 0.0).then(|| (sum / n).sqrt())
 }
 
-/// Draws every plane, and colour alone for comparison.
+/// Measures a frame with each plane, and a frame with colour alone for comparison.
 pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
     let mut ball = subjects::ball(size)?;
     for object in &mut ball.scene.objects {
@@ -178,7 +179,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// Returns the largest error outside of decision margins, and the error against the sphere.
+/// Returns the largest error of a plane outside of decision margins, and its error against the sphere.
 fn errors(
     backends: &mut Backends,
     plane: &Plane,

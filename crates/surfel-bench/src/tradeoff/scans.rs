@@ -15,14 +15,14 @@ use crate::{Failure, clouds};
 
 /// Number of points of the ball.
 const POINTS: usize = 200_000;
-/// One of this many points is a stray, anywhere in a box about the ball.
+/// Ratio of all points to outliers. Outliers are anywhere in a box around the ball.
 const STRAY: usize = 500;
-/// Noise of points perpendicular to the surface, relative to their spacing.
+/// Standard deviation of the noise perpendicular to the surface, relative to the spacing of points.
 const NOISE: f64 = 0.2;
 
 struct Row {
     option: &'static str,
-    /// Fraction of the points that are used.
+    /// Fraction of the points that are selected.
     share: f64,
     radius_scale: f64,
     drops: bool,
@@ -43,7 +43,7 @@ const fn row(option: &'static str, share: f64, radius_scale: f64, drops: bool) -
     Row { option, share, radius_scale, drops }
 }
 
-/// Measures every option, from points to image.
+/// Measures every option, from points to the image.
 pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
     let head = ["option", "splats", "ms to make", "ms a frame", "RMSE", "RMSE of normals", "holes"];
     let mut table = Table::new(&head);
@@ -83,7 +83,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// Returns points of the ball with noise, and strays, without normals.
+/// Returns points of the ball with noise and outliers, without normals.
 fn scan() -> Result<PointCloud, Failure> {
     let cloud = clouds::ball(POINTS)?;
     let spacing = (4.0 * std::f64::consts::PI / POINTS as f64).sqrt();
@@ -93,7 +93,7 @@ fn scan() -> Result<PointCloud, Failure> {
         let place = if i.is_multiple_of(STRAY) {
             glam::DVec3::new(even(), even(), even()) * 1.5
         } else {
-            // Uniform noise with the standard deviation of a normal distribution.
+            // Uniform noise that has the standard deviation of a normal distribution.
             cloud.center(i) + cloud.normal(i) * (NOISE * spacing * 3f64.sqrt() * even())
         };
         place.as_vec3()

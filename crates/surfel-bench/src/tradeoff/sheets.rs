@@ -1,5 +1,5 @@
-//! Cost of the rule for thin sheets (rendering model, §5): time and error of oriented clouds whose two sides the rule
-//! blends separately, and of the same clouds without their back sides.
+//! Cost of the rule for thin sheets (rendering model, §5), which blends the two sides of oriented clouds separately.
+//! Time and error are also measured for the same clouds without their back sides.
 
 use std::sync::Arc;
 
@@ -16,11 +16,11 @@ use super::truth::{self, Met};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// Name of the knob.
+/// Name of this setting in the tables.
 const KNOB: &str = "sheets";
-/// Number of splats of the roof and its walls.
+/// Number of splats of the roof and the walls.
 const SPLATS: usize = 30_000;
-/// Elevation from which the roof is seen, in degrees.
+/// Elevation of the camera above the roof, in degrees.
 const ELEVATION_DEG: f64 = 25.0;
 /// Boxes of a thin roof and of the walls that end at its underside: middle, half size and colour.
 const BOXES: [(DVec3, DVec3, [f64; 3]); 5] = {
@@ -36,7 +36,7 @@ const BOXES: [(DVec3, DVec3, [f64; 3]); 5] = {
     ]
 };
 
-/// Measures a thin roof over walls, and a closed surface without a sheet. The first value is the default.
+/// Measures a thin roof over walls, and a watertight surface without thin sheets. The first variant is the default.
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -62,7 +62,8 @@ pub(crate) fn all(
     measure_sides(("ball with back", about), ball, &camera, samples, backends, runs, figures)
 }
 
-/// Measures a closed oriented cloud with both sides, with its back culled, and with sides that aren't kept apart.
+/// Measures an oriented cloud in three variants: with both sides, with back-face culling, and with sides that aren't
+/// separated.
 fn measure_sides(
     (name, about): (&'static str, &'static str),
     cloud: SplatCloud,
@@ -102,7 +103,7 @@ fn measure_sides(
     measure::details(&subject(true, Cull::Back, truth), &levels, backends, runs, figures)
 }
 
-/// Returns the boxes as one mesh.
+/// Returns the boxes of the roof and the walls as one mesh.
 fn house() -> Mesh {
     let (mut positions, mut triangles, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     for (middle, half, color) in BOXES {
@@ -123,7 +124,7 @@ fn house() -> Mesh {
     Mesh { positions: Column3::from_f32(positions as Vec<Vec3>), triangles, colors: Some(colors), ..Mesh::default() }
 }
 
-/// Returns the nearest intersection of a ray and the boxes.
+/// Returns the nearest intersection of a ray with the boxes; `None` if there is none.
 fn seen(eye: DVec3, ray: DVec3) -> Option<Met> {
     let met = |(middle, half, color): &(DVec3, DVec3, [f64; 3])| {
         let (a, b) = ((*middle - *half - eye) / ray, (*middle + *half - eye) / ray);

@@ -1,4 +1,4 @@
-//! Subjects on which knobs are measured: scenes that stress them, each with its truth.
+//! Subjects of the trade-off measurements: scenes that are sensitive to settings, each with its ideal image.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -15,10 +15,10 @@ use surfel_sample::NoProgress;
 use super::truth::{self, Truth};
 use crate::{Failure, clouds};
 
-/// Scene, its view, and the truth that its image approximates.
+/// Scene with its view, and with the ideal image that its image approximates.
 pub(crate) struct Subject {
     pub name: &'static str,
-    /// Description of the features that the scene stresses.
+    /// Description of the features to which the scene is sensitive.
     pub about: &'static str,
     pub scene: Scene,
     pub camera: Camera,
@@ -26,22 +26,22 @@ pub(crate) struct Subject {
     pub truth: Approximates,
     pub clips: bool,
     pub transparent: bool,
-    /// True if the subject is generated, without a file.
+    /// True if the subject is generated; false if it is read from a file.
     pub is_made: bool,
 }
 
-/// Truth that an image approximates.
+/// Ideal image that a subject's image approximates.
 pub(crate) enum Approximates {
-    /// A surface in closed form, box-filtered.
+    /// Surface in closed form, box-filtered over pixels.
     Surface(Truth),
-    /// The subject's own splats without a filter, by this number of samples along a pixel's side.
+    /// Supersampled image of the subject's splats without a filter. The number is that of samples along a pixel's side.
     Samples(u32),
-    /// The reference's image with these settings.
+    /// Image that the reference draws with these settings.
     Drawn(Settings),
 }
 
 impl Approximates {
-    /// Returns a description of the truth.
+    /// Returns a description of the ideal image.
     pub(crate) fn words(&self) -> String {
         match self {
             Self::Surface(_) => "the surface in closed form, 8×8 samples a pixel".into(),
@@ -54,11 +54,11 @@ impl Approximates {
 /// Subjects to measure, and subjects that are skipped.
 pub(crate) struct Subjects {
     pub wanted: Vec<Subject>,
-    /// Name of each skipped subject, and the reason.
+    /// Names of skipped subjects, with the reasons.
     pub left_out: Vec<(&'static str, String)>,
 }
 
-/// Returns all subjects whose files exist, `size` pixels wide and high.
+/// Returns all subjects whose files exist. Images are `size` pixels wide and high.
 pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Subjects, Failure> {
     let samples = if quick { 4 } else { 8 };
     let mut subjects = vec![
@@ -125,7 +125,7 @@ fn scene(mut cloud: SplatCloud) -> Scene {
     Scene { objects: vec![object(cloud)], matcap: Some(Matcap::builtin()), ..Scene::default() }
 }
 
-/// Disk: centre, normal, radius, colour.
+/// Disk to be created: centre, normal, radius and linear colour.
 type Disk = (DVec3, DVec3, f64, [f64; 3]);
 
 fn disks(all: &[Disk]) -> Result<SplatCloud, ModelError> {
@@ -137,7 +137,8 @@ fn disks(all: &[Disk]) -> Result<SplatCloud, ModelError> {
     Ok(SplatCloud::new(CloudData { colors: Some(colors), ..data }, OnInvalid::Refuse)?.0)
 }
 
-/// Returns `n`×`n` disks over a plane (see [`truth::plane`]), each with the pattern's albedo at its centre.
+/// Returns `n`×`n` disks on a plane (see [`truth::plane`]). The colour of each disk is the albedo of the pattern at its
+/// centre.
 fn sheet(
     center: DVec3,
     [across, away]: [DVec3; 2],
@@ -154,7 +155,8 @@ fn sheet(
     disks(&(0..n * n).map(disk).collect::<Vec<_>>())
 }
 
-/// Returns a checkerboard to the horizon: the scene of the rendering model (§5), with disks twice as large.
+/// Returns a checkerboard that extends to the horizon. It is the scene of the rendering model (§5), with disks twice as
+/// large.
 fn horizon(size: u32) -> Result<Subject, Failure> {
     let (sin, cos) = 80f64.to_radians().sin_cos();
     let (center, axes) = (DVec3::new(0.0, 0.0, -1.2), [DVec3::X, DVec3::new(0.0, cos, -sin)]);
@@ -177,10 +179,10 @@ fn horizon(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Returns a zone plate: rings that get finer outward, beyond the resolution of pixels.
+/// Returns a zone plate: rings that become finer outward, until they are finer than pixels.
 fn zone_plate(size: u32) -> Result<Subject, Failure> {
     let (center, axes) = (DVec3::ZERO, [DVec3::X, DVec3::new(0.0, 0.9, 0.4358)]);
-    // The pattern has 0.7 cycles a pixel at the corners of an image of 256².
+    // At the corners of an image of 256² pixels, the pattern has 0.7 cycles per pixel.
     let pattern = |a: f64, b: f64| [0.5 + 0.45 * (45.0 * PI * (a * a + b * b)).cos(); 3];
     let camera = camera([0.0, 0.0, 2.6], [0.0; 3], 45.0, size);
     let truth = truth::cast(&camera, &truth::plane(center, axes, pattern), true)?;
@@ -197,7 +199,7 @@ fn zone_plate(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Returns a banded sphere, which has every tilt and a rim.
+/// Returns a banded sphere, which has splats of every tilt and a silhouette.
 pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
     let pattern = |n: DVec3| [0.5 + 0.4 * (9.0 * n.x).sin(), 0.5 + 0.4 * (11.0 * n.y + 4.0 * n.z).sin(), 0.6];
     let count = 12_000;
@@ -227,7 +229,7 @@ pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Returns a ball of ellipses of aspect 100.
+/// Returns a ball of ellipses with aspect ratio 100.
 fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
     let mut numbers = clouds::Random(1);
     let mut random = move || numbers.next();
@@ -268,7 +270,7 @@ fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Returns the bench's bumpy ball, lit.
+/// Returns the benchmark's bumpy ball with lights.
 fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     let mut scene = scene(clouds::ball(if quick { 60_000 } else { 154_000 })?);
     scene.objects[0].material.cull = Cull::Back;
@@ -287,7 +289,7 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     })
 }
 
-/// Returns a cylinder with caps as clipped splats: curved creases.
+/// Returns a cylinder with caps as clipped splats, which has curved creases.
 fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
     let sides = 32u32;
     let mut positions = vec![Vec3::new(0.0, 0.8, 0.0), Vec3::new(0.0, -0.8, 0.0)];
@@ -357,7 +359,7 @@ fn glass(size: u32) -> Result<Subject, Failure> {
 fn model(name: &'static str, about: &'static str, path: &Path, size: u32, samples: u32) -> Result<Subject, Failure> {
     let opened = surfel_stage::open(&[path], &NoProgress)?;
     let mut scene = opened.scene;
-    // The comparison excludes the automatic background.
+    // The comparison excludes the background.
     scene.background = [0.0; 4];
     scene.matcap = Some(Matcap::builtin());
     for object in &mut scene.objects {

@@ -1,4 +1,4 @@
-//! Cost and benefit of fitting splats to a texture: `--texture`.
+//! Cost and benefit of fitting splats to a texture (`--texture`).
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,7 +17,7 @@ use crate::{Failure, clouds};
 
 /// Number of splats of the ball.
 const SPLATS: usize = 40_000;
-/// Factor by which the image of polygons is enlarged before it is averaged.
+/// Factor by which the image of polygons is enlarged before it is averaged, along each side.
 const SAMPLES: u32 = 4;
 
 /// Colour as a function of the position on the ball.
@@ -29,7 +29,7 @@ fn smooth(p: Vec3) -> [f32; 3] {
     (Vec3::splat(0.5) + 0.3 * (60.0 * p).map(f32::sin)).to_array()
 }
 
-/// Sums waves whose height falls with their frequency, as in photographs.
+/// Returns a sum of waves whose heights decrease with their frequencies, as in photographs.
 fn fractal(p: Vec3) -> [f32; 3] {
     let wave = |octave: i32| {
         let frequency = 4.0 * 1.7f32.powi(octave);
@@ -45,7 +45,7 @@ fn squares(p: Vec3) -> [f32; 3] {
     [((index.x + index.y + index.z) as i32).rem_euclid(2) as f32; 3]
 }
 
-/// Measures every way to sample colours on every kind of texture.
+/// Measures every way to sample a texture's colours, on each kind of texture.
 pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure> {
     let head = ["texture", "splats take it by", "ms", "of them to fit", "RMSE close", "FLIP close", "RMSE whole"];
     let mut table = Table::new(&head);
@@ -83,7 +83,7 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
     Ok(table)
 }
 
-/// Draws the polygons, averaged over each pixel.
+/// Draws the polygons, averaged over each pixel, as the ideal image.
 fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
     let [width, height] = camera.size;
     let fine = Camera { size: [width * SAMPLES, height * SAMPLES], ..camera.clone() };
@@ -100,7 +100,7 @@ fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f
     Ok((0..width * height).map(pixel).collect())
 }
 
-/// Returns RMSE and FLIP.
+/// Returns the RMSE and the mean FLIP of an image against the ideal image.
 pub(super) fn errors(image: &[[f32; 4]], truth: &[[f32; 4]], size: u32) -> Result<[f64; 2], Failure> {
     let of = |pixels| Image::new(size, size, pixels);
     let found = compare(&of(truth.as_flattened())?, &of(image.as_flattened())?, &CompareOptions::default())?;

@@ -1,17 +1,17 @@
-//! Truths that images approximate: sampled closed forms.
+//! Ideal images ("truths") that drawn images approximate: sampled closed forms.
 
 use glam::DVec3;
 use surfel_model::Camera;
 use surfel_render::View;
 
-/// Samples of closed forms along a pixel's side.
+/// Number of samples along the side of a pixel.
 const SAMPLES: u32 = 8;
 
-/// Ideal image.
+/// Ideal image of a subject.
 pub(crate) struct Truth {
-    /// Colour, linear and premultiplied.
+    /// Colours, linear and premultiplied.
     pub color: Vec<[f32; 4]>,
-    /// Planar depth; +∞ in empty pixels.
+    /// Planar depths; +∞ in empty pixels.
     pub depth: Vec<f32>,
     /// World normals; zero in empty pixels.
     pub normal: Vec<[f32; 3]>,
@@ -20,12 +20,12 @@ pub(crate) struct Truth {
 }
 
 impl Truth {
-    /// Returns the pixels of the mask that, like their eight neighbours, are completely covered: the inside of the
-    /// silhouette.
+    /// Returns a mask of the pixels inside silhouettes: pixels of the mask that are completely covered, as are their
+    /// eight neighbours.
     pub(crate) fn inside(&self, [width, height]: [u32; 2]) -> Vec<bool> {
         let covered = |x: i64, y: i64| {
             let there = x >= 0 && y >= 0 && x < i64::from(width) && y < i64::from(height);
-            // The sum of 8×8 f32 samples of 1 is 1 up to rounding.
+            // The sum of 8×8 samples of 1 in f32 is 1 up to rounding.
             there && self.color[(y * i64::from(width) + x) as usize][3] > 0.9999
         };
         let inside = |i: usize| {
@@ -36,7 +36,7 @@ impl Truth {
     }
 }
 
-/// Intersection of a ray and a surface.
+/// Intersection of a ray with a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Met {
     pub albedo: [f64; 3],
@@ -44,11 +44,11 @@ pub(crate) struct Met {
     pub normal: DVec3,
 }
 
-/// Surface as a function of a ray's eye and direction.
+/// Surface as a function from the origin and direction of a ray to the nearest intersection.
 pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<Met> + Sync;
 
-/// Samples a surface, box-filtered over pixels, over transparent black. With `whole`, partly covered pixels are
-/// excluded from the mask.
+/// Renders the ideal image of a surface: box-filtered over pixels, on transparent black. With `whole`, partly covered
+/// pixels are excluded from the mask.
 pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Truth, crate::Failure> {
     let view = View::new(camera)?;
     let [width, height] = camera.size;
@@ -87,8 +87,8 @@ pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Tr
     Ok(truth)
 }
 
-/// Returns the plane through `center` spanned by `across` and `away`, which are orthogonal and have its half size. The
-/// coordinates a and b are within ±1; `pattern` returns the albedo at them.
+/// Returns a rectangle as a surface. `center` is its centre; `across` and `away` are its orthogonal half-axes.
+/// `pattern` returns the albedo at coordinates a and b along them, from −1 to 1.
 pub(crate) fn plane(
     center: DVec3,
     [across, away]: [DVec3; 2],
@@ -106,7 +106,7 @@ pub(crate) fn plane(
     }
 }
 
-/// Returns the unit sphere about the origin; `pattern` returns its albedo from the normal.
+/// Returns the unit sphere about the origin as a surface. `pattern` returns the albedo for a normal.
 pub(crate) fn sphere(pattern: impl Fn(DVec3) -> [f64; 3] + Sync) -> impl Fn(DVec3, DVec3) -> Option<Met> + Sync {
     move |eye, ray| {
         let d = ray.normalize();

@@ -1,4 +1,4 @@
-//! Variants: each changes one knob to one value.
+//! Variants of settings: each changes one setting (*knob*) to one value.
 
 use surfel_model::Settings;
 use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
@@ -7,26 +7,26 @@ use surfel_render::Preset;
 /// Name of the variant that changes nothing.
 pub(crate) const DEFAULT: &str = "default";
 
-/// Variant with one changed knob; all other knobs are the subject's.
+/// Variant with one changed setting. All other settings are the subject's.
 #[derive(Clone)]
 pub(crate) struct Variant {
     pub knob: &'static str,
     pub value: String,
     /// True if splats are stored in 16 bits.
     pub quantised: bool,
-    /// Subjects to which the knob applies.
+    /// Subjects to which the variant applies.
     pub only: Only,
     change: Change,
 }
 
-/// Property that a subject needs for a knob to matter.
+/// Property that a subject needs for a setting to matter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Only {
     Everything,
     Clips,
     Transparent,
     Lit,
-    /// Backends that draw by a GPU API.
+    /// Only backends that use a GPU API.
     Graphics,
 }
 
@@ -44,16 +44,16 @@ enum Change {
     Transparency(Transparency),
     Shader(Shader),
     Preset(Preset),
-    /// Filter of a paper, with its cutoff and h.
+    /// Filter of a paper, with the paper's cutoff and filter radius h.
     Paper(Filter),
-    /// Antialiased edges, with this cutoff and h.
+    /// Edge antialiasing, with this cutoff and filter radius h.
     Edges(f64, f64),
-    /// Neither filter nor exact mapping.
+    /// Simplest drawing: no filter, and the affine mapping.
     Plainest,
 }
 
 impl Variant {
-    /// Creates a variant with another scene and unchanged settings.
+    /// Creates a variant that has another scene and the subject's settings.
     pub(crate) fn of_scene(knob: &'static str, value: String) -> Self {
         Self::new(knob, value, Change::Nothing)
     }
@@ -66,7 +66,7 @@ impl Variant {
         Self { only, ..self }
     }
 
-    /// Returns the preset, if the variant is one.
+    /// Returns the preset of the variant; `None` if the variant isn't a preset.
     pub(crate) fn preset(&self) -> Option<Preset> {
         match self.change {
             Change::Preset(preset) => Some(preset),
@@ -102,7 +102,7 @@ impl Variant {
     }
 }
 
-/// Returns every value of every knob; the first variant is the default. With `quick`, combinations are omitted.
+/// Returns every value of every setting; the first variant is the default. With `quick`, combinations are omitted.
 pub(crate) fn all(quick: bool) -> Vec<Variant> {
     let new = |knob, value: &dyn ToString, change| Variant::new(knob, value.to_string(), change);
     let mut variants = vec![new(DEFAULT, &DEFAULT, Change::Nothing)];
@@ -131,7 +131,7 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
             Transparency::Peel { layers, drop_last: true },
             Transparency::ABuffer { layers },
         ];
-        // The A-buffer's image doesn't depend on its length (§8).
+        // The image of an A-buffer doesn't depend on its number of layers (§8).
         let of_interest = kinds.into_iter().filter(|t| match t {
             Transparency::ABuffer { .. } => layers == 8,
             Transparency::Peel { drop_last, .. } => !drop_last || layers == 4,
@@ -168,7 +168,7 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
     variants
 }
 
-/// Returns the name of a knob's default value, for lists of all its values.
+/// Returns the name of a setting's default value, for lists of all its values.
 pub(crate) fn default_value(knob: &str) -> &'static str {
     match knob {
         "filter" => "principal",

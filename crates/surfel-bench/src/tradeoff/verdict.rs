@@ -1,4 +1,4 @@
-//! Evaluation of the figures: cost of each knob's values, dominated values, and claims of papers.
+//! Evaluation of the results: cost of each setting's values, dominated values, and claims of papers.
 
 use std::collections::BTreeMap;
 
@@ -8,29 +8,31 @@ use surfel_render::Preset;
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};
 
-/// Cost and error of a value relative to the default, as geometric means over subjects.
+/// Cost and error of a setting's value relative to the default, as geometric means over subjects.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Value {
     pub knob: String,
     pub value: String,
     pub cost: Option<f64>,
     pub error: Option<f64>,
-    /// Relative model error without rims.
+    /// Relative model error without silhouettes.
     pub inside: Option<f64>,
     pub fragments: Option<f64>,
     pub bytes: Option<f64>,
-    /// Least fidelity over subjects, dB.
+    /// Worst fidelity of all subjects, in dB.
     pub fidelity_db: Option<f64>,
-    /// Largest error relative to the default, with its subject.
+    /// Largest error relative to the default, with the name of its subject.
     pub worst: Option<(f64, String)>,
-    /// Value of the same knob that dominates this one: no worse in anything, and clearly better in something.
+    /// Value of the same setting that dominates this one: at least equal in everything, and clearly better in
+    /// something.
     pub dominated_by: Option<String>,
 }
 
-/// Relative difference below which times are equal: the noise of medians of alternating runs on a shared machine.
+/// Relative difference below which times count as equal. It is the noise of medians of alternating runs on a shared
+/// machine.
 const NOISE: f64 = 0.03;
 
-/// Returns all values of all knobs except presets, knob by knob, the default first.
+/// Returns all values of all settings except presets, grouped by setting, the default first.
 pub(crate) fn values(figures: &Figures) -> Vec<Value> {
     let mut knobs: Vec<&str> = Vec::new();
     for row in figures.rows.iter().filter(|r| r.knob != DEFAULT && r.knob != "preset") {
@@ -64,7 +66,7 @@ fn dominates(a: &Value, b: &Value) -> bool {
     let (Some(cost_a), Some(cost_b), Some(error_a), Some(error_b)) = (a.cost, b.cost, a.error, b.error) else {
         return false;
     };
-    // Memory is a cost as well.
+    // Memory counts as a cost, too.
     let bytes = |v: &Value| v.bytes.unwrap_or(1.0);
     let (inside_a, inside_b) = (a.inside.unwrap_or(1.0), b.inside.unwrap_or(1.0));
     // Errors have no noise, but tiny differences count as equal.
@@ -108,7 +110,7 @@ fn value(figures: &Figures, knob: &str, name: Option<&str>) -> Value {
     }
 }
 
-/// Formats a ratio as `1.23×`, or as a dash.
+/// Formats a ratio as `1.23×`; a missing ratio as a dash.
 fn times(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}×"))
 }
@@ -117,10 +119,10 @@ fn decibels(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0} dB"))
 }
 
-/// Knobs of levels of detail, and their subjects, which no other knob uses.
+/// Level-of-detail settings, with their subjects, which no other setting uses.
 const LEVELS_OF_DETAIL: [(&str, &str); 2] = [("level of detail", "octree"), ("levels of points", "points by levels")];
 
-/// Returns a table of level-of-detail knobs, whose values are sizes of splats in pixels.
+/// Returns the table of level-of-detail settings, whose values are sizes of splats in pixels.
 pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
     let mut table = Table::new(&["of", "splats of at most", "time", "model error", "without rims"]);
     for (knob, of) in LEVELS_OF_DETAIL {
@@ -131,7 +133,7 @@ pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
     table
 }
 
-/// Returns a table of all other knobs.
+/// Returns the table of all other settings.
 pub(crate) fn settings(values: &[Value]) -> Table {
     let mut table = Table::new(&[
         "knob",
@@ -166,8 +168,8 @@ pub(crate) fn settings(values: &[Value]) -> Table {
     table
 }
 
-/// Returns the fidelity of each knob's values to the reference at the same settings: least PSNR with its subject, worst
-/// pixel, and the model error and time relative to the default.
+/// Returns the table of the fidelity of each setting's values: worst PSNR with its subject, worst pixel, and model
+/// error and time relative to the default.
 pub(crate) fn fidelity(figures: &Figures) -> Table {
     let mut table =
         Table::new(&["knob", "value", "fidelity ≥", "on", "largest error", "model error", "time", "drawn on"]);
@@ -198,8 +200,8 @@ pub(crate) fn fidelity(figures: &Figures) -> Table {
     table
 }
 
-/// Returns a table of presets: time relative to the default, and the worst result over subjects for each of a preset's
-/// two promises. Rows with a broken promise are highlighted.
+/// Returns the table of presets: time relative to the default, and the worst result of all subjects for each of a
+/// preset's two promises. Rows with a broken promise are highlighted.
 pub(crate) fn presets(figures: &Figures) -> Table {
     let mut table = Table::new(&[
         "preset",
@@ -246,7 +248,7 @@ pub(crate) fn presets(figures: &Figures) -> Table {
     table
 }
 
-/// Returns a table of the model error by subject and value: RMSE of whole images, or without rims.
+/// Returns the table of the model error by subject and value: RMSE of whole images, or without silhouettes.
 pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
     let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut head = vec!["knob", "value"];
@@ -269,7 +271,7 @@ pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -
     table
 }
 
-/// Returns a table of claims of papers and the corresponding measurements.
+/// Returns the table of claims of papers with the corresponding measurements.
 pub(crate) fn claims(figures: &Figures) -> Table {
     let mut table = Table::new(&["claim", "measured"]);
     let mut add = |claim: &str, measured: Option<String>| {

@@ -1,4 +1,4 @@
-//! Sequences: each input is a frame. While a frame is drawn, the next one is loaded.
+//! Sequences: each input is a frame. The next frame is loaded while a frame is drawn.
 
 use super::{Drawn, Job, Session, Sink, choose, planes, print_scene};
 use crate::failure::Failure;
@@ -14,7 +14,7 @@ use surfel_load::Error;
 use surfel_render::{Planes, Renderer as _};
 use surfel_sample::{NoProgress, Progress as _};
 
-/// A loaded frame, and the notes on its file.
+/// A loaded frame with the notes on its file, or the error of loading it.
 type Loaded = Result<(Resolved, Vec<String>), Error>;
 
 impl Session<'_> {
@@ -48,7 +48,7 @@ impl Session<'_> {
         Ok(Drawn { files, stats, verified: None })
     }
 
-    /// Chooses what all frames share, and prints the notes.
+    /// Determines the up axis, camera and other choices that all frames share, and prints the notes.
     fn survey(&self) -> Result<Sequence, Failure> {
         let (progress, mut notes) = (self.console.progress(), Vec::new());
         let note = &mut |note| notes.push(note);
@@ -58,7 +58,7 @@ impl Session<'_> {
         Ok(found?)
     }
 
-    /// Draws the frames in order. Returns the backend that drew them, if it is another than the given one.
+    /// Draws the frames in order. Returns the backend that drew them if it isn't `backend`.
     fn draw_frames(
         &self,
         sequence: &Sequence,
@@ -69,7 +69,7 @@ impl Session<'_> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
         let pool = pool.map_err(|error| Failure::other(format!("can't start {} threads: {error}", self.threads)))?;
         let indices: Vec<usize> = frames.iter().map(|(index, _)| *index as usize).collect();
-        // A loaded frame is handed over when the one before has been drawn: two are in memory.
+        // A loaded frame is received when the previous one has been drawn, so that at most two are in memory.
         let (sender, receiver) = sync_channel(0);
         std::thread::scope(|scope| {
             scope.spawn(move || pool.install(|| load(sequence, &indices, &sender)));
@@ -100,7 +100,7 @@ impl Session<'_> {
         Ok(other)
     }
 
-    /// Returns another backend if the current one was selected automatically and can't draw the scene.
+    /// Returns another backend if `backend` was selected automatically and can't draw the scene.
     fn suitable(&self, backend: &Backend, resolved: &Resolved, planes: Planes) -> Result<Option<Backend>, Failure> {
         let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
         if self.args.backend_name() != "auto" || refuses(&backend.info().capabilities).is_none() {
@@ -120,12 +120,12 @@ impl Session<'_> {
         let camera = resolved.file.camera.clone();
         job.render(backend, resolved, Detail::Full, &camera, None)?;
         let file = resolved.file.clone();
-        // Each frame has a file of its own.
+        // The inputs of each frame differ, so that no hashes can be cached.
         self.put(sink, path, job, (&file, &resolved.beside), (backend, &mut None))
     }
 }
 
-/// Loads frames in order until all are loaded, one fails, or nobody receives them.
+/// Loads frames in order and sends them, until all are loaded, one fails, or the receiver is closed.
 fn load(sequence: &Sequence, indices: &[usize], frames: &SyncSender<Loaded>) {
     for index in indices {
         let mut notes = Vec::new();

@@ -9,8 +9,8 @@ const SIZE: u32 = 512;
 /// Distance of the plane from the camera, in pixels: most splats have as little depth as in an ordinary image.
 const DISTANCE: f64 = 1000.0;
 
-/// Builds a plane of disks of this radius in pixels, spaced by radius / 1.1 and tilted by up to 60°, and a view whose
-/// pixels match the plane's units.
+/// Builds a plane of disks of this radius in pixels, spaced by radius / 1.1 and tilted by up to 60°. Also returns a
+/// view whose pixels match the plane's units.
 pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let spacing_px = radius_px / 1.1;
     let side = (f64::from(SIZE) / spacing_px).ceil();

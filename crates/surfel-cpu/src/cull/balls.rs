@@ -1,14 +1,14 @@
-//! Balls as seen in a view: their object transform, and culling of their chunks.
+//! Balls in a view: their object transform, and culling of their chunks.
 
 use crate::cull::object::pixels_of_box;
 use crate::scene::balls::{BallChunk, StoredBalls};
 use glam::{DMat3, DVec3};
 use surfel_render::{BallPixelForm, FramePlan, View};
 
-/// A chunk of balls.
+/// A chunk of an object of balls that may be visible.
 #[derive(Clone, Copy)]
 pub(crate) struct BallPart {
-    /// Index among the scene's objects of balls.
+    /// Index of the object among the scene's objects of balls.
     pub object: u32,
     pub chunk: u32,
 }
@@ -16,7 +16,7 @@ pub(crate) struct BallPart {
 /// Values shared by all balls of an object in a view.
 pub(crate) struct BallView<'a> {
     pub balls: &'a StoredBalls,
-    /// Index among the scene's objects of balls.
+    /// Index of the object among the scene's objects of balls.
     pub index: u32,
     /// Number of the object's first slot, if the frame outputs the nearest splat.
     pub first_number: u32,
@@ -26,12 +26,13 @@ pub(crate) struct BallView<'a> {
     origin: DVec3,
     /// World length of a pixel of the image, if radii are in pixels.
     pixel: Option<BallPixelForm>,
-    /// Least radius, in pixels of the view.
+    /// Minimum radius of a ball, in pixels of the view.
     pub least_px: f64,
 }
 
 impl<'a> BallView<'a> {
-    /// Returns the objects of balls in a view of the image, or in that of a shadow map if `least_px` is more than 0.
+    /// Returns the objects of balls in a view of the image, or in the view of a shadow map if `least_px` is greater
+    /// than 0.
     pub(crate) fn all(balls: &'a [StoredBalls], view: &'a View, plan: &FramePlan, least_px: f64) -> Vec<Self> {
         let of_object = |(index, balls): (usize, &'a StoredBalls)| {
             let m = balls.world_from_object;
@@ -60,8 +61,8 @@ impl<'a> BallView<'a> {
         self.pixel.map(|pixel| pixel.about(chunk.origin))
     }
 
-    /// Returns the largest radius of a chunk's balls in the view, in world units, for centres within `reach` of the
-    /// chunk's origin at this depth of the view.
+    /// Returns the largest radius of a chunk's balls in the view, in world units. The balls' centres are within `reach`
+    /// of the chunk's origin, which is at depth `z`.
     fn largest(&self, chunk: &BallChunk, z: f64, reach: f64) -> f64 {
         let pixel = self.pixel(chunk);
         let longest = |p: BallPixelForm| (p.constant + p.slope.length() * chunk.centers).max(p.least);
@@ -72,8 +73,8 @@ impl<'a> BallView<'a> {
     }
 }
 
-/// Returns the chunks of balls that may be within a view's depth range, with the bounds of the pixels they may touch
-/// (minimum x and y, maximum x and y), their nearest and farthest depth, and their number of balls.
+/// Returns the chunks of balls that may be within a view's depth range. Each chunk comes with the bounds of the pixels
+/// it may touch (minimum x and y, maximum x and y), its nearest and farthest depth, and its number of balls.
 pub(crate) fn ball_parts<'a>(
     views: &'a [BallView<'a>],
 ) -> impl Iterator<Item = (BallPart, [f64; 4], [f64; 2], usize)> + 'a {

@@ -16,7 +16,7 @@ pub(crate) struct Cell {
     /// Chunks that may touch the cell, from near to far.
     pub chunks: Vec<VisibleChunk>,
     /// Number of leading chunks that are set up before the others are tested for occlusion. All chunks, if the test
-    /// would not pay.
+    /// would cost more than it saves.
     pub first: usize,
     /// Mesh parts that may touch the cell.
     pub mesh_parts: Vec<MeshPart>,
@@ -36,14 +36,15 @@ const CELLS_PER_THREAD: usize = 8;
 /// should about fit a thread's cache.
 const TILES_OF_GBUFFER: usize = 128;
 
-/// Mean number of splats over each point of a cell that are set up first: some surfaces, of three or four splats each.
+/// Mean number of splats over each pixel of a cell that are set up first: about three surfaces, of three or four splats
+/// each.
 const LAYERS: f64 = 10.0;
 
 /// Minimum fraction of a cell's splats behind the first layers for which occlusion culling pays.
 const WORTHWHILE: f64 = 0.3;
 
-/// Fraction of a cell's maximum splat count from which on occlusion is tested. Drawing fewer splats takes no longer
-/// than finding what they occlude.
+/// Minimum number of splats in a cell for which occlusion is tested, as a fraction of the cell's maximum. Drawing fewer
+/// splats takes no longer than finding what they occlude.
 const ENOUGH: f64 = 0.5;
 
 /// One element of a cell's content.
@@ -65,7 +66,7 @@ struct PartInView {
     load: f64,
     /// Total area of the part's splats, in pixels.
     area_px: f64,
-    /// Nearest and farthest depth.
+    /// Nearest and farthest planar depth of the part, in world units.
     depths: [f64; 2],
     pixels: [f64; 4],
 }
@@ -144,7 +145,7 @@ pub(crate) fn divide(
     let parts: Vec<PartInView> = chunks.iter().map(of_chunk).chain(mesh_parts).chain(ball_parts).collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
     let total = parts.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
-    // A single thread has nobody to share with, and divides only a view that exceeds its cache.
+    // A single thread shares no work, and divides a view only if the view exceeds its cache.
     let is_shared = limits.threads > 1 || parts.iter().map(|p| p.splats).sum::<f64>() > limits.splats as f64;
     let mut cells_wanted = if is_shared { limits.threads * CELLS_PER_THREAD } else { 1 };
     if limits.reach_px > 0 {
@@ -160,7 +161,7 @@ pub(crate) fn divide(
 
 /// Limits below which a cell is not divided further.
 struct Limits {
-    /// Maximum memory, in records.
+    /// Maximum memory of a cell, as a number of records.
     load: f64,
     cost: f64,
     /// Number of pixels around a cell that the cell's own pixels depend on.
@@ -208,8 +209,8 @@ impl Limits {
     }
 }
 
-/// Returns the number of a cell's chunks, sorted from near to far, that are set up before occlusion is tested: the
-/// first layers, or all chunks. `most` is the maximum number of splats of a cell.
+/// Returns the number of a cell's nearest chunks that are set up before occlusion is tested: the first layers, or all
+/// chunks. `chunks` are sorted from near to far. `most` is the maximum number of splats of a cell.
 fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     let enough = LAYERS * (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
     let (mut area, mut farthest) = (0.0, 0.0f64);

@@ -29,8 +29,9 @@ impl VisibleChunk {
 #[derive(Default)]
 pub(crate) struct VisibleChunks {
     pub chunks: Vec<VisibleChunk>,
-    /// Number of splats in chunks that are wholly outside the view, or are wholly back-facing.
+    /// Number of splats in chunks that are wholly outside the view.
     pub outside: u64,
+    /// Number of splats in chunks that are wholly back-facing.
     pub back_facing: u64,
 }
 
@@ -70,12 +71,12 @@ pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
 #[derive(Clone, Copy)]
 pub(crate) struct MeshPart {
     pub mesh: u32,
-    /// Index among the mesh's parts.
+    /// Index of the part in the mesh's list of parts.
     pub part: u32,
 }
 
-/// Returns the mesh parts that may be within a view's depth range, with the bounds of the pixels they may touch:
-/// minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
+/// Returns the mesh parts that may be within a view's depth range, and the bounds of the pixels that each may touch.
+/// Bounds are minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
 pub(crate) fn mesh_parts<'a>(
     meshes: &'a [StoredMesh],
     octrees: &'a [ChosenParts],

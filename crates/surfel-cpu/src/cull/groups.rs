@@ -46,7 +46,7 @@ pub(crate) fn visible<S: Simd>(
     }
 }
 
-/// Returns the groups, given by spheres in view space, that may touch a block of the set.
+/// Returns the groups, given by spheres in view space, that may touch a block of `set`, one bit per group.
 #[inline(never)]
 fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, radius: Lanes<S>, groups: u64) -> u64 {
     let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
@@ -62,8 +62,8 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     touching
 }
 
-/// Returns a mask of the spheres that are beyond a region's sides. Sphere centres are in view space, radii in the
-/// object's units.
+/// Returns a mask of the spheres that are outside a region's side planes. Sphere centres are in view space, radii in
+/// the object's units.
 #[inline(always)]
 fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {
     let k = |v: f64| radius.constant(v);

@@ -1,4 +1,4 @@
-//! A cloud as seen in a view: its object transform, the pixels its chunks may cover, and culling of its chunks.
+//! A cloud in a view: its object transform, the pixels its chunks may cover, and culling of its chunks.
 
 use crate::scene::cloud::{Chunk, StoredObject};
 use crate::tiles::bins::{Entry, RECORD_BYTES};
@@ -19,12 +19,13 @@ pub(crate) struct ObjectView<'a> {
     pub first_number: Option<u32>,
     /// The object's material; its `cull` is [`Cull::None`] if the caller disables back-face culling.
     pub material: Material,
-    /// Transform from object to view space: the linear map of directions, and the view position of the object's origin.
+    /// Linear map of directions from object to view space.
     pub linear: DMat3,
+    /// View position of the object's origin.
     pub origin: DVec3,
     /// Map of normals from object to world space, up to scale: cofactors with the sign of the determinant.
     pub normals: DMat3,
-    /// Map of normals from object to view space. If `scale` is given, this is a rotation and `normals` another.
+    /// Map of normals from object to view space. If `scale` is given, this map and `normals` are orthogonal.
     pub view_normals: DMat3,
     /// Scale factor of all lengths, if the object's transform is a similarity.
     pub scale: Option<f64>,
@@ -98,9 +99,10 @@ impl<'a> ObjectView<'a> {
 
     /// True if the material culls back faces and every splat of the chunk is back-facing.
     ///
-    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. Two angles are
-    /// measured from the cone's axis: the cone's own, and that of the chunk's bounding sphere seen from the eye. If
-    /// their sum stays below 90°, a normal within the cone faces away from every ray through the sphere.
+    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. The cone's
+    /// half-angle is added to the half-angle of the chunk's bounding sphere as viewed from the eye. If their sum plus
+    /// the angle between cone axis and viewing direction stays below 90°, a normal within the cone faces away from
+    /// every ray through the sphere.
     pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
         if self.material.cull != Cull::Back {
             return false;
@@ -144,7 +146,8 @@ impl<'a> ObjectView<'a> {
         side.min(DVec3::splat(chunk.radius * self.stretch))
     }
 
-    /// Returns the factor by which the extent drawn for a splat may exceed the splat itself, seen from its centre.
+    /// Returns the maximum ratio of the drawn extent of a splat to the splat's own extent, both measured from its
+    /// centre.
     fn leaving(&self) -> f64 {
         // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
         // 3/2 on its far side). Three times the bounding sphere is ample.
@@ -185,8 +188,8 @@ impl<'a> ObjectView<'a> {
             || y0 > end_y
     }
 
-    /// Returns the memory of a chunk's splats within these pixels, in records of splats that touch one tile each. A
-    /// large splat has one entry for every tile of `tile_px`² pixels that it touches.
+    /// Returns the memory that a chunk's splats within these pixels need, as a number of records of splats that touch
+    /// one tile each. A large splat has one entry for every tile of `tile_px`² pixels that it touches.
     pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
         let count = chunk.count as f64;
         let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();
@@ -209,8 +212,9 @@ pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
     [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
 }
 
-/// Returns the bounds of the pixels that a box around a point of view space may touch, with a margin: minimum x and y,
-/// maximum x and y. The bounds are infinite if the box is around the eye. `half` is the box's half extents.
+/// Returns the bounds of the pixels that a box around `center` (view space) may touch, with a margin. Bounds are
+/// minimum x and y, maximum x and y. The bounds are infinite if the box is around the eye. `half` is the box's half
+/// extents.
 pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3, margin_px: f64) -> [f64; 4] {
     if projection.is_perspective() && center.z < 4.0 * half.z {
         return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
@@ -236,10 +240,10 @@ pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3,
 pub(crate) struct RegionSides {
     /// Slopes of the left and right, and the top and bottom planes; in an orthographic view, coordinates.
     pub slopes: [[f64; 2]; 2],
-    /// Lengths of the planes' normals.
+    /// Lengths of the planes' normals, in the order of `slopes`; 1 in an orthographic view.
     pub lengths: [[f64; 2]; 2],
     pub perspective: bool,
-    /// Factor from lengths in the object to the largest length drawn in view space.
+    /// Ratio of the largest length drawn in view space to the length in object space.
     pub reach: f64,
 }
 

@@ -18,9 +18,11 @@ pub(crate) struct Totals {
     pub screen_ms: f64,
     /// Number of cells that aren't empty.
     cells: usize,
-    /// Numbers of splats in chunks that are outside the view, back-facing, or occluded in their cell.
+    /// Number of splats in chunks that are outside the view.
     pub outside: u64,
+    /// Number of splats in chunks that are back-facing.
     pub back_facing: u64,
+    /// Number of splats in chunks that are occluded in their cell.
     pub occluded: u64,
     set_up: u64,
     drawn: u64,
@@ -55,7 +57,7 @@ impl Totals {
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
     }
 
-    /// Counts a cell's balls, of which `drawn` are counted in no other cell.
+    /// Counts a cell's balls. `drawn` is the number of balls that are counted in no other cell.
     pub(crate) fn add_balls(&mut self, balls: &BallSegment, drawn: usize) {
         self.set_up += balls.set_up as u64;
         self.drawn += drawn as u64;

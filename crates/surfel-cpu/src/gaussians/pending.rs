@@ -1,8 +1,8 @@
 //! Sorting of fragments per pixel: fragments wait until no nearer ones can follow.
 //!
-//! A tile's records are sorted by the depth at which they begin. A fragment nearer than the begin of the next record is
-//! in its final place. A fragment that ends a pixel does so for any preceding ones, and fragments behind it are
-//! dropped. A pixel therefore stores few more fragments than it shows.
+//! A tile's records are sorted by their minimum depth. A fragment nearer than the minimum depth of the next record is
+//! in its final place. Once a fragment makes its pixel opaque, fragments behind it are dropped, because nearer
+//! fragments can't change this. A pixel therefore stores few more fragments than are visible in it.
 
 use crate::gaussians::records::Record;
 use crate::gaussians::tile::{BLOCKS, Block};
@@ -12,7 +12,7 @@ use surfel_math::gaussian::{MIN_TRANSMITTANCE, depth_step_f32};
 /// Number of Gaussians that a block collects between sorts.
 const SORT_EVERY: usize = 32;
 
-/// A Gaussian at a pixel.
+/// A fragment: one Gaussian at one pixel.
 pub(super) struct Fragment<'a> {
     key: u64,
     pub alpha: f32,
@@ -26,19 +26,19 @@ pub(super) fn key(z: f32, number: u32) -> u64 {
     u64::from(depth_step_f32(z)) << 32 | u64::from(number)
 }
 
-/// The waiting fragments of a tile.
+/// The fragments of a tile that wait to be blended.
 #[derive(Default)]
 pub(super) struct Pending<'a> {
     /// Fragments per pixel; pixels are in blocks of [`LANES`].
     pub fragments: Vec<Vec<Fragment<'a>>>,
-    /// Key per pixel from which on fragments are invisible.
+    /// Sort key from which on fragments are invisible, per pixel.
     ends: Vec<u64>,
     /// Number of Gaussians per block to collect before the next sort.
     until_sort: [usize; BLOCKS],
 }
 
 impl<'a> Pending<'a> {
-    /// Resets for the next tile.
+    /// Empties the lists, for the next tile.
     pub(super) fn clear(&mut self) {
         self.fragments.resize_with(BLOCKS * LANES, Vec::new);
         self.fragments.iter_mut().for_each(Vec::clear);
@@ -54,7 +54,7 @@ impl<'a> Pending<'a> {
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            // The maximum prevents that rounding moves a fragment before the begin of its record.
+            // The maximum prevents that rounding moves a fragment in front of its record's minimum depth.
             let key = key(z[lane].max(record.nearest), record.number);
             let pixel = block * LANES + lane;
             if key < self.ends[pixel] {

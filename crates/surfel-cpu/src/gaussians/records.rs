@@ -15,23 +15,25 @@ const PART: usize = 1 << 15;
 /// A projected Gaussian, as tiles blend it.
 #[derive(Clone)]
 pub(super) struct Record {
-    /// Pixel that contains the centre, and position of the centre in it. Offsets from a pixel are then exact in f32.
+    /// Column and row of the pixel that contains the centre.
     pub base: [i32; 2],
+    /// Offset of the centre from the pixel's upper left corner. Offsets from other pixels are then exact in f32.
     pub fraction: [f32; 2],
     pub forms: GaussianForms<f32>,
     pub opacity: f32,
-    /// Factor of α.
+    /// Factor of α: the fraction of a filtered footprint that the Gaussian covers.
     pub weight: f32,
     pub color: [f32; 3],
-    /// Normal in world space.
+    /// Unit normal in world space.
     pub normal: [f32; 3],
-    /// Depth at which the Gaussian begins to show, at least 0. If pixels sort their fragments, records are sorted by
-    /// this depth.
+    /// Minimum depth at which the Gaussian is visible, at least 0. Records are sorted by this depth if pixels sort
+    /// their fragments.
     pub nearest: f32,
     /// Number of the Gaussian in the scene.
     pub number: u32,
-    /// Pixels that the Gaussian may touch, within the region.
+    /// Rows of pixels that the Gaussian may touch, within the region.
     pub rows: Range<u32>,
+    /// Columns of pixels that the Gaussian may touch, within the region.
     pub columns: Range<u32>,
 }
 
@@ -50,8 +52,9 @@ pub(super) struct Part {
 struct Place {
     /// Bits of the depth by which records are sorted; the depth isn't negative.
     depth: u64,
-    /// Run that contains the record, and the record's index there. Runs and their records are in scene order.
+    /// Run that contains the record. Runs and their records are in scene order.
     run: u32,
+    /// Index of the record in the run.
     index: u32,
 }
 
@@ -64,10 +67,10 @@ struct Run {
 }
 
 /// Projects all visible Gaussians to sorted records, in parts. Records are sorted by the depth of their centres, or, if
-/// pixels sort their fragments, by the depth at which they begin; equal depths in scene order.
+/// pixels sort their fragments, by their minimum depth. Records of equal depth are in scene order.
 ///
-/// Projection runs in memory order, since a Gaussian has hundreds of bytes: in depth order each would wait for memory
-/// several times.
+/// Gaussians are projected in memory order, because a Gaussian has hundreds of bytes. In depth order, each would wait
+/// for memory several times.
 pub(super) fn project(clouds: &[StoredGaussians], (view, plan): (&View, &FramePlan), grid: &TileGrid) -> Vec<Part> {
     let seen: Vec<GaussianView<'_>> =
         clouds.iter().map(|c| GaussianView::new(&c.gaussians, &c.world_from_object, (view, plan))).collect();

@@ -20,7 +20,7 @@ const SIDE: usize = 4;
 pub(super) const BLOCKS: usize = SIDE * SIDE;
 const _: () = assert!(TILE_PX as usize == SIDE * SIDE);
 
-/// Data shared by all tiles.
+/// Inputs for drawing the tiles of a frame, shared by all tiles.
 pub(super) struct TileInputs<'a> {
     pub grid: &'a TileGrid,
     pub near: f32,
@@ -53,7 +53,7 @@ struct Sums {
     fragments: Blocks,
 }
 
-/// A Gaussian at each pixel of a block.
+/// One fragment for each pixel of a block.
 struct Fragments<S: Simd> {
     alpha: Lanes<S>,
     z: Lanes<S>,
@@ -61,7 +61,7 @@ struct Fragments<S: Simd> {
     normal: [Lanes<S>; 3],
 }
 
-/// The pixels of a tile.
+/// The pixels of a tile while its Gaussians are blended.
 pub(super) struct Tile {
     transmittance: Blocks,
     /// Colour sums, in the Gaussians' colour space.
@@ -77,7 +77,7 @@ pub(super) struct Tile {
 }
 
 impl Tile {
-    /// Blends a tile's records, in the order of each pixel if `pending` is given.
+    /// Blends a tile's records. If `pending` is given, each pixel's fragments are sorted by depth first.
     #[inline(always)]
     pub(super) fn draw<'a, S: Simd>(
         simd: S,

@@ -11,7 +11,8 @@ use surfel_math::ball::{BallHit, Outline, Rounded, SOLID};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2, V3};
 
-/// Fills the lists of a tile's `wanted` blocks with balls. Returns bits of the blocks that have any.
+/// Fills the lists of a tile's blocks in `wanted` (one bit per block) with balls. Returns bits of the blocks that have
+/// any.
 pub(crate) fn list_balls<'a>(
     segment: &'a BallSegment,
     tile: usize,
@@ -25,14 +26,14 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
-/// Number of balls after which the largest depth at which a fragment can still be visible is computed again.
+/// Number of balls between updates of the largest depth at which a fragment can still be visible.
 const OCCLUDED_EVERY: u32 = 8;
 
-/// The balls of a block.
+/// The list of the balls that touch a block.
 #[derive(Clone, Copy)]
 pub(crate) struct BallList<'a> {
     pub balls: &'a [&'a BallRecord],
-    /// The block's first pixel.
+    /// Column and row of the block's first pixel.
     pub at: (i32, i32),
     pub projection: &'a Projection,
 }
@@ -40,9 +41,9 @@ pub(crate) struct BallList<'a> {
 /// The fragments of one ball in a block.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockFragments {
-    /// Index in the block's list.
+    /// Index of the ball in the block's list.
     pub ball: u32,
-    /// Bits of the pixels that have a fragment; other pixels have meaningless values in `z` and `coverage`.
+    /// Bits of the pixels that have a fragment. `z` and `coverage` are meaningless in other pixels.
     there: u32,
     pub z: [f32; LANES],
     pub coverage: [f32; LANES],
@@ -52,9 +53,9 @@ pub(crate) struct BlockFragments {
 #[derive(Default)]
 pub(crate) struct BallFragments {
     pub fragments: Vec<BlockFragments>,
-    /// Fragments of each pixel from near to far: the bits of the depth above the index in `fragments`.
+    /// Sort keys of each pixel's fragments, from near to far: the bits of the depth, then the index in `fragments`.
     pixels: [Vec<u64>; LANES],
-    /// Number of each pixel's fragments that were taken.
+    /// Number of each pixel's fragments that were returned by [`Self::next`] or skipped.
     taken: [usize; LANES],
     /// Number of balls that were evaluated.
     pub tested: u32,
@@ -62,7 +63,7 @@ pub(crate) struct BallFragments {
     pub inside: u32,
 }
 
-/// Index of a pixel's fragment.
+/// Returns the index in `fragments` from a sort key.
 #[inline(always)]
 fn index_of(key: u64) -> usize {
     key as u32 as usize
@@ -126,7 +127,8 @@ impl BallFragments {
         self.pixels.iter_mut().filter(|pixel| pixel.len() > 1).for_each(|pixel| pixel.sort_unstable());
     }
 
-    /// Takes each pixel's next fragment, if it is nearer than `until`. Returns the fragments and the pixels' bits.
+    /// Returns the index of each pixel's next fragment if it is nearer than `until`, and bits of the pixels that have
+    /// one.
     #[inline(always)]
     pub(crate) fn next(&mut self, until: &[f32; LANES]) -> ([usize; LANES], u64) {
         let (mut found, mut bits) = ([0; LANES], 0);
@@ -148,7 +150,7 @@ impl BallFragments {
         }
     }
 
-    /// Returns each pixel's depth of the nearest ball that covers it wholly; +∞ for none.
+    /// Returns the depth of the nearest opaque ball that covers each pixel wholly; +∞ if there is none.
     #[inline(always)]
     pub(crate) fn full_depth<S: Simd>(&self, simd: S, balls: &[&BallRecord]) -> Lanes<S> {
         let full = |lane: usize| {
@@ -159,8 +161,8 @@ impl BallFragments {
         Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(full))
     }
 
-    /// Returns each pixel's nearest fragment in front of `until` that the planes of depth, normal and nearest splat
-    /// show, and a mask of the pixels that have one.
+    /// Returns the index of each pixel's nearest solid fragment in front of `until`, and bits of the pixels that have
+    /// one. The planes of depth, normal and nearest splat show this fragment.
     pub(crate) fn shown(
         &self,
         balls: &[&BallRecord],
@@ -184,20 +186,20 @@ impl BallFragments {
     }
 }
 
-/// True if a pixel has the projection of a ball's centre.
+/// True if a pixel contains the projection of a ball's centre.
 fn has_center(ball: &BallRecord, (x, y): (i32, i32)) -> bool {
     let inside = |base: f32, anchor: f32, pixel: i32| (0.0..1.0).contains(&((base - pixel as f32) + anchor));
     inside(ball.base[0], ball.anchor[0], x) && inside(ball.base[1], ball.anchor[1], y)
 }
 
-/// Returns the next greater depth.
+/// Returns the next greater f32 of each depth.
 #[inline(always)]
 fn after<S: Simd>(z: Lanes<S>) -> Lanes<S> {
     let bits: fearless_simd::i32x16<S> = z.0.bitcast();
     Lanes((bits + 1).bitcast())
 }
 
-/// Returns the offsets of a block's pixels' corners from a point of a ball's record.
+/// Returns the offsets of the corners of a block's pixels from a point of a ball's record, in pixels.
 #[inline(always)]
 fn offset<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), point: [f32; 2]) -> V2<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -251,8 +253,8 @@ fn hit<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), projection: &Project
     hit_of([from.x, from.y, k(ball.slope[0]), k(ball.slope[1]), k(ball.size), k(ball.z)], projection)
 }
 
-/// Returns the depths and normals of balls, given by the offset of the pixel's corner from the centre's projection, the
-/// centre's slopes, the size and the depth of the centre.
+/// Returns the depths and normals of balls. The arguments are the offset of the pixel's corner from the projected
+/// centre of the ball, the centre's slopes x/z and y/z, the ball's size, and the centre's depth.
 #[inline(always)]
 pub(crate) fn hit_of<S: Simd>(
     [x, y, slope_x, slope_y, size, z]: [Lanes<S>; 6],

@@ -8,7 +8,7 @@ use crate::simd::lanes::Lanes;
 use crate::tiles::lists::{BATCH, BlockList};
 use fearless_simd::Simd;
 
-/// The pixels of a block.
+/// Coordinates of the pixels of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Pixels<S: Simd> {
     first: (i32, i32),

@@ -1,5 +1,5 @@
-//! Visibility and attributes of a block of 4×4 pixels (§5), one lane per pixel: two loops over the same list of splats,
-//! with the block's sums in registers.
+//! Visibility and attributes of a block of 4×4 pixels (§5), one lane per pixel. Two loops run over the same list of
+//! splats, with the block's sums in registers.
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::facing::Sides;
@@ -25,7 +25,7 @@ const REMEMBERED: usize = 256;
 pub(crate) struct BlockScratch {
     /// Depths (+∞ outside the footprint) and weights, by batch.
     fragments: [[[[f32; LANES]; 2]; BATCH]; REMEMBERED / BATCH],
-    /// Numbers of the stored batches.
+    /// Numbers of the batches whose fragments are stored.
     batches: [u32; REMEMBERED / BATCH],
 }
 
@@ -35,7 +35,7 @@ impl Default for BlockScratch {
     }
 }
 
-/// State of the first loop.
+/// State of the first loop, which finds the depth thresholds of a block.
 struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
     threshold: Lanes<S>,
     threshold_epsilon: Lanes<S>,
@@ -44,7 +44,7 @@ struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, con
     largest_epsilon: f32,
     inside: u32,
     filter: &'a L,
-    /// Number of stored batches.
+    /// Number of batches whose fragments are stored.
     count: usize,
     scratch: &'b mut BlockScratch,
 }
@@ -102,8 +102,8 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
     }
 }
 
-/// Runs both loops over the block whose first pixel is given. Only fragments that `filter` admits exist. Sums that the
-/// plan doesn't need aren't touched.
+/// Runs both loops over the block whose first pixel is given. Fragments that `filter` rejects are ignored. Sums that
+/// the plan doesn't need aren't touched.
 #[inline(always)]
 pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
     simd: S,

@@ -60,7 +60,7 @@ impl<S: Simd> Visit<S> for NearestSides<S> {
     }
 }
 
-/// State of [`thresholds`].
+/// State of the loop of [`thresholds`].
 struct Nearest<S: Simd> {
     threshold: Lanes<S>,
 }

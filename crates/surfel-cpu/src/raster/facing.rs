@@ -10,9 +10,9 @@ use surfel_math::facing::{BACK_FACING_LAG, sheet_limit};
 
 const FAR: f32 = f32::INFINITY;
 
-/// Constants per facing ([`crate::setup::record::Facing`]). The first four are added to depths to exclude a fragment
-/// from the front's thresholds, the back's thresholds, the front's nearest depth and the back's nearest depth. The
-/// fifth is the fraction of ε added to the depth in the comparison of the sides.
+/// Constants per facing ([`crate::setup::record::Facing`]). The first four are added to depths, and +∞ excludes the
+/// fragment. They apply to the front's threshold, the back's threshold, the front's nearest depth and the back's
+/// nearest depth. The fifth is the fraction of ε added to the depth in the comparison of the sides.
 const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
 const LAG: f32 = BACK_FACING_LAG as f32;
 
@@ -25,11 +25,13 @@ pub(crate) struct Sides<S: Simd> {
 
 #[derive(Clone, Copy)]
 struct Side<S: Simd> {
-    /// min(z + ε), and the ε of the splat that set it.
+    /// Depth threshold min(z + ε).
     threshold: Lanes<S>,
+    /// ε of the splat that set the threshold.
     epsilon: Lanes<S>,
-    /// Nearest depth of the side's fragments, and the ε of the nearest.
+    /// Nearest depth of the side's fragments.
     nearest: Lanes<S>,
+    /// ε of the splat of the nearest fragment.
     nearest_epsilon: Lanes<S>,
 }
 
@@ -49,8 +51,9 @@ impl<S: Simd> Side<S> {
 #[derive(Clone, Copy)]
 pub(crate) struct Shown<S: Simd> {
     pub threshold: Lanes<S>,
-    /// z + ε and ε of the threshold's writer.
+    /// z + ε of the fragment that sets the threshold.
     pub writer_depth: Lanes<S>,
+    /// ε of the fragment that sets the threshold.
     pub epsilon: Lanes<S>,
     /// Limit per facing: +∞ if the pixel shows the facing, else −∞.
     limits: [Lanes<S>; 3],
@@ -76,14 +79,14 @@ impl<S: Simd> Sides<S> {
         self.back.lower::<EPSILON>(value + k(back), epsilon, nearest + k(nearest_back));
     }
 
-    /// Returns depths behind which no fragment matters, whichever side is shown in the end.
+    /// Returns depths behind which no fragment contributes, whichever side is shown in the end.
     #[inline(always)]
     pub(crate) fn farthest(&self) -> Lanes<S> {
         self.front.threshold.max(self.back.threshold)
     }
 
     /// Returns a nearer bound than [`Self::farthest`] if no further splat has a larger ε. The side shown in the end has
-    /// a fragment no farther than the nearest so far, and its threshold is at most that fragment's ε behind it.
+    /// a fragment no farther than the nearest so far. The side's threshold is at most that fragment's ε behind it.
     #[inline(always)]
     pub(crate) fn farthest_within(&self, largest_epsilon: f32) -> Lanes<S> {
         let nearest = self.front.nearest.min(self.back.nearest);
@@ -100,7 +103,7 @@ impl<S: Simd> Sides<S> {
         // A pixel without an oriented visibility fragment shows the filtered fragments of both sides.
         let shows_any = far.le(front.nearest.min(back.nearest));
         let (threshold, epsilon) = (choose(back.threshold, front.threshold), choose(back.epsilon, front.epsilon));
-        // The other side ends what blends: its nearest fragment may be what sets the threshold.
+        // The other side limits blending: its nearest fragment may be the one that sets the threshold.
         let limit = sheet_limit(front.nearest, back.nearest);
         let is_limited = limit.lt(threshold);
         let other_epsilon = choose(front.nearest_epsilon, back.nearest_epsilon);

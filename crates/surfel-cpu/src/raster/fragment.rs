@@ -36,8 +36,8 @@ impl<S: Simd> Fragment<S> {
     }
 }
 
-/// Returns masks of the pixels inside the clip, for the unfiltered and the filtered footprint, and true if the filtered
-/// footprint is to include the unfiltered one. `None` if the splat has no clip.
+/// Returns masks of the pixels inside the clip, for the unfiltered and the filtered footprint. The flag is true if the
+/// filtered footprint is to include the unfiltered one. `None` if the splat has no clip.
 #[inline(always)]
 fn clipped<S: Simd>(
     simd: S,
@@ -132,7 +132,7 @@ pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     for j in 0..4 {
         let mut e = form((d_x[j], d_y[j]), k(records[j].depth_x()), k(records[j].depth_y()));
         if FILTERED {
-            // A fragment outside the disk is no farther from the centre than the disk does.
+            // Outside the disk, the depth is clamped to the disk's depth range.
             e = e.max(k(records[j].range_min())).min(k(records[j].range_max()));
         }
         inverse[j] = inverse_near_one(e);

@@ -12,7 +12,7 @@ pub(crate) struct Wanted {
     pub attributes: Attributes,
     /// True if the ε of the splat that set the depth threshold is needed.
     pub epsilon: bool,
-    /// True if the depths at which polygons end are needed.
+    /// True if the far ends of the polygons' depth ranges are needed.
     pub polygon_ends: bool,
     /// True if fragments are counted, both inside footprints and added.
     pub counts: bool,
@@ -28,7 +28,7 @@ pub(crate) struct RasterFrame {
     pub wanted: Wanted,
     /// Ambient, diffuse, specular and shininess factors per object.
     pub factors: Vec<[f32; 4]>,
-    /// 1/W0 per object.
+    /// Reciprocal 1/W0 of the interior weight, per object.
     pub coverage: Vec<f32>,
     /// Coverage per unit of weight, if it is the same for all splats; coverage isn't summed then.
     pub coverage_of_weight: Option<f32>,

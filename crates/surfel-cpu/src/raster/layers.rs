@@ -1,9 +1,9 @@
 //! Transparent splats over a block (§8): the sums of all layers from one traversal of the block's splats.
 //!
 //! Depth peeling (G06 §6) draws a layer by two passes over all splats. Here a block's fragments are computed once and
-//! stored. Each layer is then two loops over the fragments that belong to no earlier layer, which yields the same image
-//! to the bit. The A-buffer is layers without a limit: a fragment begins a new surface exactly where peeling begins a
-//! new layer.
+//! stored. Each layer is then two loops over the fragments that belong to no earlier layer. The image is the same to
+//! the bit. The A-buffer has the same layers, without a limit of their number: a fragment begins a new surface exactly
+//! where peeling begins a new layer.
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
@@ -30,8 +30,9 @@ pub(crate) struct TransparentItem<'a> {
 #[derive(Clone, Copy, Default)]
 #[repr(align(64))]
 pub(super) struct Remembered {
-    /// Depths inside the filtered footprint and inside the unfiltered one; NaN elsewhere.
+    /// Depths inside the filtered footprint; NaN elsewhere.
     pub inside_z: [f32; LANES],
+    /// Depths inside the unfiltered footprint; NaN elsewhere.
     pub visible_z: [f32; LANES],
     pub weight: [f32; LANES],
     pub epsilon: f32,
@@ -58,7 +59,7 @@ impl LayerScratch {
     }
 
     /// Numbers the surfaces of an A-buffer for [`TransparentBlock::surface`] and returns true, if the block has many
-    /// fragments. Returns false if it has few: finding their layers one by one is faster.
+    /// fragments. If it has few, returns false, because finding their layers one by one is faster.
     pub(crate) fn number_surfaces(&mut self) -> bool {
         let is_numbered = self.count >= NUMBERED_FROM;
         if is_numbered {
@@ -73,18 +74,20 @@ const NUMBERED_FROM: usize = 128;
 
 /// Results of gathering a block's fragments.
 pub(crate) struct Gathered<S: Simd> {
-    /// Depth thresholds of the nearest layer, and ε of the splats that set them.
+    /// Depth thresholds of the nearest layer.
     pub threshold: Lanes<S>,
+    /// ε of the splats that set the thresholds.
     pub threshold_epsilon: Lanes<S>,
-    /// Number of block-splat pairs computed, and number of their fragments that nothing opaque occludes.
+    /// Number of block-splat pairs computed.
     pub tested: u32,
+    /// Number of fragments of these pairs that nothing opaque occludes.
     pub inside: u32,
 }
 
-/// A layer of a block.
+/// One transparent layer of a block.
 pub(crate) struct Layer<S: Simd> {
     pub sums: Sums<S>,
-    /// Σwα.
+    /// Sum of weights times alphas, Σwα.
     pub alpha: Lanes<S>,
     /// Depth thresholds of the next layer.
     pub next: Lanes<S>,
@@ -94,7 +97,7 @@ pub(crate) struct Layer<S: Simd> {
 pub(crate) struct TransparentBlock<'a, S: Simd> {
     pub simd: S,
     pub list: &'a [TransparentItem<'a>],
-    /// First pixel of the block.
+    /// Column and row of the block's first pixel.
     pub at: (i32, i32),
     pub inputs: &'a RasterInputs<'a>,
     pub opaque_depth: Lanes<S>,
@@ -243,8 +246,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         nearest
     }
 
-    /// Returns the last layer: all remaining fragments, in colours lit per splat and weighted by alpha, so that more
-    /// opaque splats count more.
+    /// Returns the last layer: all remaining fragments, in colours lit per splat. Fragments are weighted by alpha, so
+    /// that more opaque splats contribute more.
     #[inline(always)]
     pub(crate) fn remaining(&self, beyond: Lanes<S>, scratch: &LayerScratch) -> Layer<S> {
         let simd = self.simd;

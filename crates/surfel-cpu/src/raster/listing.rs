@@ -6,7 +6,7 @@ use crate::setup::triangles::{ScreenTriangle, TriangleSegment};
 use crate::tiles::grid::Grid;
 use crate::tiles::lists::{BlockLists, ItemLists};
 
-/// Opaque splats, sorted into tiles.
+/// Opaque splats of a cell, sorted into tiles.
 #[derive(Clone, Copy)]
 pub(crate) struct Listing<'a> {
     pub segments: &'a [Segment],
@@ -19,7 +19,7 @@ impl<'a> Listing<'a> {
         self.segments.iter().all(|s| s.lists.of(tile).is_empty())
     }
 
-    /// Fills the lists of a tile's `wanted` blocks.
+    /// Fills the lists of a tile's blocks in `wanted` (one bit per block).
     #[inline(always)]
     pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -29,7 +29,7 @@ impl<'a> Listing<'a> {
         lists.finish();
     }
 
-    /// Fills the lists of a tile's `wanted` blocks, faster than [`Self::list`] if they are few.
+    /// Fills the lists of a tile's blocks in `wanted` (one bit per block), faster than [`Self::list`] if they are few.
     #[inline(always)]
     pub(crate) fn list_some(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -40,8 +40,8 @@ impl<'a> Listing<'a> {
     }
 }
 
-/// Fills the lists of a tile's `wanted` blocks with triangles, in scene order. Returns bits of the blocks that have
-/// any.
+/// Fills the lists of a tile's blocks in `wanted` (one bit per block) with triangles, in scene order. Returns bits of
+/// the blocks that have any.
 pub(crate) fn list_triangles<'a>(
     segments: &'a [TriangleSegment],
     tile: usize,

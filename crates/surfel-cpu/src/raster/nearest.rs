@@ -19,7 +19,7 @@ use surfel_math::Real;
 /// The nearest fragments of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// Depths; +∞ for no fragment.
+    /// Depths of the fragments; +∞ for no fragment.
     pub z: Lanes<S>,
     /// Numbers of the fragments' splats ([`SplatNumbers`]), as the bits of floats.
     number: Lanes<S>,
@@ -56,8 +56,8 @@ impl<S: Simd> Nearest<S> {
     }
 }
 
-/// Draws a block as [`block::draw`] does, in front of polygons at these depths (+∞ for none), and returns the nearest
-/// of the fragments that add their attributes.
+/// Draws a block like [`block::draw`], in front of polygons at these depths (+∞ for none). Returns the nearest of the
+/// fragments that add their attributes.
 ///
 /// Facings and polygons are always handled. In a frame without facings all splats count for both sides, and polygons at
 /// +∞ hide nothing, so the block's sums have the same bits.
@@ -124,7 +124,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
     }
 }
 
-/// State of the third loop.
+/// State of the third loop, which finds the nearest splats.
 struct ThirdLoop<'a, 'b, S: Simd, L> {
     filter: &'a L,
     threshold: Lanes<S>,

@@ -24,7 +24,8 @@ impl Aligned {
     }
 }
 
-/// Factors of the weight in a pixel's sums: colour, normal, 1 and depth; or three attributes and 1.
+/// Factors that a splat's weight is multiplied by before it is added to a pixel's `N` sums. For `N` = 8: colour,
+/// normal, 1 and depth. For `N` = 4: three attributes and 1.
 pub(crate) struct Numbers<S: Simd, const N: usize> {
     eight: f32x8<S>,
     four: f32x4<S>,
@@ -42,7 +43,7 @@ impl<S: Simd, const N: usize> Numbers<S, N> {
         Self { eight: f32x8::load_array(simd, eight), four, is_depth }
     }
 
-    /// Adds the factors times `weight`, with `depth` in the depth's place, to a pixel's sums.
+    /// Adds the factors times `weight` to a pixel's sums, with `depth` as the factor of the depth.
     #[inline(always)]
     pub(crate) fn add(&self, simd: S, weight: f32, depth: f32, sums: &mut [f32; N]) {
         if let Some(sums) = sums.first_chunk_mut::<8>() {

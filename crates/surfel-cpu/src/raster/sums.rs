@@ -16,9 +16,9 @@ const LEAST_WEIGHT: f32 = 1e-36;
 pub(crate) struct Sums<S: Simd> {
     /// Depth thresholds, +∞ in empty pixels. Fragments up to the threshold add their attributes.
     pub threshold: Lanes<S>,
-    /// The z + ε of the fragments that set the thresholds: the thresholds, unless the other side of a sheet sets them.
+    /// z + ε of the fragments that set the thresholds: the thresholds, unless the other side of a surface limits them.
     pub writer_depth: Lanes<S>,
-    /// The ε of these fragments.
+    /// ε of the fragments that set the thresholds.
     pub threshold_epsilon: Lanes<S>,
     pub weight: Lanes<S>,
     pub fragments: Lanes<S>,
@@ -27,8 +27,9 @@ pub(crate) struct Sums<S: Simd> {
     pub depth: Lanes<S>,
     pub material: [Lanes<S>; 4],
     pub coverage: Lanes<S>,
-    /// Number of block-splat pairs computed, and number of their lanes inside a filtered footprint.
+    /// Number of block-splat pairs computed.
     pub tested: u32,
+    /// Number of lanes of these pairs that are inside a filtered footprint.
     pub inside: u32,
 }
 
@@ -52,7 +53,7 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Resets the sums to zero. The thresholds and the numbers of tests and hits stay.
+    /// Resets the sums to zero. The thresholds, `tested` and `inside` remain.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         let none = Self::new(self.threshold.0.simd);
@@ -75,7 +76,7 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// Adds numbers times a weight.
+/// Adds `numbers` times a weight to sums.
 #[inline(always)]
 pub(crate) fn add_weighted<S: Simd, const N: usize>(sums: &mut [Lanes<S>; N], weight: Lanes<S>, numbers: [f32; N]) {
     for (sum, number) in sums.iter_mut().zip(numbers) {

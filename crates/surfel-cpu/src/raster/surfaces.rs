@@ -17,7 +17,7 @@ pub(super) struct Numbers(pub [f32; LANES]);
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Member {
     surface: u32,
-    /// Index of the splat's fragments.
+    /// Index of the splat's fragments in the block's stored fragments.
     pub fragment: u32,
 }
 
@@ -38,10 +38,11 @@ pub(super) struct SurfaceNumbers {
     members: Vec<Member>,
     /// Index of the next surface's first member.
     next: usize,
-    /// Visible fragments of a pixel by depth, as depths and indices; the least z + ε from each fragment on; and the
-    /// pixel's depth thresholds.
+    /// Visible fragments of a pixel by depth, as depths and indices.
     order: Vec<(f32, u32)>,
+    /// Minimum z + ε of each fragment of `order` and of the fragments behind it.
     ends: Vec<f32>,
+    /// Depth thresholds of the pixel, from near to far.
     thresholds: Vec<f32>,
 }
 

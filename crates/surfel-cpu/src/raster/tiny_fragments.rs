@@ -20,8 +20,9 @@ pub(crate) fn first_three<S: Simd>(simd: S) -> mask32x4<S> {
 
 /// Fragments that contribute to four pixels.
 pub(crate) struct Contributing {
-    /// Depths and weights, zero for fragments that don't contribute.
+    /// Depths; zero for fragments that don't contribute.
     pub depths: [f32; 4],
+    /// Weights; zero for fragments that don't contribute.
     pub weights: [f32; 4],
     /// Bits of the fragments that contribute.
     pub bits: u32,

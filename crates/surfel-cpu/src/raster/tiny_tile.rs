@@ -30,7 +30,8 @@ const BEYOND: usize = 2;
 /// Number of pixels in a row: the tile's, and the margins beyond.
 const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
 
-/// Number of all pixels, plus the pixels that the last four fragments of the last tiny splat reach beyond them.
+/// Number of pixels in a buffer: all rows, and four that the last fragments of the last tiny splat may reach beyond
+/// them.
 const ALL: usize = STRIDE * STRIDE + 4;
 
 /// A pair of a block and a splat that isn't tiny.
@@ -133,8 +134,9 @@ impl Tile {
     }
 }
 
-/// Lengths in memory from the first to the last pixel of a block and of a tiny splat.
+/// Number of a buffer's entries from the first to the last pixel of a block.
 const OF_BLOCK: usize = 3 * STRIDE + 4;
+/// Number of a buffer's entries from the first to the last pixel of a tiny splat.
 const OF_TINY: usize = 2 * STRIDE + 4;
 
 impl<'a> TinyScratch<'a> {
@@ -351,7 +353,7 @@ impl<'a> TinyScratch<'a> {
     }
 }
 
-/// Loads the numbers of a block's pixels, given from its first one on.
+/// Loads the numbers of a block's pixels; `numbers` begins at the block's first pixel.
 #[inline(always)]
 fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     let Some(numbers) = numbers.first_chunk::<OF_BLOCK>() else { return Lanes::splat(simd, f32::NEG_INFINITY) };
@@ -359,13 +361,13 @@ fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     Lanes(row(0).combine(row(1)).combine(row(2).combine(row(3))))
 }
 
-/// Loads the numbers of a tiny splat's 2×2 pixels, given from its first one on.
+/// Loads the numbers of a tiny splat's 2×2 pixels; `numbers` begins at the splat's first pixel.
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_TINY]) -> f32x4<S> {
     f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
 }
 
-/// Lowers the depth thresholds of a tiny splat's 2×2 pixels, given from its first one on.
+/// Lowers the depth thresholds of a tiny splat's 2×2 pixels; `thresholds` begins at the splat's first pixel.
 #[inline(always)]
 fn lower_thresholds<S: Simd>(
     simd: S,
@@ -403,13 +405,13 @@ fn add_four<S: Simd, const N: usize>(
     (drawn(simd, has, here), bits)
 }
 
-/// Returns the number of fragments in the block's pixels that are drawn.
+/// Returns the number of fragments inside the footprint, in the block's pixels that are drawn.
 #[inline(always)]
 fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>) -> u64 {
     u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
 }
 
-/// Stores a splat's fragments, and writes the depths to which they may lower the thresholds to `values`.
+/// Stores a splat's fragments. Writes the depths z + ε to which they may lower the thresholds to `values`; +∞ for none.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
@@ -448,7 +450,7 @@ fn add_pair<S: Simd, const N: usize>(
     mask.to_bitmask() as u32
 }
 
-/// Counts contributing fragments (1, else 0) at columns and rows relative to a pixel.
+/// Adds contributing fragments (1, else 0) to the counts of pixels, given by columns and rows relative to `pixel`.
 fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usize, usize, u32)>) {
     for (column, row, contributes) in fragments {
         if let Some(count) = counts.get_mut(pixel + STRIDE * row + column) {

@@ -12,7 +12,7 @@ use surfel_math::{Real, V2};
 /// The nearest polygons of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// Depths; +∞ for no polygon.
+    /// Depths of the polygons; +∞ for no polygon.
     pub z: Lanes<S>,
     /// Indices in the block's list, as the bits of floats.
     which: Lanes<S>,

@@ -9,7 +9,7 @@ use surfel_render::ball_scale;
 
 /// A chunk of up to 256 neighbouring balls.
 pub(crate) struct BallChunk {
-    /// Object-space origin of the centres.
+    /// Object-space origin, relative to which the chunk's centres are stored.
     pub origin: DVec3,
     /// Radius of a sphere around the origin that contains the centres, in object units.
     pub centers: f64,
@@ -17,19 +17,19 @@ pub(crate) struct BallChunk {
     pub largest: f64,
     /// Index of the first ball in the columns.
     pub first: usize,
-    /// Number of balls.
+    /// Number of balls in the chunk.
     pub count: usize,
 }
 
-/// The balls of one object.
+/// The balls of one object, as this backend stores them.
 pub(crate) struct StoredBalls {
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub source: usize,
     /// True if radii are in pixels of the image; else they are in world units.
     pub in_pixels: bool,
-    /// True for dots.
+    /// True if the splats are dots, which are parallel to the image.
     pub flat: bool,
     pub chunks: Vec<BallChunk>,
     /// Centres relative to the origins of their chunks, by coordinate. Each chunk fills whole lanes.
@@ -38,10 +38,11 @@ pub(crate) struct StoredBalls {
     pub colors: Option<Vec<[f32; 3]>>,
     /// Opacity; `None` if every ball is opaque.
     pub alphas: Option<Vec<f32>>,
-    /// Light stored in every ball.
+    /// Light of a sky, stored for every slot (§12).
     pub light: Option<Vec<BallLight>>,
-    /// Row and label of every slot, if the cloud has rows and labels.
+    /// Row of every slot, if the cloud has rows.
     pub rows: Option<Arc<[u32]>>,
+    /// Label of every slot, if the cloud has labels.
     pub labels: Option<Vec<u32>>,
 }
 

@@ -13,7 +13,7 @@ const NONE: u32 = u32::MAX;
 /// The forms of a clip's curve, stored after those of its lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Curve {
-    /// No form.
+    /// The clip has no curve, and no form is stored.
     Absent,
     /// One form, the chord in place of the curve: the form is at least 0 in the pixels inside the clip.
     Chord,
@@ -37,10 +37,11 @@ impl Curve {
 /// Location and kinds of a clip's forms, in a list of many clips' forms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Head {
-    /// Index of the first form.
+    /// Index of the clip's first form.
     pub first: u32,
-    /// Number of lines, whose forms precede the curve's. Forms are negated if being inside any one line is enough.
+    /// Number of lines. Their forms precede the forms of the curve.
     pub lines: u8,
+    /// True if a point inside any one line is inside the clip. The forms of the lines are then negated.
     pub any_line: bool,
     pub curve: Curve,
     /// True if the forms over the unfiltered footprint are followed by as many over the filtered one.
@@ -65,13 +66,13 @@ pub(crate) struct StoredClips {
     forms: Vec<Linear<f32>>,
 }
 
-/// A stored clip under a clip policy.
+/// A stored clip, simplified by a clip policy.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredClip<'a> {
     pub head: Head,
     pub lines: &'a [Linear<f32>],
     pub curve: &'a [Linear<f32>],
-    /// Sign of the chord, if the chord replaces the curve under the policy: the curve's first form times this sign.
+    /// Factor that turns the curve's first form into the chord's, if the policy replaces the curve by its chord.
     pub straightened: Option<f32>,
 }
 
@@ -85,7 +86,7 @@ impl StoredClips {
         self.of_slot.push(self.heads.len() as u32);
         let nothing = Clip::nothing();
         let lines = clip.lines.iter().rposition(|line| *line != nothing.lines[0]).map_or(0, |last| last + 1);
-        // If any one line is enough, a line that excludes everything looks absent, but must be stored.
+        // If any one line is enough, a line that excludes everything looks like an absent line, but must be stored.
         let lines = lines.max(usize::from(clip.line_sign < 0.0));
         let curve = if clip.chord == nothing.chord {
             Curve::Absent

@@ -15,12 +15,12 @@ use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 /// Maximum number of splats in a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Number of chunks stored by one task, and number of tasks per thread between merges of their results. Splats stored
-/// since the last merge are in memory twice. The data read to form the chunks is still in the thread's cache.
+/// Number of chunks stored by one task. The data read to form the chunks is then still in the thread's cache.
 const TASK: usize = 8;
+/// Number of tasks per thread between merges of their results. Splats stored since the last merge are in memory twice.
 const WAVE: usize = 2;
 
-/// Minimum number of indices of a splat order that are freed at once.
+/// Minimum number of indices of a splat order whose memory is freed at once.
 const LEAST_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
@@ -48,7 +48,7 @@ pub(crate) struct Chunk {
     pub member: u32,
     /// Index of the first splat in the columns.
     pub first: usize,
-    /// Number of splats.
+    /// Number of splats in the chunk.
     pub count: usize,
     /// A cone that contains all normals, if it is narrower than a half space.
     pub cone: Option<Cone>,
@@ -71,11 +71,11 @@ impl Cone {
     }
 }
 
-/// The splats of one object.
+/// The splats of one object, as this backend stores them.
 pub(crate) struct StoredObject {
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// Index of the scene's object, if it is an octree.
+    /// Index of the object in the scene, if it is an octree.
     pub octree: Option<usize>,
     pub chunks: Vec<Chunk>,
     /// Bounds of the groups of each chunk.
@@ -86,14 +86,15 @@ pub(crate) struct StoredObject {
     pub colors: Option<Column3>,
     pub shading_normals: Option<Units>,
     pub clips: Option<StoredClips>,
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub source: usize,
-    /// Row in the source file and label of every slot; `None` if the cloud has no rows or no labels.
+    /// Row in the source file of every slot; `None` if the cloud has no rows.
     pub rows: Option<Arc<[u32]>>,
+    /// Label of every slot; `None` if the cloud has no labels.
     pub labels: Option<Vec<u32>>,
-    /// Opacity per slot; `None` if every splat is opaque. Never quantised, since 1 must stay 1.
+    /// Opacity per slot; `None` if every splat is opaque. Opacities are never quantised, so that 1 remains exactly 1.
     pub alphas: Option<Vec<f32>>,
-    /// W0 as stated by the material or by the cloud; 0 if neither states it.
+    /// Interior weight W0, as stated by the material or by the cloud; 0 if neither states it.
     interior_weight: f64,
     /// True if all normals point out of the same surface.
     pub oriented: bool,
@@ -149,7 +150,7 @@ impl StoredObject {
         }
     }
 
-    /// Replaces the material, of which two fields follow.
+    /// Replaces the material, and updates the two fields that depend on it.
     pub(crate) fn set_material(&mut self, material: Material, cloud: &SplatCloud) {
         self.material = material;
         self.interior_weight = material.interior_weight.or(cloud.data().interior_weight).unwrap_or(0.0);
@@ -306,8 +307,8 @@ impl StoredObject {
         }
     }
 
-    /// Returns 1/W0: coverage per unit of weight inside the cloud's surface (§5). Returns 1 if W0 isn't known; coverage
-    /// isn't needed then.
+    /// Returns 1/W0: coverage per unit of weight inside the cloud's surface (§5). Returns 1 if W0 is unknown, because
+    /// coverage isn't needed then.
     pub(crate) fn coverage_per_weight(&self, cutoff: f64) -> f32 {
         if self.interior_weight > 0.0 {
             (1.0 / interior_weight_at_cutoff(self.interior_weight, cutoff)) as f32

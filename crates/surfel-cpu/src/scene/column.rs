@@ -8,7 +8,7 @@ use surfel_math::quantise::{STEPS, folded, steps as steps_of, to_step, unfolded}
 use surfel_math::{Real, V3};
 use surfel_model::Storage;
 
-/// A column of numbers.
+/// A growing column of numbers, one per slot.
 pub(crate) enum Column {
     F32(Vec<f32>),
     Quantised(Vec<u16>),
@@ -29,7 +29,7 @@ impl Column {
         self.set(at, value, scale);
     }
 
-    /// Appends zeros.
+    /// Appends `count` zeros.
     fn grow(&mut self, count: usize) {
         match self {
             Self::F32(values) => values.resize(values.len() + count, 0.0),
@@ -60,7 +60,7 @@ impl Column {
         }
     }
 
-    /// Loads sixteen numbers.
+    /// Loads sixteen numbers from index `at` on.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> Lanes<S> {
         match self {

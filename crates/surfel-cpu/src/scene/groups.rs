@@ -18,10 +18,10 @@ const RADII: f64 = 3.0;
 /// Number of steps of a cone's sine. A sine above 1 marks an absent cone.
 const SINES: f64 = 250.0;
 
-/// Slack for the rounding of stored normals, far above it.
+/// Slack of a cone's sine, far above the rounding of stored normals.
 const SLACK: f64 = 2e-3;
 
-/// A splat's contribution to the bounds of its group.
+/// Bounds of one splat, from which the bounds of its group are computed.
 pub(crate) struct BoundedSplat {
     /// Centre, relative to the chunk's origin.
     pub center: DVec3,
@@ -29,11 +29,11 @@ pub(crate) struct BoundedSplat {
     pub normal: DVec3,
 }
 
-/// Bounds of a chunk's groups.
+/// Bounds of a chunk's groups of 16 splats, stored in bytes.
 pub(crate) struct Groups {
-    /// Centres of bounding spheres, in steps of the chunk's largest coordinate.
+    /// Centres of bounding spheres, in steps: the chunk's largest coordinate is [`STEPS`] steps.
     center: [[i8; LANES]; 3],
-    /// Radii of bounding spheres, rounded up.
+    /// Radii of bounding spheres, rounded up: 255 stands for [`RADII`] chunk radii.
     radius: [u8; LANES],
     /// Axes of the cones of normals, rounded towards zero: none is longer than 1.
     axis: [[i8; LANES]; 3],
@@ -71,8 +71,9 @@ impl Groups {
 pub(crate) struct GroupLanes<S: Simd> {
     pub center: V3<Lanes<S>>,
     pub radius: Lanes<S>,
-    /// Axes and sines of the cones; the sine of an absent cone is above 1.
+    /// Axes of the cones of normals, in object space.
     pub axis: V3<Lanes<S>>,
+    /// Sines of the cones' angles; above 1 for an absent cone.
     pub sine: Lanes<S>,
 }
 

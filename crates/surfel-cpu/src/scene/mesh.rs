@@ -8,7 +8,7 @@ use surfel_math::basis::{normal_matrix, unit};
 use surfel_model::{KnownMipmaps, Material, Mesh, Mipmaps, Object, Octree};
 use surfel_render::View;
 
-/// A mesh of one object.
+/// The mesh of one object, as this backend stores it.
 pub(crate) struct StoredMesh {
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,
@@ -17,9 +17,9 @@ pub(crate) struct StoredMesh {
     pub mipmaps: Option<Arc<Mipmaps>>,
     /// Map of normals from object to world space, up to scale.
     pub normals: DMat3,
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub source: usize,
-    /// Index of the scene's object, if it is an octree.
+    /// Index of the object in the scene, if it is an octree.
     pub octree: Option<usize>,
     /// Indices of the mesh's triangles, sorted so that neighbours follow each other.
     order: Vec<u32>,
@@ -29,7 +29,7 @@ pub(crate) struct StoredMesh {
 /// A part of a mesh: neighbouring triangles, in an octree those of a single leaf.
 pub(crate) struct Part {
     pub bounds: BoundingSphere,
-    /// Range in the mesh's `order`.
+    /// Range of the part's triangles in the mesh's `order`.
     triangles: Range<usize>,
 }
 

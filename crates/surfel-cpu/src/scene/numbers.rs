@@ -10,14 +10,14 @@ pub(crate) struct SplatNumbers {
 }
 
 impl SplatNumbers {
-    /// Number of an empty pixel.
+    /// Number that marks a pixel without a splat or polygon.
     pub(crate) const NOTHING: u32 = u32::MAX;
     /// Bit that marks a polygon; the other bits are the index of its mesh.
     pub(crate) const POLYGON: u32 = 1 << 31;
-    /// Maximum number of slots: records have other bits beside the number.
+    /// Maximum number of slots. A record stores other bits next to the number.
     pub(crate) const MOST: usize = 1 << 30;
 
-    /// Numbers the slots of these objects, given by their rows, which all have.
+    /// Numbers the slots of objects. Each object is given by the rows of its slots.
     pub(crate) fn new(objects: impl Iterator<Item = Option<Arc<[u32]>>>) -> Self {
         let mut next = 0;
         let numbered = objects.map(|rows| {

@@ -10,9 +10,9 @@ use surfel_math::srgb::limit_color;
 use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Object, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneGeometry, SceneSummary};
 
-/// An object of Gaussians.
+/// An object that consists of trained Gaussians.
 pub(crate) struct StoredGaussians {
-    /// Index of the scene's object.
+    /// Index of the object in the scene.
     pub(crate) source: usize,
     pub(crate) gaussians: Arc<GaussianCloud>,
     pub(crate) world_from_object: DAffine3,
@@ -95,7 +95,7 @@ impl ResidentScene {
         Ok(resident)
     }
 
-    /// Stores the parts of a scene that aren't geometry.
+    /// Stores a scene's lights, background, matcap and first material: everything but geometry.
     fn light(&mut self, scene: &Scene) {
         let [r, g, b, a] = scene.background;
         self.material = scene.objects.first().map_or(Material::default(), |object| object.material);

@@ -41,11 +41,11 @@ pub(crate) struct Extras<'a> {
     pub transparent: &'a [TransparentSegment],
     pub layers: Layers,
     pub balls: &'a BallSegment,
-    /// Look of each object of balls.
+    /// Shading parameters of each object of balls.
     pub ball_looks: &'a [BallLook<'a>],
 }
 
-/// Drawing of a cell's tiles.
+/// Inputs for drawing a cell's tiles.
 pub(crate) struct CompositeJob<'a> {
     pub tiles: TileJob<'a>,
     pub extras: Extras<'a>,
@@ -56,9 +56,9 @@ pub(crate) struct CompositeJob<'a> {
 /// Depths of a block's nearest surfaces, +∞ for none, by which balls and layers are composited.
 #[derive(Clone, Copy)]
 pub(super) struct Ends<S: Simd> {
-    /// Depth beyond which balls are hidden: that of the surface that shows.
+    /// Depth of the visible surface, beyond which balls are hidden.
     pub front: Lanes<S>,
-    /// Depth beyond which transparent layers are hidden; `None` if the block has none.
+    /// Depth of the opaque surface, beyond which transparent layers are hidden; `None` if the block has no layers.
     pub layers: Option<Lanes<S>>,
 }
 
@@ -66,7 +66,7 @@ pub(super) struct Ends<S: Simd> {
 pub(super) struct BallOutputs<'a, 'b> {
     /// Target of the plane of the nearest splats; `None` for samples.
     pub target: Option<&'a mut Target<'b>>,
-    /// Steps of layers, and the tile.
+    /// Planes of the cell's transparent layers, to be written, and the tile's index; `None` if not needed.
     pub steps: Option<(&'a mut LayerSteps, usize)>,
     pub counters: &'a mut Counters,
 }
@@ -258,7 +258,7 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns a block's transparent layers.
+    /// Computes and composites a block's transparent layers in front of `opaque_depth`.
     #[inline(always)]
     pub(super) fn layers<S: Simd>(
         &self,
@@ -462,7 +462,7 @@ impl<'a> CompositeJob<'a> {
         let thin = gbuffer.marks(tile).thin;
         let Some((begins, reach)) = gbuffer.edges(tile).filter(|_| thin != 0) else { return (stepped, deep) };
         let neighbourhood = &mut scratch.neighbourhood;
-        // Outside the image all is at −∞, which is never behind anything.
+        // Pixels outside the image are at −∞, so that they are never behind a pixel's surface.
         neighbourhood.load(begins, &listing.grid, tile, |tile| gbuffer.marks(tile), 1, f32::NEG_INFINITY);
         neighbourhood.steps(simd, reach, thin, edges);
         let infinite = Lanes::splat(simd, f32::INFINITY);
@@ -501,9 +501,9 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A
-    /// pixel that a polygon covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of
-    /// candidate pixels, and true if one of them has a depth threshold.
+    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels.
+    /// Pixels that a polygon covers aren't edge pixels, because splats are blended over polygons anyway (§6). `edges`
+    /// has the bits of candidate pixels, and true if one of them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,

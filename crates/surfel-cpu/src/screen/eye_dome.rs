@@ -14,7 +14,7 @@ use surfel_math::{Real, V2};
 pub(crate) struct EyeDome<'a> {
     neighbourhood: &'a Neighbourhood,
     projection: &'a Projection,
-    /// Weight of each neighbour.
+    /// Weight of each of the eight neighbours ([`rise_weight`]).
     weights: [f32; NEIGHBOURS.len()],
 }
 
@@ -63,7 +63,7 @@ impl<'a> EyeDome<'a> {
         self.brightness(z, neighbours)
     }
 
-    /// Returns the brightness of surfaces within one pixel of the tile, as [`Self::of_block`].
+    /// Returns the brightness of surfaces within one pixel of the tile, like [`Self::of_block`].
     #[inline(always)]
     pub(crate) fn of_pixel<S: Simd>(&self, (x, y): (i32, i32), z: Lanes<S>) -> Lanes<S> {
         let neighbour = |[dx, dy]: [i32; 2]| z.constant(self.neighbourhood.at(x + dx, y + dy).into());

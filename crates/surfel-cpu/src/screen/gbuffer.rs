@@ -1,5 +1,5 @@
-//! The G-buffer: planes that screen-space passes need of a tile and its neighbours. The passes are edges (§5, ours
-//! after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over all of them.
+//! The G-buffer: planes of a tile and its neighbours that screen-space passes need. The passes are edges (§5, Surfel's
+//! own, after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over all of them.
 
 use crate::raster::sums::Sums;
 use crate::simd::lanes::{LANES, Lanes};
@@ -14,18 +14,18 @@ pub(crate) const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
 /// Side of the largest tile, in pixels.
 pub(crate) const SIDE: usize = (TILE_BLOCKS * BLOCK) as usize;
 
-/// Numbers of a tile's pixels in row order, for comparison with neighbours.
+/// Values of a tile's pixels in row order, for comparison with neighbours.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileRows(pub [[f32; SIDE]; SIDE]);
 
-/// Numbers of a tile's pixels, block by block.
+/// Values of a tile's pixels, block by block.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileBlocks([[f32; LANES]; BLOCKS]);
 
-/// Depth range of the nearest surfaces in a block's pixels (§5, edges by samples). The end is −∞ if only one of a
-/// pixel's two footprints has a surface, which counts as a step to every neighbour.
+/// Depth range of the nearest surfaces in a block's pixels (§5, edges by samples). The end is −∞ if a pixel is covered
+/// by unfiltered footprints but not by filtered ones, or the reverse. Such a pixel has a step to every neighbour.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach<S: Simd> {
     pub begin: Lanes<S>,
@@ -33,7 +33,7 @@ pub(crate) struct Reach<S: Simd> {
 }
 
 impl<S: Simd> Reach<S> {
-    /// Returns the range of splats, or of the nearest polygons where they begin first.
+    /// Returns the range of splats, or of the nearest polygons in pixels where these begin first.
     #[inline(always)]
     fn of(sums: &Sums<S>, polygon: Option<Self>) -> Self {
         let (begin, end) = (sums.writer_depth - sums.threshold_epsilon, sums.writer_depth + sums.threshold_epsilon);
@@ -86,31 +86,33 @@ pub(crate) struct Marks {
     pub thin: u64,
 }
 
-/// Planes of all tiles of a grid. Memory is reused between frames, so the following are stale: tiles and blocks that no
-/// splat or polygon touches, and planes that the plan doesn't need.
+/// Planes of all tiles of a grid. Memory is reused between frames. Tiles and blocks that no splat or polygon touches
+/// are therefore stale, and so are planes that the plan doesn't need.
 #[derive(Default)]
 pub(crate) struct GBuffer {
-    /// Planes of edges. For edge antialiasing `begin` is the depth at which the nearest surface begins, and `reach` the
-    /// depth up to which a pixel's own surface reaches. `reach` is −∞ if there are fragments but no threshold, and +∞
-    /// if nothing would show through an edge. `threshold` is the depth threshold. For edges by samples `begin` and
-    /// `reach` are the depths at which the nearest surface begins and ends.
+    /// Depth at which the nearest surface begins, for edge antialiasing and for edges by samples.
     begin: Vec<TileRows>,
+    /// For edge antialiasing, the depth up to which a pixel's own surface extends. It is −∞ if there are fragments but
+    /// no threshold, and +∞ if nothing would show through an edge. For edges by samples, the depth at which the nearest
+    /// surface ends.
     reach: Vec<TileRows>,
+    /// Depth threshold, for edge antialiasing.
     threshold: Vec<TileBlocks>,
+    /// Coverage, for edge antialiasing.
     coverage: Vec<TileBlocks>,
-    /// Planes of outlines and eye-dome lighting: `depth` is the nearest surface's depth; `limit`, for outlines, the
-    /// greatest depth of a neighbour without a line.
+    /// Depth of the nearest surface, for outlines and eye-dome lighting.
     depth: Vec<TileRows>,
+    /// Greatest depth of a neighbour without a line between the two pixels, for outlines.
     limit: Vec<TileRows>,
-    /// Plane of transparent layers: depth of the nearest opaque surface.
+    /// Depth of the nearest opaque surface, for transparent layers.
     opaque: Vec<TileBlocks>,
-    /// Plane of balls: depth of the nearest surface.
+    /// Depth of the nearest surface, for balls.
     front: Vec<TileBlocks>,
     marks: Vec<Marks>,
     wanted: Wanted,
 }
 
-/// Passes that need planes.
+/// Flags of the passes that need planes.
 #[derive(Clone, Copy, Default)]
 struct Wanted {
     edges: bool,

@@ -1,4 +1,4 @@
-//! A tile's numbers and those of the pixels around it, which screen-space passes compare sixteen pixels of a row at a
+//! Values of a tile's pixels and of the pixels around it. Screen-space passes compare sixteen pixels of a row at a
 //! time.
 
 use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
@@ -18,7 +18,7 @@ const COLUMNS_AROUND: usize = 8;
 /// Number of blocks that sixteen pixels of a row span.
 const ABREAST: u32 = LANES as u32 / BLOCK;
 
-/// Numbers of a tile's pixels and the pixels around it.
+/// Values of a tile's pixels and of the pixels around it.
 #[repr(align(64))]
 pub(crate) struct Neighbourhood([[f32; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]);
 
@@ -69,8 +69,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Loads sixteen numbers of a row, from a pixel of the tile or up to two pixels outside it. Lanes beyond the tile's
-    /// own columns and two more are meaningless.
+    /// Loads sixteen values of a row, from a pixel of the tile or up to two pixels outside it. Lanes more than two
+    /// columns beyond the tile are meaningless.
     #[inline(always)]
     pub(crate) fn row<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
@@ -78,13 +78,13 @@ impl Neighbourhood {
         Lanes::load(simd, row.and_then(|row| row.get(at..)).unwrap_or_default())
     }
 
-    /// Returns the number of a pixel of the tile or up to two pixels outside it.
+    /// Returns the value of a pixel of the tile or up to two pixels outside it.
     pub(crate) fn at(&self, x: i32, y: i32) -> f32 {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
         row.and_then(|row| row.get((x + COLUMNS_AROUND as i32) as usize)).copied().unwrap_or(f32::INFINITY)
     }
 
-    /// Loads the numbers of 4×4 pixels, from a pixel of the tile or up to two pixels outside it.
+    /// Loads the values of 4×4 pixels, from a pixel of the tile or up to two pixels outside it.
     #[inline(always)]
     pub(crate) fn block<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let mut values = [0.0; LANES];
@@ -98,7 +98,7 @@ impl Neighbourhood {
         Lanes::load(simd, &values)
     }
 
-    /// Sets the bit of each pixel in the `wanted` blocks whose number in `own` is below the maximum of its 3×3
+    /// Sets the bit of each pixel in the `wanted` blocks whose value in `own` is below the maximum of its 3×3
     /// neighbourhood.
     #[inline(always)]
     pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {

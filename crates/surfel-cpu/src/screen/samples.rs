@@ -24,7 +24,7 @@ use surfel_render::SAMPLES_SIDE;
 
 /// The sampled pixels of a cell, and the data to draw their samples.
 pub(crate) struct SampleJob<'a, 'b> {
-    /// Tiles of samples.
+    /// Inputs for drawing the tiles of samples.
     pub tiles: CompositeJob<'a>,
     pub sampled: &'b BlockSet,
     /// Grid, G-buffer and lighting of the pixels themselves.

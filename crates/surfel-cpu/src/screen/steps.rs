@@ -17,7 +17,7 @@ const _: () = assert!(SAMPLES_SIDE == BLOCK, "samples of a pixel fill a block");
 /// Planes of a tile without content: begin and end of surfaces, and number of layers.
 static NOTHING: [[TileRows; 2]; 2] = [[TileRows::EMPTY, TileRows::EMPTY], [TileRows::ZERO, TileRows::ZERO]];
 
-/// Bits of a tile's pixels, one word per row.
+/// Flags of a tile's pixels: one word per row, one bit per pixel.
 type Pixels = [u32; SIDE];
 
 const _: () = assert!(SIDE == u32::BITS as usize, "a row of pixels has a bit each");
@@ -26,7 +26,7 @@ const _: () = assert!(SIDE == u32::BITS as usize, "a row of pixels has a bit eac
 pub(crate) struct StepPlanes<'a> {
     pub gbuffer: &'a GBuffer,
     pub layers: &'a LayerSteps,
-    /// Grid of both planes.
+    /// Grid of the tiles of both planes.
     pub grid: &'a Grid,
 }
 
@@ -119,7 +119,7 @@ impl StepPlanes<'_> {
         }
     }
 
-    /// Returns the planes of begin and end of a quantity in a tile, if it has any.
+    /// Returns the planes of a quantity in a tile, its begin and its end; `None` if the tile has none.
     fn planes(&self, what: Compared, tile: usize) -> Option<[&TileRows; 2]> {
         let layers = || self.layers.of(tile);
         match what {
@@ -148,7 +148,7 @@ fn row<S: Simd>(simd: S, planes: [&TileRows; 2], x: usize, y: usize) -> [Lanes<S
     planes.map(|plane| Lanes::load(simd, &plane.0[y % SIDE][x % SIDE..]))
 }
 
-/// Returns bits of the pixels, of sixteen, that have a step to the corresponding one of sixteen others.
+/// Compares sixteen pixels with sixteen others, and returns bits of the pairs with a step of depth between them.
 #[inline(always)]
 fn between<S: Simd>([begin, end]: [Lanes<S>; 2], [begins, ends]: [Lanes<S>; 2]) -> u32 {
     (end.lt(begins) | ends.lt(begin)).to_bitmask() as u32

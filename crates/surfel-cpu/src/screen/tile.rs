@@ -58,7 +58,7 @@ impl TileScratch<'_> {
 /// Number of blocks that are lit together: the CPU computes one while another's operands aren't ready.
 const TOGETHER: usize = 4;
 
-/// Drawing of the tiles of a cell's opaque splats.
+/// Inputs for drawing the tiles of a cell's opaque splats.
 pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
     pub inputs: RasterInputs<'a>,
@@ -68,7 +68,7 @@ pub(crate) struct TileJob<'a> {
 }
 
 impl<'a> TileJob<'a> {
-    /// Draws a tile.
+    /// Draws the target's current tile block by block, or splat by splat if that is faster.
     #[inline(always)]
     pub(crate) fn draw<S: Simd>(
         &self,

@@ -33,17 +33,18 @@ pub(crate) struct BallRecord {
     pub slope: [f32; 2],
     /// Radius over p_z (perspective), or radius (orthographic).
     pub size: f32,
-    /// Depth of the centre.
+    /// Planar depth of the centre, in world units.
     pub z: f32,
     /// Lower bound of the depth of fragments.
     pub z_min: f32,
     pub color: [f32; 3],
-    /// Opacity; 1 if alphas don't count.
+    /// Opacity; 1 if balls are drawn as opaque.
     pub alpha: f32,
     /// Number of the slot among all splats.
     pub number: u32,
-    /// Index among the scene's objects of balls, and the slot in the object's columns.
+    /// Index of the object among the scene's objects of balls.
     pub object: u32,
+    /// Slot of the ball in the object's columns.
     pub slot: u32,
     pub flat: bool,
     /// True if the outline is so large that f32 loses the digits of its area.
@@ -80,8 +81,8 @@ impl BallSegment {
         self.records.iter().filter(is_counted).count()
     }
 
-    /// Projects the balls of these chunks that may touch the `drawn` blocks of the grid's region. With `alphas`, a
-    /// ball's opacity counts.
+    /// Projects the balls of these chunks that may touch the `drawn` blocks of the grid's region. Without `alphas`, all
+    /// balls are opaque.
     pub(crate) fn project(
         instructions: Instructions,
         views: &[BallView<'_>],
@@ -102,14 +103,14 @@ impl BallSegment {
     }
 }
 
-/// Projection of one chunk.
+/// Inputs for the projection of one chunk of balls.
 struct ChunkSetup<'a, 'b> {
     view: &'b BallView<'a>,
     chunk: usize,
     alphas: bool,
 }
 
-/// Sixteen balls on the screen.
+/// Sixteen balls in view space.
 struct Projected<S: Simd> {
     p: V3<Lanes<S>>,
     radius: Lanes<S>,

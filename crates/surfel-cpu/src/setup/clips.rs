@@ -36,7 +36,7 @@ fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32
 pub(crate) struct ScreenClips {
     heads: Vec<Head>,
     forms: Vec<Linear<f32>>,
-    /// Number in the frame of the first clip.
+    /// Number of the list's first clip.
     first: u32,
 }
 
@@ -80,17 +80,17 @@ pub(crate) struct CellClips {
     lists: Vec<ScreenClips>,
 }
 
-/// Log2 of the numbers reserved for a list: records of as many splats would not fit into memory.
+/// Base-2 logarithm of the number of clips reserved for a list. As many splats would not fit into memory.
 const SHIFT: u32 = 30;
 
 impl CellClips {
-    /// Returns the first numbers of the next setup's two lists. Numbers suffice for four lists, and a cell needs no
+    /// Returns the first numbers of the next setup's two lists. 32 bits suffice for four lists, and a cell needs no
     /// more.
     pub(crate) fn next_numbers(&self) -> [u32; 2] {
         [0, 1].map(|list| ((self.lists.len() + list) as u32).wrapping_shl(SHIFT))
     }
 
-    /// Adds the next list.
+    /// Appends the next list of a setup.
     pub(crate) fn push(&mut self, list: ScreenClips) {
         self.lists.push(list);
     }
@@ -99,7 +99,7 @@ impl CellClips {
         self.lists.iter().map(ScreenClips::bytes).sum()
     }
 
-    /// Returns the number of clips.
+    /// Returns the number of clips in all lists.
     pub(crate) fn count(&self) -> usize {
         self.lists.iter().map(|list| list.heads.len()).sum()
     }

@@ -39,19 +39,21 @@ impl FrameConstants {
     }
 }
 
-/// Largest depth difference over the disk of a cheap splat, and over its filtered disk, relative to its centre's depth.
-/// The terms of 1/(1 + e) that are omitted are then below 7e-8 and 5e-7 of the depth.
+/// Largest depth difference over the disk of a cheap splat, relative to the depth of its centre. The omitted terms of
+/// 1/(1 + e) are then below 7e-8 of the depth.
 pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
+/// Largest depth difference over the filtered disk of a cheap splat, relative to the depth of its centre. The omitted
+/// terms of 1/(1 + e) are then below 5e-7 of the depth.
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 
-/// Steepest plane of a cheap splat, in relative depth per pixel. Its blocks reach at most 12 pixels beyond its disks.
-/// Over them |e| is below 0.4, and pixels outside a disk are still found to be outside.
+/// Steepest plane of a cheap splat, in relative depth per pixel. The splat's blocks extend at most 12 pixels beyond its
+/// disks. Over these blocks |e| is below 0.4, so that pixels outside a disk are still found to be outside.
 pub(crate) const CHEAP_STEEPNESS: f64 = 1.0 / 32.0;
 
 /// Widest filter of a splat that may be cheap, in pixels.
 pub(crate) const CHEAP_RADIUS_PX: f64 = 2.0;
 
-/// A splat at sixteen pixels, or a group of splats at one pixel each.
+/// Fragments of a splat at sixteen pixels, or of a group of splats at one pixel each.
 pub(crate) struct Fragment<S: Simd> {
     /// Mask of the pixels inside the unfiltered footprint.
     pub visible: mask32x16<S>,
@@ -92,7 +94,7 @@ fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> La
 #[inline(always)]
 pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let one = r.z.one();
-    // A fragment outside the disk is no farther from its centre than the disk does.
+    // Outside the disk, the depth is clamped to the disk's depth range.
     let inverse = inverse_near_one(form(d, r.depth_x, r.depth_y).max(r.range_min).min(r.range_max));
     let visible = visible_square_of(r, d) * (inverse * inverse);
     let filtered = inverse_near_one(form(d, r.w_x, r.w_y));

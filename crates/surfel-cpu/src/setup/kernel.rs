@@ -17,7 +17,7 @@ const LARGEST: f64 = 1.25;
 /// functions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kernel {
-    /// Coefficients, lowest power first.
+    /// Coefficients of the polynomial, lowest power first.
     coefficients: [f32; DEGREE + 1],
     squarings: u32,
 }

@@ -27,15 +27,15 @@ pub(crate) struct Masks {
     boxes: [[i32; LANES]; 4],
     /// Bits of the splats whose box is larger than a tile; these are tested tile by tile.
     large: u64,
-    /// Bits of the splats that have blocks in the first tile of their box, in the next one, and in the two below these.
-    /// Only for boxes no larger than a tile.
+    /// Bits of the splats that have blocks in each of four tiles: the first tile of their box, the tile on its right,
+    /// and the two tiles below these. Only for boxes no larger than a tile.
     filled: [u64; 4],
     /// Bits of the splats that may touch a block.
     touching: u64,
-    /// Blocks in the tile of a box's first block, in the next one, and in the two below these. Only for boxes no larger
-    /// than a tile.
+    /// Blocks in each of four tiles: the first tile of a box, the tile on its right, and the two tiles below these.
+    /// Only for boxes no larger than a tile.
     blocks: [[u64; LANES]; 4],
-    /// The first tile and the splat's kind, as packed by [`Entry::place`].
+    /// Index of the first tile and the splat's kind, as packed by [`Entry::place`].
     place: [i32; LANES],
 }
 
@@ -227,7 +227,8 @@ impl Masks {
         entries.advance(count);
     }
 
-    /// Marks splats as tiny, given the bits of those of 2×2 and of 3×3 pixels. No splat may be marked yet.
+    /// Marks splats as tiny, given bits of the splats of 2×2 pixels and of the splats of 3×3. No splat may be marked
+    /// yet.
     #[inline(always)]
     pub(crate) fn set_tiny(&mut self, [two, three]: [u64; 2]) {
         let (two, three) = (two as u32, (three & !two) as u32);
@@ -262,7 +263,7 @@ impl Masks {
     }
 }
 
-/// Returns the offsets from a tile's number to itself, the next tile and the two below.
+/// Returns the offsets from a tile's number to itself, to the tile on its right, and to the two tiles below these.
 #[inline(always)]
 fn next_tiles(grid: &Grid) -> [u32; 4] {
     [0, 1, grid.columns, grid.columns + 1]

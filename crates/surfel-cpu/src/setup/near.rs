@@ -1,5 +1,5 @@
-//! Splats that reach the near plane or span much of their distance: mapped exactly, without filter, in f64 (§3, last
-//! paragraph).
+//! Splats that reach the near plane, or whose depth range is large compared with their distance. They are mapped
+//! exactly, without filter, in f64 (§3, last paragraph).
 
 use crate::cull::object::ObjectView;
 use crate::scene::cloud::{Chunk, StoredShape};

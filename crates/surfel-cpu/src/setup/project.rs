@@ -41,12 +41,13 @@ const BOX_SLACK_PX: f64 = 2e-3;
 pub(crate) struct SetupOutput<'a> {
     /// Grid over the drawn part of the view.
     pub grid: Grid,
-    /// Region in which a splat's centre makes it count as drawn. These regions don't overlap, as grids may.
+    /// Region whose splats are counted as drawn, by their centres. Regions of different cells don't overlap, although
+    /// their grids may.
     pub counted: Region,
     /// Finder of tiny splats, if they are evaluated here.
     pub tiny: Option<&'a TinyFinder>,
     pub segment: &'a mut Segment,
-    /// Entries, in splat order.
+    /// Entries that assign records to tiles, in splat order.
     pub entries: &'a mut Entries,
     /// Blocks that are drawn; others need no entries.
     pub drawn: DrawnBlocks<'a>,
@@ -54,12 +55,12 @@ pub(crate) struct SetupOutput<'a> {
     pub transparent: Option<&'a mut TransparentOutput>,
 }
 
-/// Transparent splats of some chunks.
+/// Destination of the transparent splats of some chunks.
 #[derive(Default)]
 pub(crate) struct TransparentOutput {
     pub segment: Segment,
     pub entries: Entries,
-    /// One entry per record.
+    /// Additional data of the splats, one for each record.
     pub splats: Vec<TransparentSplat>,
 }
 
@@ -102,7 +103,7 @@ impl SetupOutput<'_> {
         index
     }
 
-    /// Appends a splat for which every block of its box counts.
+    /// Appends a splat that is listed in every block of its box.
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm<'_>) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
@@ -353,7 +354,7 @@ impl ObjectView<'_> {
         Some(PixelBounds { inverse_z, base, fraction, ranges: [columns.0, columns.1, rows.0, rows.1], keep })
     }
 
-    /// Computes the depths of splats over the image.
+    /// Computes each splat's depth as a function of pixels, and the range of the depths.
     #[inline(always)]
     fn depth_lanes<S: Simd>(
         &self,
@@ -495,7 +496,7 @@ impl ObjectView<'_> {
         }
     }
 
-    /// Returns the bits of records that hold the object's or the splat's number, and the facing.
+    /// Returns the field of records that stores the number of the object or of the splat, and the facing.
     #[inline(always)]
     fn object_bits<S: Simd>(&self, simd: S, at: usize, back_facing: mask32x16<S>) -> Lanes<S> {
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
@@ -594,7 +595,7 @@ impl ObjectView<'_> {
 
 impl ObjectView<'_> {
     /// Returns the shading normals as drawn. If the material is two-sided, normals of back-facing splats are turned to
-    /// the eye, except where a splat reaches past the contour of an oriented surface (§2).
+    /// the eye. A splat that reaches past the contour of an oriented surface is an exception (§2).
     #[inline(always)]
     fn shown_normal<S: Simd>(
         &self,
@@ -625,7 +626,7 @@ impl ObjectView<'_> {
 #[derive(Clone, Copy)]
 struct Group<'a> {
     chunk: &'a Chunk,
-    /// Slot of the first splat.
+    /// Slot of the group's first splat.
     at: usize,
     /// Number of splats in the group; the other lanes repeat one.
     active: usize,
@@ -636,7 +637,7 @@ struct GroupLanes<S: Simd> {
     splat: ViewSplat<Lanes<S>>,
     /// Radii, if the splats are disks and the transform is a similarity.
     radius: Option<Lanes<S>>,
-    /// Areas, if they are known without the half-axes.
+    /// Area vectors, if they can be computed without the half-axes.
     area: Option<Area<Lanes<S>>>,
     /// Shading normals, in world space.
     shading: V3<Lanes<S>>,
@@ -663,7 +664,7 @@ struct FootprintLanes<S: Simd> {
     back_facing: mask32x16<S>,
     /// Mask of the splats that are neither edge-on nor culled.
     keep: mask32x16<S>,
-    /// Depth tolerances.
+    /// Depth tolerances ε, in world units.
     epsilon: Lanes<S>,
     /// Footprints of the unfiltered splats.
     visible: Footprint<Lanes<S>>,
@@ -680,7 +681,7 @@ struct PixelBounds<S: Simd> {
     inverse_z: Lanes<S>,
     /// Pixels that contain the projected centres.
     base: V2<Lanes<S>>,
-    /// Projected centres relative to `base`.
+    /// Projected centres relative to `base`, in pixels.
     fraction: V2<Lanes<S>>,
     /// First column, end of the columns, first row, end of the rows.
     ranges: [Lanes<S>; 4],
@@ -690,21 +691,21 @@ struct PixelBounds<S: Simd> {
 
 /// Depths of a group's splats over the image, in the form of the plan's mapping.
 struct DepthLanes<S: Simd> {
-    /// Change of depth per pixel.
+    /// Change of the depth form per pixel to the right and down.
     gradient: V2<Lanes<S>>,
-    /// Range of the fragments' depths.
+    /// Minimum and maximum of the fragments' depths, in the same form.
     range: [Lanes<S>; 2],
-    /// Least depth in view space.
+    /// Least planar depth of each splat, in world units.
     z_min: Lanes<S>,
-    /// Largest depth in view space.
+    /// Largest planar depth of each splat, in world units.
     z_max: Lanes<S>,
 }
 
-/// Evaluators of a group's splats, and the gradients of the footprints that they evaluate.
+/// Classes of evaluation of a group's splats, and the gradients of the footprints that are evaluated.
 struct Evaluation<S: Simd> {
     /// Mask of splats whose filtered footprint is the unfiltered one.
     unfiltered: mask32x16<S>,
-    /// Mask of splats whose depth may be taken as constant.
+    /// Mask of the cheap splats, whose depth is nearly constant over the disk.
     cheap: mask32x16<S>,
     u: V2<Lanes<S>>,
     v: V2<Lanes<S>>,
@@ -720,10 +721,10 @@ struct Stages<S: Simd> {
     evaluation: Evaluation<S>,
 }
 
-/// Clips of a group.
+/// Clips of a group's splats, and the data to convert them to pixels.
 struct Clips<'a> {
     clips: &'a StoredClips,
-    /// Slot of the first splat.
+    /// Slot of the group's first splat.
     at: usize,
     /// Bits of the splats that have a clip.
     clipped: u64,

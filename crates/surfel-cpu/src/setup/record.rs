@@ -22,7 +22,7 @@ pub(crate) enum Class {
     Near,
 }
 
-/// Side of its surface that a splat shows, if facings are separated (§5).
+/// Facing of a splat: the side of its surface that the splat shows, if facings are separated (§5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
     /// The splat's cloud isn't oriented, or the plan doesn't separate facings.
@@ -46,12 +46,15 @@ impl Facing {
     }
 }
 
-/// Classes as bits: cheap splats with equal filtered and unfiltered footprints, other cheap splats, general splats,
-/// splats near the eye, and tiny splats of 2×2 and of 3×3 pixels.
+/// Class bits of a cheap splat whose filtered and unfiltered footprints are equal.
 pub(crate) const UNFILTERED: u32 = 0;
+/// Class bits of any other cheap splat.
 pub(crate) const FILTERED: u32 = 1;
+/// Class bits of a general splat.
 pub(crate) const GENERAL: u32 = 4;
+/// Class bits of a splat near the eye.
 const NEAR: u32 = 8;
+/// Class bits of tiny splats of 2×2 and of 3×3 pixels.
 pub(crate) const TINY: [u32; 2] = [16, 32];
 
 /// Bit of a class that marks a splat with a clip.
@@ -64,7 +67,7 @@ pub(crate) enum Batch {
     Unfiltered,
     /// Together: all are cheap, and none has a clip.
     Filtered,
-    /// One by one.
+    /// One by one: some splat isn't cheap or has a clip.
     Scalar,
 }
 
@@ -129,48 +132,61 @@ macro_rules! fields {
 }
 
 fields! {
-    /// Column and row of the anchor's pixel.
+    /// Column of the anchor's pixel.
     base_x = 0;
+    /// Row of the anchor's pixel.
     base_y = 1;
-    /// ε.
+    /// Depth tolerance ε, in world units.
     epsilon = 2;
     /// Lower bound of the depth of the splat's fragments: [`Listable::z_min`].
     nearest = 3;
-    /// Bits of the [`Class`], and one bit more for a clip.
+    /// Bits of the [`Class`], and one more bit that marks a splat with a clip.
     class_bits = 4;
-    /// Offset from the anchor to its pixel's centre: ½ minus the anchor's fraction.
+    /// Offset in x from the anchor to its pixel's centre: ½ minus the anchor's fraction.
     offset_x = 5;
+    /// Offset in y from the anchor to its pixel's centre.
     offset_y = 6;
-    /// Gradients of the filtered (u·w', v·w').
+    /// Change of u·w' per pixel to the right, in the filtered footprint.
     u_x = 7;
+    /// Change of u·w' per pixel down, in the filtered footprint.
     u_y = 8;
+    /// Change of v·w' per pixel to the right, in the filtered footprint.
     v_x = 9;
+    /// Change of v·w' per pixel down, in the filtered footprint.
     v_y = 10;
-    /// Gradient of the plane's depth: of p_z/z (perspective), or of z.
+    /// Change of the plane's depth form per pixel to the right: of p_z/z (perspective), or of z.
     depth_x = 11;
+    /// Change of the plane's depth form per pixel down.
     depth_y = 12;
-    /// Depth at the anchor.
+    /// Depth at the anchor, in world units.
     z = 13;
-    /// Range over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the range of p_z/z − 1; for
-    /// an unfiltered one it is unlimited.
+    /// Minimum over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the minimum of p_z/z − 1;
+    /// for an unfiltered one it is unlimited.
     range_min = 14;
+    /// Maximum over the disk of the same form.
     range_max = 15;
-    /// Gradients of the unfiltered (u·w', v·w').
+    /// Change of u·w' per pixel to the right, in the unfiltered footprint.
     visible_u_x = 16;
+    /// Change of u·w' per pixel down, in the unfiltered footprint.
     visible_u_y = 17;
+    /// Change of v·w' per pixel to the right, in the unfiltered footprint.
     visible_v_x = 18;
+    /// Change of v·w' per pixel down, in the unfiltered footprint.
     visible_v_y = 19;
-    /// Gradient of the filtered w'.
+    /// Change of w' per pixel to the right, in the filtered footprint.
     w_x = 20;
+    /// Change of w' per pixel down, in the filtered footprint.
     w_y = 21;
-    /// Factor of the weight.
+    /// Factor of the kernel's weight, which the filter sets.
     weight_scale = 22;
     red = 23;
     green = 24;
     blue = 25;
-    /// World shading normal, turned to the eye if the material is two-sided.
+    /// World shading normal in x, turned to the eye if the material is two-sided.
     normal_x = 26;
+    /// World shading normal in y.
     normal_y = 27;
+    /// World shading normal in z.
     normal_z = 28;
     /// Coverage per unit of weight, without the factor of the cloud's W0.
     coverage_scale = 29;
@@ -186,11 +202,12 @@ pub(crate) const FORMS: usize = 5;
 
 const _: () = assert!(size_of::<Record>() == RECORD_BYTES, "lists count records by their bytes");
 
-/// Field of [`Listable::z_min`].
+/// Index of the field [`Listable::z_min`] in a record.
 const Z_MIN: usize = 3;
 
-/// Field of the class, and first field of the colour and the normal.
+/// Index of the field of the class in a record.
 pub(crate) const CLASS: usize = 4;
+/// First of the colour's three fields. The normal's three fields follow.
 pub(crate) const COLOR: usize = 23;
 
 impl Record {
@@ -289,7 +306,7 @@ impl Record {
     }
 }
 
-/// A record without any fragment.
+/// A record without any fragment, which pads batches.
 static EMPTY: Record = {
     let mut fields = [0.0; FIELDS];
     fields[0] = f32::NAN;

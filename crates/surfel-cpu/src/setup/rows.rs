@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
 
-/// Half of a block's extent between pixel centres.
+/// Half of a block's extent between pixel centres, in pixels.
 pub(crate) const HALF: f32 = 1.5;
 
 /// Slack of the test, in pixels and relative. The slack is far above the rounding of the forms, so that no block with a
@@ -15,11 +15,13 @@ pub(crate) const SLACK: f32 = 2e-3;
 
 /// Footprints over pixels, relative to their anchors.
 pub(crate) struct MaskForms<S: Simd> {
-    /// Offset from the anchor to its pixel's centre, and that pixel.
+    /// Offset from the anchor to the centre of its pixel.
     pub offset: V2<Lanes<S>>,
+    /// Column and row of the pixel that contains the anchor.
     pub base: V2<Lanes<S>>,
-    /// Gradients of the filtered (u·w', v·w').
+    /// Gradient of the filtered u·w'.
     pub u: V2<Lanes<S>>,
+    /// Gradient of the filtered v·w'.
     pub v: V2<Lanes<S>>,
     /// Upper bound of the footprint's w'.
     pub w: Lanes<S>,
@@ -30,8 +32,8 @@ pub(crate) struct MaskForms<S: Simd> {
 pub(crate) struct Conic<S: Simd> {
     /// Mask of the splats that are tested; the others count with their whole box.
     tested: mask32x16<S>,
-    /// Coefficients of the minimum and maximum column at an offset y from the anchor, in blocks: middle + slope·y ±
-    /// √(most − square·y²)·scale.
+    /// First of six coefficients of the minimum and maximum column, in blocks, at an offset y from the anchor. The
+    /// minimum is begin + slope·y − √(most − square·y²)·scale, the maximum end + slope·y + √(most − square·y²)·scale.
     begin: Lanes<S>,
     end: Lanes<S>,
     slope: Lanes<S>,
@@ -57,8 +59,8 @@ impl<S: Simd> Conic<S> {
         let scale = per_block / a;
         Self {
             tested,
-            // The first block is the first whose last pixel isn't before the ellipse; the end is past the last block
-            // whose first pixel isn't beyond it.
+            // The range begins with the first block whose last pixel isn't before the ellipse. It ends after the last
+            // block whose first pixel isn't beyond the ellipse.
             begin: (anchor_x - k(SLACK + 2.0 * HALF)) * per_block,
             end: (anchor_x + k(SLACK + BLOCK as f32)) * per_block,
             slope: -(b * scale),
@@ -93,8 +95,9 @@ impl<S: Simd> Conic<S> {
 
 /// Rows of blocks of sixteen boxes no larger than a tile.
 pub(crate) struct Rows<S: Simd> {
-    /// First column and end column, relative to the first tile's side.
+    /// First column, relative to the first tile's side.
     pub left: Lanes<S>,
+    /// End column, relative to the first tile's side.
     pub right: Lanes<S>,
     pub height: Lanes<S>,
     /// Number of columns of a tile.

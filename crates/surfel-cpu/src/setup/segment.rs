@@ -15,8 +15,9 @@ pub(crate) struct Segment {
     pub set_up: u64,
     /// Number of splats with a record, each counted in one cell of a view.
     pub drawn: u64,
-    /// Thread time of setup and of sorting, in seconds.
+    /// Thread time of setup, in seconds.
     pub set_up_s: f64,
+    /// Thread time of sorting, in seconds.
     pub sort_s: f64,
     /// Lists of the records that touch each tile.
     pub lists: TileLists,
@@ -35,7 +36,7 @@ impl Segment {
         (self.set_up_s, self.sort_s) = (0.0, 0.0);
     }
 
-    /// Moves the near splats and clips to the end of the cell's.
+    /// Moves the near splats and the clips to the ends of the cell's lists.
     pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut CellClips) {
         clips.push(std::mem::take(&mut self.clips));
         if !self.near.is_empty() {
@@ -64,6 +65,6 @@ pub(crate) struct TransparentSplat {
 #[derive(Default)]
 pub(crate) struct TransparentSegment {
     pub segment: Segment,
-    /// One entry per record.
+    /// Additional data of the splats, one for each record.
     pub splats: Vec<TransparentSplat>,
 }

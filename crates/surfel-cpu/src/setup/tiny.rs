@@ -18,13 +18,15 @@ use surfel_render::{FramePlan, View};
 /// Data that the records of a group's tiny splats store in place of forms: depths row by row, then weights. A weight is
 /// NaN in a pixel outside the filtered footprint, and negative in a pixel inside the unfiltered one.
 pub(crate) struct TinyLanes<S: Simd> {
-    /// Masks of the splats of 2×2 pixels, and of those of 3×3.
+    /// Mask of the splats of 2×2 pixels.
     four: mask32x16<S>,
+    /// Mask of the splats of 3×3 pixels.
     nine: mask32x16<S>,
     /// Column and row of the first pixel, as the bits of integers.
     first_px: V2<Lanes<S>>,
-    /// Depths and weights of 3×3 pixels.
+    /// Depths of 3×3 pixels, row by row.
     depths: [Lanes<S>; 9],
+    /// Signed weights of 3×3 pixels, row by row.
     weights: [Lanes<S>; 9],
 }
 
@@ -32,7 +34,7 @@ pub(crate) struct TinyLanes<S: Simd> {
 const CORNER: [usize; 4] = [0, 1, 3, 4];
 
 impl<S: Simd> TinyLanes<S> {
-    /// Returns bits of the tiny splats of 2×2 pixels, and of those of 3×3.
+    /// Returns bits of the tiny splats of 2×2 pixels, and of the tiny splats of 3×3.
     #[inline(always)]
     pub(crate) fn bits(&self) -> [u64; 2] {
         [self.four.to_bitmask(), self.nine.to_bitmask()]
@@ -140,7 +142,7 @@ impl<S: Simd> Numbers<S> {
     }
 }
 
-/// Returns the bits of integers.
+/// Converts whole numbers to integers, and returns the integers' bits in lanes.
 #[inline(always)]
 fn whole_bits<S: Simd>(v: Lanes<S>) -> Lanes<S> {
     let whole: i32x16<S> = v.0.to_int();

@@ -18,17 +18,19 @@ use surfel_render::View;
 /// Margin of a box, in pixels: far above the rounding of its corners, and too small to cost time.
 const BOX_SLACK_PX: f64 = 1e-3;
 
-/// A triangle on the screen.
+/// A triangle projected to the screen.
 pub(crate) struct ScreenTriangle {
-    /// Index of the mesh, and index of the triangle in the mesh.
+    /// Index of the mesh in the scene's list of meshes.
     pub mesh: u32,
+    /// Index of the triangle in the mesh.
     pub index: u32,
     /// The triangle, relative to the origin of all pixels, so that adjacent triangles test a shared edge by the same
     /// number. Edges are multiplied by a power of two that makes their gradients about 1. This rounds nothing, so
     /// adjacent triangles still agree.
     pub triangle: Triangle<f64>,
-    /// Σ E and Σ E·z over the edges' values E: the depth is the second divided by the first.
+    /// Σ E over the values E of the three edges.
     pub weight: Linear<f64>,
+    /// Σ E·z over the edges: the depth is this form divided by `weight`.
     pub depth: Linear<f64>,
     /// Lower bound of the depth of fragments.
     pub z_min: f32,
@@ -36,7 +38,7 @@ pub(crate) struct ScreenTriangle {
     pub back_facing: bool,
 }
 
-/// Some triangles of a mesh, with each tile's list of them in their order.
+/// Some triangles of a mesh in the mesh's order, with a list of the triangles that touch each tile.
 pub(crate) struct TriangleSegment {
     pub triangles: Vec<ScreenTriangle>,
     pub lists: TileLists,
@@ -90,7 +92,7 @@ pub(crate) fn project_some(
 /// Data shared by all triangles of a mesh in a view.
 struct Projector<'a> {
     mesh: &'a StoredMesh,
-    /// Index of the mesh.
+    /// Index of the mesh in the scene's list of meshes.
     index: u32,
     view: &'a View,
     cull: Cull,
@@ -190,7 +192,7 @@ fn for_tiles(
     let Some([x0, x1]) = blocks(extent.min.x, extent.max.x, [r.x, r.width], grid.origin[0]) else { return };
     let Some([y0, y1]) = blocks(extent.min.y, extent.max.y, [r.y, r.height], grid.origin[1]) else { return };
     let size = grid.tile_blocks;
-    // A triangle of few blocks counts in all of them.
+    // A triangle whose box has few blocks is listed in all of them.
     let small = x1 - x0 < 2 && y1 - y0 < 2;
     for row in y0 / size..=y1 / size {
         for column in x0 / size..=x1 / size {
@@ -225,7 +227,7 @@ fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<
     (first < end).then(|| [(first - origin) / BLOCK, (end - 1 - origin) / BLOCK])
 }
 
-/// False if an edge excludes every pixel of the block with this centre.
+/// True unless an edge excludes every pixel of the block with this centre.
 #[inline(always)]
 fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
     let [a, b, c] = &t.triangle.edges;

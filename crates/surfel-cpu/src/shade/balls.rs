@@ -14,7 +14,7 @@ use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V3};
 use surfel_model::{BallLight, Shader};
 
-/// Look of an object of balls.
+/// Shading parameters of an object of balls.
 #[derive(Clone, Copy)]
 pub(crate) struct BallLook<'a> {
     /// Ambient, diffuse, specular and shininess factors.
@@ -28,7 +28,7 @@ pub(crate) struct BallBlock<'a, S: Simd> {
     pub simd: S,
     pub list: BallList<'a>,
     pub lighting: &'a Lighting,
-    /// Look of each object of balls.
+    /// Shading parameters of each object of balls.
     pub looks: &'a [BallLook<'a>],
     pub fragments: &'a mut BallFragments,
 }
@@ -36,11 +36,11 @@ pub(crate) struct BallBlock<'a, S: Simd> {
 /// Colours composited so far, front to back.
 #[derive(Clone, Copy)]
 pub(crate) struct Composited<S: Simd> {
-    /// Colour, premultiplied.
+    /// Composited colour, linear and premultiplied.
     pub color: V3<Lanes<S>>,
-    /// Fraction of what is behind that shows through.
+    /// Fraction of the light from behind that the colours let through.
     pub transmittance: Lanes<S>,
-    /// Number of fragments.
+    /// Number of fragments composited per pixel.
     pub fragments: Lanes<S>,
 }
 
@@ -94,7 +94,7 @@ impl<S: Simd> BallBlock<'_, S> {
         let simd = self.simd;
         let mut fields = [[0.0f32; LANES]; 11];
         let mut factors = [[0.0; LANES]; 4];
-        // Lanes without a fragment have a ball that divides nothing by zero.
+        // Lanes without a fragment have a dummy ball, so that nothing is divided by zero.
         (fields[4], fields[5]) = ([1.0; LANES], [1.0; LANES]);
         let (mut flat, mut coverage) = (0u64, [0.0; LANES]);
         let (x, y) = self.list.at;

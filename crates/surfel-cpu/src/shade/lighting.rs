@@ -33,7 +33,7 @@ struct FrameLight {
     specular: Vec3,
 }
 
-/// Everything that lights a frame.
+/// Parameters of a frame's shading: shader, lights, materials and background.
 pub(crate) struct Lighting {
     pub shader: Shader,
     pub planes: Planes,
@@ -45,7 +45,7 @@ pub(crate) struct Lighting {
     are_afar: bool,
     /// Ambient, diffuse, specular and shininess factors, if all objects share them.
     pub material: [f32; 4],
-    /// The shared exponent as returned by [`whole_power`].
+    /// Shininess that all objects share, if it suits [`whole_power`], with the least base of its power.
     whole_shininess: Option<(u32, f32)>,
     /// Background colour, linear and premultiplied.
     pub background: [f32; 4],
@@ -156,14 +156,15 @@ impl Lighting {
     }
 }
 
-/// Returns an exponent for which a few multiplications beat a logarithm, and the least base whose power is a normal
-/// number. Subnormal products would slow the CPU down. 256 roundings are 1.5e-5 of a highlight.
+/// Returns a whole exponent up to 256 and the least base whose power is a normal number. For such exponents a few
+/// multiplications are faster than a logarithm. Smaller bases would yield subnormal products, which slow the CPU down.
+/// 256 roundings are 1.5e-5 of a highlight.
 fn whole_power(exponent: f64) -> Option<(u32, f32)> {
     let suits = (1.0..=256.0).contains(&exponent) && exponent.fract() == 0.0;
     suits.then(|| (exponent as u32, 1e-36f64.powf(1.0 / exponent) as f32))
 }
 
-/// A surface while it is lit.
+/// Intermediate results while a surface is lit.
 struct Lit<S: Simd> {
     normal: V3<Lanes<S>>,
     view_ray: ViewRay<S>,
@@ -174,8 +175,8 @@ struct Lit<S: Simd> {
 }
 
 impl<S: Simd> Lit<S> {
-    /// Returns n·l, with l the unit vector to a light, and r·v. r = 2(n·l)n − l is the mirror image of l, and v =
-    /// −s/|s| the unit vector to the eye.
+    /// Returns n·l and r·v, where l is the unit vector to a light. The vector r = 2(n·l)n − l is the mirror image of l,
+    /// and v = −s/|s| is the unit vector to the eye.
     #[inline(always)]
     fn cosines(&self, to_light: V3<Lanes<S>>) -> (Lanes<S>, Lanes<S>) {
         let cosine = self.normal.dot(to_light);

@@ -47,7 +47,7 @@ impl MatcapSphere {
         for lane in ones(covered.to_bitmask()) {
             let (column, row) = (x[lane] as usize, y[lane] as usize);
             let (fx, fy) = (x[lane] - column as f32, y[lane] - row as f32);
-            // The last column and row have no neighbours, whose weight is zero there.
+            // The last column and row have no neighbours, but there the weight of the neighbour is zero.
             let (right, below) = (usize::from(fx > 0.0), if fy > 0.0 { self.width } else { 0 });
             let first = row * self.width + column;
             let texels = [first, first + right, first + below, first + below + right].map(|i| self.texel(i));

@@ -104,7 +104,7 @@ impl ShadowDrawing<'_> {
     }
 }
 
-/// Per-thread lists, reused between cells: those of splats and triangles, and those of balls.
+/// Per-thread lists of splats and triangles, and of balls, reused between cells.
 type MapScratch<'a> = (ListScratch<'a>, ItemLists<&'a BallRecord>);
 
 /// A cell of a shadow map.
@@ -138,7 +138,7 @@ impl<'a> MapCell<'a> {
                 let bias = |z, gradient| slope_allowance(z, gradient, self.projection);
                 threshold = threshold.min(nearest.moved_back(simd, triangles, at, there, bias));
             }
-            // What is lit of a ball lies in front of its centre, what is behind the ball doesn't.
+            // The lit part of a ball is in front of the ball's centre, and points in its shadow are behind the centre.
             for ball in balls.iter().filter(|ball| ball.alpha >= 1.0) {
                 let z = Lanes::splat(simd, ball.z);
                 threshold = Lanes::select(hides(simd, ball, at), threshold.min(z), threshold);

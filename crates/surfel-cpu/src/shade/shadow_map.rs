@@ -10,9 +10,9 @@ use surfel_math::projection::Projection;
 use surfel_math::shadow::{TAPS, lookup_bias, tap_weights};
 use surfel_math::{Real, V2, V3};
 
-/// A drawn shadow map.
+/// A shadow map after drawing.
 pub(crate) struct ShadowMap {
-    /// Index of the map's light.
+    /// Index of the light in the scene.
     pub light: usize,
     pub projection: Projection,
     pub map_from_world: Mat3,
@@ -23,8 +23,8 @@ pub(crate) struct ShadowMap {
     pub thresholds: Vec<f32>,
 }
 
-/// Returns the fraction of a light that reaches points. Of a light's several maps the one counts along whose axis the
-/// point lies farthest. `position` is relative to the eye, `normal` a unit vector, both in world space. Only the lanes
+/// Returns the fraction of a light that reaches points. If the light has several maps, the map along whose axis a point
+/// is farthest is used. `position` is relative to the eye, `normal` a unit vector, both in world space. Only the lanes
 /// of `wanted` are meaningful.
 #[inline(always)]
 pub(crate) fn reaching<S: Simd>(

@@ -12,7 +12,7 @@ pub(crate) struct Surface<S: Simd> {
     /// Mask of pixels with a surface; in other lanes numbers are finite but meaningless.
     pub covered: mask32x16<S>,
     pub albedo: V3<Lanes<S>>,
-    /// Unit world normal, or zero.
+    /// Unit normal in world space, or zero.
     pub normal: V3<Lanes<S>>,
     pub z: Lanes<S>,
     /// Ambient, diffuse, specular and shininess factors.
@@ -32,7 +32,7 @@ pub(crate) struct Shaded<S: Simd> {
 }
 
 impl<S: Simd> Shaded<S> {
-    /// Returns lanes without any surface.
+    /// Returns a value with no surface in any lane.
     #[inline(always)]
     pub(crate) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
@@ -67,7 +67,7 @@ impl<S: Simd> Shaded<S> {
         }
     }
 
-    /// Returns this surface, or the other one in lanes without.
+    /// Returns this surface, or `other` in lanes without this surface.
     #[inline(always)]
     pub(crate) fn or(&self, other: &Self) -> Self {
         let (mask, pick) = (self.covered, |a: V3<Lanes<S>>, b: V3<Lanes<S>>| V3::select(self.covered, a, b));

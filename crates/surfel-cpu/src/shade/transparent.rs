@@ -29,7 +29,7 @@ pub(crate) struct Layers {
 }
 
 impl Layers {
-    /// Returns the plan's selection.
+    /// Returns the layers that a plan selects.
     pub(crate) fn new(plan: &FramePlan) -> Self {
         let abuffer = plan.has(Pass::ABuffer);
         let peeled = if abuffer { u32::MAX } else { plan.peeled_layers() as u32 };
@@ -41,17 +41,20 @@ impl Layers {
 pub(crate) struct CompositedLayers<S: Simd> {
     /// Colours of the layers, and of the balls between them.
     pub colors: Composited<S>,
-    /// The nearest layer.
+    /// Depth, normal and weight of the nearest layer.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
     /// Numbers of the nearest splats, if needed.
     numbers: Option<[u32; LANES]>,
-    /// Number of layers that aren't empty, and the nearest layer's depth range: its depth threshold minus and plus ε.
+    /// Number of layers that aren't empty.
     pub count: Lanes<S>,
+    /// Minimum depth of the nearest layer: its depth threshold minus ε.
     pub begin: Lanes<S>,
+    /// Maximum depth of the nearest layer: its depth threshold plus ε.
     pub end: Lanes<S>,
-    /// Number of block-splat pairs computed, and number of their fragments that nothing opaque occludes.
+    /// Number of block-splat pairs computed.
     pub tested: u32,
+    /// Number of fragments of these pairs that nothing opaque occludes.
     pub inside: u32,
 }
 
@@ -116,8 +119,8 @@ impl<S: Simd> CompositedLayers<S> {
         }
     }
 
-    /// Adds a surface behind the existing layers, which equals blending back to front (Z01 eq. 12), and before it the
-    /// balls that are nearer.
+    /// Composites the balls in front of a surface, and then the surface, behind the existing layers. The result equals
+    /// blending back to front (Z01 eq. 12).
     #[inline(always)]
     fn add_behind(
         &mut self,

@@ -8,12 +8,12 @@ use surfel_math::projection::Projection;
 use surfel_math::{Real, V3};
 use surfel_render::View;
 
-/// Position of a surface.
+/// Positions of sixteen surfaces that are lit.
 #[derive(Clone, Copy)]
 pub(crate) enum Place<S: Simd> {
     /// On the rays of the block with this first pixel.
     Block((i32, i32)),
-    /// At these positions.
+    /// At these positions, in world axes relative to the eye.
     Points(V3<Lanes<S>>),
 }
 
@@ -34,14 +34,16 @@ impl<S: Simd> ViewRay<S> {
     }
 }
 
-/// The rays of a view.
+/// The rays through the pixels of a view.
 pub(crate) struct ViewRays {
     pub world_from_view: Mat3,
     projection: Projection,
-    /// Change of a ray per column and per row, and the ray through the centre of the first pixel. Rays reach to z = 1
-    /// in view space; all rays of an orthographic view are its forward direction.
+    /// Change of a ray per column. Rays extend to z = 1 in view space. All rays of an orthographic view are its forward
+    /// direction.
     across: Vec3,
+    /// Change of a ray per row.
     down: Vec3,
+    /// Ray through the centre of the image's first pixel.
     first: Vec3,
 }
 

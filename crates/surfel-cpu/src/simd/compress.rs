@@ -51,7 +51,7 @@ mod x86 {
     use fearless_simd::u32x16;
     use std::arch::x86_64::*;
 
-    /// The bytes 0 to 63.
+    /// The bytes 0 to 63, as eight words.
     const NUMBERS: [i64; 8] = {
         let mut numbers = [0; 8];
         let mut i = 0;

@@ -25,7 +25,7 @@ macro_rules! in_line_unless_scalar {
     }};
 }
 
-/// Sixteen numbers.
+/// Sixteen f32 numbers in SIMD lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes<S: Simd>(pub f32x16<S>);
 

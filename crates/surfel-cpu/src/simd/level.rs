@@ -31,10 +31,10 @@ impl SimdLevel {
     ];
 }
 
-/// Instructions that the CPU is known to have.
+/// SIMD instructions that the CPU supports, as a token for running SIMD code.
 ///
-/// These are fewer than `fearless_simd` supports. Each is a copy of the whole rasteriser, and instructions without a
-/// fused multiply-add are no faster than scalar code.
+/// There are fewer variants than `fearless_simd` supports. Each one compiles a copy of the whole rasteriser, and
+/// instructions without a fused multiply-add are no faster than scalar code.
 #[derive(Clone, Copy)]
 pub(crate) enum Instructions {
     #[cfg(target_arch = "x86_64")]

@@ -22,7 +22,7 @@ fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
     Lanes::splat(simd, a).mul_add(v.x, inner)
 }
 
-/// Normalises vectors that aren't zero.
+/// Scales vectors to unit length; no vector may be zero.
 #[inline(always)]
 pub(crate) fn unit<R: Real>(v: V3<R>) -> V3<R> {
     let v = v * v.max_abs().scale_to_one();
@@ -48,7 +48,7 @@ pub(crate) fn vector<S: Simd>(simd: S, v: Vec3) -> V3<Lanes<S>> {
     V3::new(Lanes::splat(simd, v.x), Lanes::splat(simd, v.y), Lanes::splat(simd, v.z))
 }
 
-/// Normalises vectors; zero stays zero.
+/// Scales vectors to unit length; zero vectors remain zero.
 #[inline(always)]
 pub(crate) fn unit_or_zero<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     // The vector is divided by its largest coordinate first, so that its square neither overflows nor vanishes.

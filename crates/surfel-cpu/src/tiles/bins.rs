@@ -6,7 +6,7 @@ use crate::tiles::pool::Reused;
 /// Size of a splat's record, in bytes.
 pub(crate) const RECORD_BYTES: usize = 128;
 
-/// A record in a tile.
+/// An entry of a tile's list: a record that may touch the tile.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Entry {
     /// Blocks of the tile that the record may touch, one bit per block, row by row, eight bits a row.
@@ -74,7 +74,7 @@ pub(crate) struct TileLists {
     starts: Vec<u32>,
     /// Index of each tile's next entry, during sorting.
     next: Vec<u32>,
-    /// The sorted entries.
+    /// Entries sorted by tile.
     entries: Entries,
 }
 

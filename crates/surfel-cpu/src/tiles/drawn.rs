@@ -5,11 +5,11 @@ use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 /// A set of blocks of a grid, with a fast test for rectangles.
 pub(crate) struct BlockSet {
     pub grid: Grid,
-    /// Bits of each tile's blocks.
+    /// Bits of the blocks of the set in each tile.
     tiles: Vec<u64>,
     /// Summed-area table: number of tiles that have blocks of the set, left of and above each tile's corner.
     sums: Vec<u32>,
-    /// Number of blocks.
+    /// Number of blocks in the set.
     pub count: u64,
 }
 

@@ -8,7 +8,7 @@ use fearless_simd::Simd;
 /// Number of splats in a batch, which are evaluated together.
 pub(crate) const BATCH: usize = 4;
 
-/// An item of block lists.
+/// An item that can be listed by block.
 pub(crate) trait Listable: 'static {
     /// An item without any fragment, which pads the last batch.
     const EMPTY: &'static Self;
@@ -21,7 +21,7 @@ pub(crate) trait Listable: 'static {
 /// read.
 pub(crate) type Listed<'a, R> = (&'a R, f32);
 
-/// The splats of a block.
+/// The list of the splats that touch a block.
 pub(crate) struct BlockList<'a, 'b, R> {
     /// All splats of the tile, and an empty one.
     splats: &'b [Listed<'a, R>],
@@ -69,13 +69,14 @@ impl<'a, 'b, R> BlockList<'a, 'b, R> {
 /// time, where the blocks' loops would wait for one after another.
 pub(crate) struct BlockLists<'a, R> {
     splats: Vec<Listed<'a, R>>,
-    /// Matrix of each 64 splats: while it is filled, the blocks of each splat; then the splats of each block.
+    /// Bit matrices of 64 splats each. While the lists are filled, a word has the blocks of one splat. After that, a
+    /// word has the splats of one block.
     words: Vec<[u64; BITS]>,
     /// Indices of the splats of [`ROW`] blocks, block by block, and room for superfluous writes beyond the end.
     order: Vec<u32>,
     /// Start and length in `order` of each block's list.
     parts: [(usize, usize); ROW],
-    /// The row of blocks that `order` has.
+    /// Row of blocks whose lists are in `order`.
     row: Option<usize>,
 }
 
@@ -98,7 +99,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
     }
 
-    /// Appends the splats of a tile's entries to the lists of the `wanted` ones among their blocks.
+    /// Appends the splats of a tile's entries to the lists of their blocks, as far as these are in `wanted` (one bit
+    /// per block).
     #[inline(always)]
     pub(crate) fn extend(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         let first = self.splats.len();
@@ -113,7 +115,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         }
     }
 
-    /// Appends splats as [`Self::extend`] does, but skips those that touch none of the few `wanted` blocks.
+    /// Appends splats as [`Self::extend`] does, but skips splats that touch no block in `wanted`. Faster if `wanted`
+    /// has few blocks.
     pub(crate) fn extend_some(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         for entry in entries.iter().filter(|entry| entry.blocks & wanted != 0) {
             let at = self.splats.len() % BITS;

@@ -31,7 +31,7 @@ impl<T: Copy + Default> Reused<T> {
         self.used = 0;
     }
 
-    /// Sets the length; new items have any value.
+    /// Sets the length; new items have unspecified values.
     pub(crate) fn resize(&mut self, count: usize) {
         if self.slots.len() < count {
             self.slots.resize(count, T::default());

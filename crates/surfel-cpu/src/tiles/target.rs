@@ -12,7 +12,7 @@ use surfel_math::Real;
 use surfel_math::srgb::encode_rgba8;
 use surfel_render::{PlanesMut, Region};
 
-/// Finished pixels of a block.
+/// The values of a block's pixels in all planes.
 pub(crate) struct Pixels<S: Simd> {
     /// Colour, linear and premultiplied.
     pub color: [Lanes<S>; 4],
@@ -22,14 +22,14 @@ pub(crate) struct Pixels<S: Simd> {
     pub fragments: Lanes<S>,
 }
 
-/// The rows of a plane inside a part of its region.
+/// The rows of a plane inside a rectangular part of its region.
 pub(crate) struct Rows<'a, T> {
     pub rect: Rect,
     rows: Vec<&'a mut [T]>,
 }
 
 impl<T: Copy> Rows<'_, T> {
-    /// Writes the pixels of a block's row that are inside.
+    /// Writes four pixels of a row from (x, y) on, as far as they are inside the part.
     #[inline(always)]
     pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
         let row = y - self.rect.y;
@@ -54,7 +54,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes the pixels of a block that are inside.
+    /// Writes the pixels of a block that are inside the part.
     #[inline(always)]
     fn put_block(&mut self, (x, y): (i32, i32), values: [T; LANES]) {
         for (y, four) in (y..).zip(values.as_chunks().0) {
@@ -62,7 +62,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes one value to the pixels inside, of a tile's blocks whose bits are set.
+    /// Writes one value to the pixels of a tile's blocks whose bits are set, as far as they are inside the part.
     fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
         for block in ones(if self.rows.is_empty() { 0 } else { blocks }) {
             let (x, y) = block_px(origin, block as u32);
@@ -70,8 +70,8 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Returns the pixels of a row, at most `length` from (x, y) on, that are inside a tile, and the number of pixels
-    /// skipped before the first of them.
+    /// Returns up to `length` pixels of a row from (x, y) on, as far as they are inside a tile. Also returns the number
+    /// of pixels skipped before the first of them.
     fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
         let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
         let row = usize::try_from(y - self.rect.y).ok().and_then(|row| self.rows.get_mut(row));
@@ -80,13 +80,13 @@ impl<T: Copy> Rows<'_, T> {
         ((start - x) as usize, row.get_mut(first..last).unwrap_or_default())
     }
 
-    /// Returns the value of a pixel, if it is inside.
+    /// Returns the value of a pixel; `None` if it is outside the part.
     fn get(&self, x: i32, y: i32) -> Option<T> {
         let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
         self.rows.get(row)?.get(column).copied()
     }
 
-    /// Returns the values of a block's pixels; `outside` for pixels outside.
+    /// Returns the values of a block's pixels; `outside` for pixels outside the part.
     fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
         let mut values = [outside; LANES];
         for (j, four) in (0..).zip(values.chunks_exact_mut(4)) {
@@ -103,7 +103,7 @@ impl<T: Copy> Rows<'_, T> {
         values
     }
 
-    /// Writes one value to a rectangle's pixels, all of which are inside.
+    /// Writes one value to a rectangle's pixels, all of which are inside the part.
     fn fill(&mut self, rect: &Rect, value: T) {
         let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
         for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
@@ -113,7 +113,7 @@ impl<T: Copy> Rows<'_, T> {
 }
 
 impl Rows<'_, f32> {
-    /// Writes the pixels of a block that are inside, if the plane exists.
+    /// Writes the pixels of a block that are inside the part, if the plane exists.
     #[inline(always)]
     pub(crate) fn put_lanes<S: Simd>(&mut self, at: (i32, i32), values: Lanes<S>) {
         if !self.rows.is_empty() {
@@ -161,8 +161,9 @@ impl TileBackground<'_> {
 
 /// The frame's planes inside a part of its region, and the current tile.
 pub(crate) struct Target<'a> {
-    /// The current tile, and its pixels inside the part.
+    /// Index of the current tile.
     pub tile: usize,
+    /// Pixels of the current tile inside the part.
     pub rect: Rect,
     background: TileBackground<'a>,
     /// True if colours are encoded when they are written; else [`Self::encode`] encodes them.
@@ -265,7 +266,7 @@ impl<'a> Target<'a> {
         self.index.put_all(origin, blocks, SplatNumbers::NOTHING);
     }
 
-    /// Returns a block's pixels as written; 0 for pixels outside.
+    /// Returns a block's pixels as written; 0 for pixels outside the part.
     pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
         let normal = self.normal.block(at, [0.0; 3]);
         let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
@@ -279,7 +280,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Returns a block's colours as written; 0 for pixels outside.
+    /// Returns a block's colours as written; 0 for pixels outside the part.
     #[inline(always)]
     pub(crate) fn color<S: Simd>(&self, simd: S, at: (i32, i32)) -> [Lanes<S>; 4] {
         let pixels = self.color.block(at, [0.0; 4]);
@@ -291,7 +292,7 @@ impl<'a> Target<'a> {
         Lanes::interleave4(Lanes::interleave4(rows))
     }
 
-    /// Writes the colour of a pixel, if it is inside.
+    /// Writes the colour of a pixel, if it is inside the part.
     pub(crate) fn put_one(&mut self, pixel: (i32, i32), color: [f32; 4]) {
         self.set_background(false);
         if let (_, [to]) = self.color.run(&self.rect, pixel, 1) {
@@ -328,7 +329,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they are inside.
+    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they are inside the current tile.
     #[inline(always)]
     pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
         self.set_background(false);
@@ -345,7 +346,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Sets those of a block's pixels to black whose bits are set.
+    /// Sets the colours of a block's pixels whose bits are set to black.
     pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
         self.set_background(false);
         for i in ones(bits.into()).map(|i| i as i32) {

@@ -3,16 +3,16 @@
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-/// Start of every name.
+/// Prefix of the name of every temporary file.
 const PREFIX: &str = ".surfel-";
-/// End of every name.
+/// Suffix of the name of every temporary file.
 pub(super) const SUFFIX: &str = ".tmp";
-/// Number of random letters and digits.
+/// Number of random letters and digits in a name.
 pub(super) const RANDOM_CHARACTERS: usize = 6;
 /// Time without a change after which a file counts as left over, whichever process wrote it.
 pub(super) const OLD: Duration = Duration::from_secs(30 * 24 * 3600);
 
-/// The writer of a temporary file, as its name states it.
+/// Host and process that wrote a temporary file, as stated in the file's name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Name {
     host: u64,
@@ -20,7 +20,7 @@ pub(super) struct Name {
 }
 
 impl Name {
-    /// Returns the start of the names of this process's files.
+    /// Returns the prefix of the names of this process's temporary files.
     pub(super) fn prefix_of_this_process() -> String {
         Self { host: this_host(), process: std::process::id() }.prefix()
     }
@@ -29,7 +29,7 @@ impl Name {
         format!("{PREFIX}{:016x}-{}-", self.host, self.process)
     }
 
-    /// Parses a name; returns `None` for other names, such as a user's.
+    /// Parses the name of a temporary file; returns `None` for names of any other form.
     pub(super) fn parse(name: &str) -> Option<Self> {
         let mut parts = name.strip_prefix(PREFIX)?.strip_suffix(SUFFIX)?.split('-');
         let (host, process, random) = (parts.next()?, parts.next()?, parts.next()?);
@@ -40,7 +40,7 @@ impl Name {
         is_own.then_some(found)
     }
 
-    /// True if the file, last modified at this time, has no running writer.
+    /// True if the writer of a file has ended, or if the file, last modified at `modified`, is older than [`OLD`].
     pub(super) fn is_left_over(self, modified: Option<SystemTime>) -> bool {
         let is_old = modified.is_some_and(|time| time.elapsed().is_ok_and(|age| age > OLD));
         is_old || (self.host == this_host() && has_ended(self.process))
@@ -77,8 +77,8 @@ fn has_ended(process: u32) -> bool {
     pid.is_some_and(|pid| test_kill_process(pid) == Err(rustix::io::Errno::SRCH))
 }
 
-/// True for any other process, on systems where it can't be checked: files of running writers are locked, and locks
-/// apply to all hosts.
+/// True for any process but this one: these systems have no check. Locks, which apply to all hosts here, protect the
+/// files of running writers.
 #[cfg(not(unix))]
 fn has_ended(process: u32) -> bool {
     process != std::process::id()

@@ -1,4 +1,4 @@
-//! Balls and dots that may touch a tile (§11): set up in f64, like those of the reference, listed by cells of pixels,
+//! Balls and dots that may touch a tile (§11). They are set up in f64, as in the reference, listed by cells of pixels,
 //! and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
@@ -13,28 +13,30 @@ use surfel_model::{Shader, Shape};
 use surfel_render::{FramePlan, Pass, Region, View, ball_scale};
 use surfel_shaders::layout;
 
-/// Number of balls that a thread sets up at a time; results don't depend on it.
+/// Number of balls per task when balls are set up in parallel; results don't depend on it.
 const BALLS_A_TASK: usize = 1024;
 
-/// Exclusive upper bound of a tile's balls: targets store their numbers as floats.
+/// Exclusive upper bound of the number of balls in a tile. Targets store the numbers of balls as f32, which is exact
+/// below 2²⁴.
 pub(crate) const MOST_BALLS: usize = 1 << 24;
 
-/// Words of a record.
+/// Size of the shaders' ball record in words.
 const WORDS: usize = layout::BALL_WORDS as usize;
 
-/// Balls of a tile.
+/// Balls that may touch a tile, in the layout of the shaders.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TileBalls {
     /// Words of the shaders' `balls`, at least one.
     pub words: Vec<u32>,
-    /// Object among the scene's objects of balls, and the ball's index in the object's cloud.
+    /// Identity of each ball: its object's index among the scene's objects of balls, and the ball's index in the
+    /// object's cloud.
     pub members: Vec<[u32; 2]>,
 }
 
-/// A ball on the screen.
+/// Ball projected to the screen.
 struct ScreenBall {
     record: [u32; WORDS],
-    /// Cells that the ball may touch: first column and row, last column and row.
+    /// Cells that the ball may touch, both ends included: first column, first row, last column, last row.
     cells: [u32; 4],
     member: [u32; 2],
 }
@@ -90,7 +92,7 @@ impl TileBalls {
     }
 }
 
-/// Balls of an object in a view.
+/// Object of balls in a view.
 struct BallView<'a> {
     balls: &'a UploadedBalls,
     index: u32,
@@ -98,11 +100,11 @@ struct BallView<'a> {
     plan: &'a FramePlan,
     targets: Region,
     transform: ObjectTransform,
-    /// Length of a pixel of the image at points of the object, if radii are in pixels.
+    /// Length of an image pixel, in world units, at points of the object; `None` unless radii are in pixels.
     pixel: Option<surfel_render::BallPixelForm>,
-    /// Factor of radii in object units.
+    /// Scale from object to world units, by which radii are multiplied.
     scale: f64,
-    /// Least radius in pixels of the view.
+    /// Smallest radius of a drawn ball, in pixels of the view.
     least_px: f64,
     radii: &'a [f32],
     flat: bool,
@@ -181,13 +183,14 @@ impl<'a> BallView<'a> {
         Some(ScreenBall { record, cells: [x0, y0, x1, y1], member: [self.index, i as u32] })
     }
 
-    /// Returns the length of the view's own pixels at a point.
+    /// Returns the length of a pixel of the view at a point, in the units of the view.
     fn length_of_pixel(&self, center: DVec3) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         if self.view.projection.is_perspective() { center.z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
     }
 
-    /// Returns the first and the last cell of the pixels that an interval about `middle` overlaps, along an axis.
+    /// Returns the first and the last cell along an axis that the interval `middle` ± `half`, in pixels, overlaps.
+    /// `None` if it overlaps none.
     fn cells(&self, middle: f64, half: f64, [start, length]: [u32; 2]) -> Option<[u32; 2]> {
         // Slack for the rounding of f32 in shaders. Casts saturate.
         let slack = 1e-3;

@@ -1,4 +1,4 @@
-//! A tile that the compute path draws, and the tiles of its samples at edges.
+//! Tile that the compute path draws, and the tiles of the samples at its edges.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
@@ -9,10 +9,10 @@ use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-/// Maximum number of cells of a tile of samples: they are sorted by two digits of eight bits.
+/// Maximum number of cells of a tile of samples. The radix sort of cells uses two digits of eight bits.
 const MOST_SAMPLE_CELLS: u32 = 1 << 16;
 
-/// Pixels along the side of a cell of samples.
+/// Number of image pixels along the side of a cell of samples.
 const PIXELS_OF_CELL: u32 = layout::CELL_SIDE / SAMPLES_SIDE;
 
 /// A tile of pixels, followed by the tiles of its samples if edges are antialiased by samples.
@@ -22,7 +22,7 @@ pub struct CellTiles {
 }
 
 impl CellTiles {
-    /// Adds the samples to a tile of pixels.
+    /// Creates the list of the tile `pixels` and of the tiles of its samples.
     pub fn new(pixels: TileData, scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan) -> Self {
         let mut tiles = Vec::new();
         if plan.has(Pass::EdgeSamples) {
@@ -50,19 +50,19 @@ impl CellTiles {
         self.tiles.first()
     }
 
-    /// Returns the capacity to draw the tiles with: that of the tile before, or an estimate. `None` if no capacity is
-    /// within the limits.
+    /// Returns the capacity with which the tiles are first drawn: the capacity `before` of an earlier tile, or an
+    /// estimate. `None` if neither is within the limits.
     pub fn room(&self, before: Option<CellRoom>, limits: Limits) -> Option<CellRoom> {
         CellRoom::start(before, &self.counts, limits)
     }
 
-    /// Returns the capacity that the tiles need according to `counters`, the words of [`CellBuffer::Counters`]. `None`
-    /// if they exceed the limits.
+    /// Returns the capacity that the tiles need. `counters` are the words of [`CellBuffer::Counters`] after drawing.
+    /// `None` if the capacity exceeds the limits.
     pub fn grown(&self, room: CellRoom, counters: &[u32], limits: Limits) -> Option<CellRoom> {
         room.grown(counters, &self.counts, limits)
     }
 
-    /// Sets the capacity of the buffers in the uniforms.
+    /// Writes the capacity of the buffers to the tiles' uniforms.
     pub fn put_room(&mut self, room: CellRoom) {
         self.tiles.iter_mut().for_each(|tile| tile.put_room(room));
     }
@@ -72,7 +72,7 @@ impl CellTiles {
         buffer.bytes(&self.counts, room)
     }
 
-    /// Returns the stages of each tile, in order.
+    /// Returns the stages that draw each tile, in order.
     pub fn stages(&self, plan: &FramePlan, room: CellRoom) -> Vec<Vec<CellStage>> {
         let of_tile = |(tile, cells): (&TileData, &CellCounts)| {
             let size = [tile.tile.width, tile.tile.height];
@@ -86,7 +86,7 @@ impl CellTiles {
     }
 }
 
-/// Cuts a tile of pixels into rows whose samples have at most [`MOST_SAMPLE_CELLS`] cells.
+/// Splits a tile of pixels into bands of rows whose samples have at most [`MOST_SAMPLE_CELLS`] cells.
 fn sampled_parts(tile: Region) -> Vec<Region> {
     let columns = tile.width.div_ceil(PIXELS_OF_CELL).max(1);
     let height = (MOST_SAMPLE_CELLS / columns).max(1) * PIXELS_OF_CELL;

@@ -1,5 +1,5 @@
-//! Trained Gaussians (docs/gaussians.md): projects and sorts them once a frame, in f64, and lists them for each tile by
-//! cells of 16×16 pixels.
+//! Trained Gaussians (docs/gaussians.md). They are projected and sorted once per frame, in f64, and listed for each
+//! tile by cells of 16×16 pixels.
 
 use crate::scene::limits::Limits;
 use crate::scene::segment::{UploadedGaussians, UploadedScene};
@@ -22,41 +22,42 @@ const RECORD_WORDS: usize = layout::gaussian_record::SIZE / 4;
 struct Projected {
     /// Words of the shaders' `GaussianRecord`.
     record: [u32; RECORD_WORDS],
-    /// Columns and rows of the image's pixels that the Gaussian may touch; neither range is empty.
+    /// Image columns and rows that the Gaussian may touch, in pixels; neither range is empty.
     columns: Range<u32>,
     rows: Range<u32>,
 }
 
-/// Visible Gaussians of a view, sorted.
+/// Visible Gaussians of a view, sorted by depth.
 pub(crate) struct ProjectedGaussians {
     all: Vec<Projected>,
     /// True if each pixel sorts its fragments by their own depths.
     by_pixel: bool,
 }
 
-/// Gaussians of a tile, as buffers hold them.
+/// Gaussians of a tile, in the layout of the GPU's buffers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GaussianLists {
     /// Words of the shaders' `gaussian_records`; at least one record.
     pub records: Vec<u32>,
-    /// Words of the shaders' `gaussian_lists`: the cells' lists, then the initial states of pixels.
+    /// Words of the shaders' `gaussian_lists`: the cells' lists of records, then the initial state of each pixel.
     pub lists: Vec<u32>,
-    /// Size in bytes of the uninitialised memory that follows `lists`: the waiting fragments of all pixels.
+    /// Size in bytes of the uninitialised memory that follows `lists`. It stores fragments of pixels that are read but
+    /// not yet blended.
     pub room_bytes: u64,
     /// Number of records.
     pub count: u32,
     /// Offset of the per-pixel states in `lists`, in words; `None` if a single dispatch finishes every pixel.
     pub(crate) states_at: Option<u32>,
-    /// Maximum number of waiting fragments per pixel.
+    /// Maximum number of fragments per pixel that wait to be blended in depth order.
     pub(crate) room: u32,
 }
 
-/// Maximum size in bytes of all waiting fragments together, unless the pixels of one cell need more.
+/// Maximum size in bytes of the waiting fragments of all pixels, unless the pixels of one cell need more.
 const ROOM_BYTES: u64 = 64 << 20;
-/// Size in bytes of a waiting fragment.
+/// Size of a waiting fragment in bytes.
 const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
-/// Minimum and maximum number of waiting fragments per pixel. A list n times as long as this number is read in about n
-/// turns; [`MOST_TURNS`] limits n.
+/// Minimum and maximum number of waiting fragments per pixel. A list n times as long as this number is processed in
+/// about n passes; [`MOST_TURNS`] limits n.
 const ROOMS: [u64; 2] = [64, 1 << 15];
 const MOST_TURNS: u64 = 64;
 /// Maximum number of dispatches between two checks for unfinished pixels.
@@ -64,7 +65,7 @@ const MOST_DISPATCHES: u32 = 64;
 
 impl GaussianLists {
     /// Returns the number of dispatches to add after the first `dispatches`; `None` if the last one finished every
-    /// pixel. `planes` holds the first words of the planes.
+    /// pixel. `planes` are the first words of the planes that the shaders wrote.
     pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {
         let unfinished = planes.get(layout::GAUSSIANS_UNFINISHED_AT as usize).map(|&word| f32::from_bits(word));
         let is_unfinished = self.states_at.is_some() && unfinished == Some(dispatches as f32);
@@ -72,7 +73,7 @@ impl GaussianLists {
     }
 }
 
-/// Memory for the states and waiting fragments of a tile's pixels.
+/// Sizes of the memory for the states and waiting fragments of a tile's pixels.
 #[derive(Clone, Copy, Default)]
 struct Rooms {
     state_words: u64,
@@ -81,8 +82,8 @@ struct Rooms {
 }
 
 impl Rooms {
-    /// Returns the memory that `pixels` pixels need if the longest list has `longest` entries. It may exceed
-    /// [`ROOM_BYTES`] if short turns require that, but not `most_bytes`.
+    /// Computes the memory that `pixels` pixels need if the longest list has `longest` entries. The size exceeds
+    /// [`ROOM_BYTES`] if more than [`MOST_TURNS`] passes would be needed otherwise, but never `most_bytes`.
     fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
         if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
             return Self::default();
@@ -100,7 +101,7 @@ impl Rooms {
     }
 }
 
-/// Error: the Gaussians of a tile exceed the limits.
+/// Error that the Gaussians of a tile exceed the memory limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TooMany {
     count: u64,
@@ -108,7 +109,7 @@ pub(crate) struct TooMany {
 }
 
 impl TooMany {
-    /// Returns a message with cause and remedy, for a tile that can't be split further.
+    /// Returns a message that states the cause and a remedy, for a tile that can't be split further.
     pub(crate) fn message(self, limits: Limits) -> String {
         let (count, bytes, most) = (self.count, self.bytes, limits.buffer_bytes.min(limits.memory_bytes));
         format!(
@@ -119,10 +120,10 @@ impl TooMany {
 }
 
 impl ProjectedGaussians {
-    /// Projects the Gaussians that are beyond the near plane and within the view's region, and sorts them.
+    /// Projects the Gaussians that are beyond the near plane and within the view's region, and sorts them by depth.
     ///
-    /// The key is the depth of the centre or, if pixels sort their own fragments, the depth at which the Gaussian
-    /// begins. Equally deep ones stay in the scene's order.
+    /// The sort key is the depth of the centre. If each pixel sorts its own fragments, the key is the smallest depth of
+    /// the Gaussian instead. Gaussians of equal depth stay in the scene's order.
     pub(crate) fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
         let (near, by_pixel) = (gaussian::near(&view.projection), plan.sort == Sort::Pixel);
         let mut order: Vec<(u64, u32, u32)> = Vec::new();
@@ -153,7 +154,7 @@ impl ProjectedGaussians {
         Self { all: order.par_iter().filter_map(projected).collect(), by_pixel }
     }
 
-    /// Returns the Gaussians of a tile, listed by its cells.
+    /// Returns the Gaussians that may touch a tile, listed by its cells.
     pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooMany> {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;

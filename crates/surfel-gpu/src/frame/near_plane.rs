@@ -1,5 +1,5 @@
-//! Setup in f64 of splats that reach the near plane or span much of their distance. They are drawn exact and unfiltered
-//! (§3, last paragraph), from records that the CPU uploads.
+//! Setup in f64 of splats that reach the near plane or span much of their distance from the eye. They are drawn with
+//! the exact mapping and without a filter (§3, last paragraph), from records that the CPU uploads.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -21,16 +21,16 @@ use surfel_model::{ChunkSpace, Storage, StoredSplat};
 use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
-/// Records of a segment's splats that reach the near plane.
+/// Records of the splats of a segment that reach the near plane.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct NearPlaneRecords {
     /// Words of the shaders' `Record`s.
     pub records: Vec<u32>,
-    /// The same records with splat centres, for layers in which each splat is lit by itself.
+    /// Copies of `records` with the splats' centres, for layers in which each splat is lit separately.
     pub lit: Vec<u32>,
     /// Words of the records' `RecordClip`s; empty unless the splats are clipped.
     pub clips: Vec<u32>,
-    /// Object of each splat, and the splat's index in the object's cloud.
+    /// Identity of each splat: the index of its object, and the splat's index in the object's cloud.
     pub splats: Vec<[u32; 2]>,
 }
 
@@ -42,7 +42,7 @@ pub(crate) struct NearPlaneSetup<'a> {
     pub tile: Region,
 }
 
-/// Chunk some of whose splats may reach the near plane.
+/// Chunk in which some splats may reach the near plane.
 pub(crate) struct NearPlaneChunk<'a> {
     pub object: &'a UploadedObject,
     /// Index of the object.
@@ -56,15 +56,15 @@ pub(crate) struct NearPlaneChunk<'a> {
     pub is_transparent: bool,
 }
 
-/// Linear forms of a splat at the near plane, about an anchor.
+/// Footprint and depth of a splat at the near plane, as linear forms of the pixel offset from an anchor.
 struct NearPlaneForms {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
-    /// Scale of the depth form.
+    /// Depth of the splat's plane at the anchor (or 1/z, see `is_reciprocal`).
     scale: f64,
-    /// Gradient of the depth form.
+    /// Change of the depth form per pixel, relative to `scale`.
     gradient: V2<f64>,
-    /// True if the depth form is that of 1/z.
+    /// True if 1/z is linear in the pixel (perspective), false if z is (orthographic).
     is_reciprocal: bool,
     extent_px: Extent<f64>,
 }
@@ -76,8 +76,8 @@ struct PixelBox {
 }
 
 impl NearPlaneSetup<'_> {
-    /// Sets up the splats of a chunk that reach the near plane. Returns a bit for each splat that the GPU has to skip,
-    /// or `None` if it skips none.
+    /// Sets up the splats of a chunk that reach the near plane, and appends their records to `out`. Returns one bit per
+    /// splat of the chunk: 1 if the GPU skips it. Returns `None` if the GPU skips none.
     pub(crate) fn chunk(
         &self,
         chunk: &NearPlaneChunk<'_>,
@@ -130,7 +130,7 @@ impl NearPlaneSetup<'_> {
         any.then_some(bits)
     }
 
-    /// Returns a splat's record and its footprint about the record's anchor; `None` if the splat takes part in no pass.
+    /// Returns a splat's record, and its footprint relative to the record's anchor. `None` if no pass draws the splat.
     fn record(
         &self,
         splat: &ViewSplat<f64>,
@@ -258,7 +258,7 @@ impl NearPlaneSetup<'_> {
     }
 }
 
-/// Returns a record with the splat's centre, for lighting, in place of the unfiltered footprint.
+/// Replaces the unfiltered footprint of a record by the splat's centre, which lighting needs.
 fn centered(mut record: StructWriter, center: DVec3, index: u32) -> StructWriter {
     use layout::record as at;
     let reciprocal = record.get(at::FLAGS) & layout::RECORD_RECIPROCAL;

@@ -4,16 +4,16 @@ use glam::{DAffine3, DMat3, DVec3};
 use surfel_math::basis::normal_matrix;
 use surfel_render::View;
 
-/// Transform of an object into a view, in f64.
+/// Affine map from an object's space to a view's, in f64.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ObjectTransform {
-    /// Matrix from object to view directions.
+    /// Linear part of the map, for directions.
     pub linear: DMat3,
-    /// View position of the object's origin.
+    /// Position of the object's origin in view space.
     pub origin: DVec3,
-    /// Matrix from object to world normals up to scale: cofactors with the sign of the determinant.
+    /// Matrix of normals from object to world space, up to scale: cofactors with the sign of the determinant.
     pub normals: DMat3,
-    /// Upper bound of the factor by which lengths grow.
+    /// Upper bound of the factor by which the map lengthens a vector.
     pub stretch: f64,
 }
 

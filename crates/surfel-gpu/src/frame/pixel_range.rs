@@ -1,12 +1,12 @@
-//! Ranges of pixels computed on the CPU, which match the shaders' pixel boxes.
+//! Ranges of pixels that a splat may touch, computed on the CPU as in the shaders.
 
 use surfel_shaders::layout;
 
-/// Slack of pixel boxes in pixels, the same as in the shaders.
+/// Margin around a splat's pixel box, in pixels; the same as in the shaders.
 const BOX_SLACK_PX: f64 = layout::BOX_SLACK_PX as f64;
 
-/// Returns the pixels of the tile whose centres lie between two pixel coordinates: the first and one past the last,
-/// counted from `start`. `None` if there are none.
+/// Returns the pixels of the tile whose centres lie between `min` and `max`, both image coordinates in pixels. The
+/// result is the first pixel and one past the last, counted from `start`; `None` if there are none.
 pub(crate) fn pixel_range(min: f64, max: f64, start: u32, length: u32) -> Option<[u32; 2]> {
     let limit = f64::from(length);
     let first = (min - f64::from(start) - 0.5 - BOX_SLACK_PX).ceil().clamp(0.0, limit);

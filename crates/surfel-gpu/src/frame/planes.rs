@@ -1,11 +1,11 @@
-//! Planes of a tile in the layout of the shading pass: one array of floats.
+//! Layout of a tile's planes in the buffer that the shading pass writes: one array of f32.
 
 use rayon::prelude::*;
 use surfel_math::srgb::encode_rgba8;
 use surfel_render::{Frame, FramePlan, Identity, Pass, Planes, Region};
 use surfel_shaders::layout;
 
-/// Offsets of the requested planes in the array, in floats, or `layout::ABSENT`.
+/// Offsets of a tile's planes in one array, in floats; `layout::ABSENT` for planes that weren't requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlaneLayout {
     pub(crate) color_at: u32,
@@ -17,25 +17,26 @@ pub struct PlaneLayout {
     pub(crate) alpha_at: u32,
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
-    /// Offset of the surfaces (normal and depth of every pixel) that passes after the cells read. They follow the
-    /// planes.
+    /// Offset of the surfaces, which are the normal and depth of every pixel. Screen-space passes of the compute path
+    /// read them. They follow the planes.
     pub(crate) surfaces_at: u32,
-    /// Offset of the edge data of every pixel that passes after the cells read. It follows the surfaces.
+    /// Offset of the edge data of every pixel, which screen-space passes of the compute path read. They follow the
+    /// surfaces.
     pub(crate) edges_at: u32,
     /// Number of floats of the planes, which the host reads back.
     pub floats: u32,
-    /// Number of floats of the buffer, surfaces and edge data included.
+    /// Number of floats in the whole buffer, including surfaces and edge data.
     pub buffer_floats: u32,
 }
 
-/// Minimum number of rows of pixels that a thread copies.
+/// Minimum number of pixel rows that one task copies.
 const ROWS_OF_A_TASK: usize = 16;
 
-/// Number of floats of a pixel's surface: normal and depth.
+/// Number of floats per pixel of the surfaces: a normal and a depth.
 const SURFACE_FLOATS: u32 = 4;
 
-/// Returns the numbers of floats of a pixel's surface and of its edge data, as far as a plan's passes over neighbours
-/// read them in the compute path.
+/// Returns the numbers of floats per pixel of the surfaces and of the edge data. Each is 0 if no screen-space pass of
+/// the plan's compute path reads the data.
 pub(crate) fn neighbour_floats(plan: &FramePlan) -> [u32; 2] {
     let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome);
     let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
@@ -48,13 +49,13 @@ pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
 }
 
 impl PlaneLayout {
-    /// Returns the layout for a tile of `pixels` pixels. Its number of floats must fit 32 bits.
+    /// Creates the layout for a tile of `pixels` pixels. The total number of floats must fit 32 bits.
     pub(crate) fn new(planes: Planes, pixels: u32) -> Self {
         Self::after(0, planes, pixels)
     }
 
-    /// Returns the layout for trained Gaussians. Before the planes it has the number of the last dispatch that left a
-    /// pixel unfinished.
+    /// Creates the layout for trained Gaussians. The first float, before the planes, is the number of the last dispatch
+    /// that left a pixel unfinished.
     pub(crate) fn of_gaussians(planes: Planes, pixels: u32) -> Self {
         Self::after(layout::GAUSSIANS_UNFINISHED_AT + 1, planes, pixels)
     }
@@ -88,7 +89,7 @@ impl PlaneLayout {
         }
     }
 
-    /// Returns the layout with what a plan's passes over neighbours read of `pixels` target pixels after the planes.
+    /// Appends the surfaces and edge data that the plan's screen-space passes read, for `pixels` pixels of the targets.
     pub(crate) fn with_neighbours(self, plan: &FramePlan, pixels: u32) -> Self {
         let [surfaces, edges] = neighbour_floats(plan);
         let place = |at: u32, floats: u32| if floats > 0 { at } else { layout::ABSENT };
@@ -101,10 +102,10 @@ impl PlaneLayout {
         }
     }
 
-    /// Copies a tile's planes into the frame of `region`, and encodes its colours if the frame stores them in 8 bits.
+    /// Copies a tile's planes into the frame of `region`. Colours are encoded if the frame stores them in 8 bits.
     ///
-    /// `identity` resolves the draw and record number of a pixel's nearest splat or polygon, as
-    /// [`crate::TileData::identity`] does. Returns the number of fragments, or 0 if they weren't counted.
+    /// `identity` returns the splat or polygon for a pixel's draw and record number, as [`crate::TileData::identity`]
+    /// does. Returns the number of fragments, or 0 if they weren't counted.
     pub fn store(
         &self,
         values: &[f32],

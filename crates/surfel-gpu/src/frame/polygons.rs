@@ -1,4 +1,4 @@
-//! Polygons that may touch a tile (§6): set up in f64, like those of the reference, and uploaded.
+//! Polygons that may touch a tile (§6). They are set up in f64, as in the reference, and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -13,7 +13,7 @@ use surfel_model::Cull;
 use surfel_render::{ChosenParts, Region, View};
 use surfel_shaders::layout;
 
-/// Number of triangles that a thread sets up at a time; results don't depend on it.
+/// Number of triangles per task when triangles are set up in parallel; results don't depend on it.
 const TRIANGLES_A_TASK: usize = 1024;
 
 /// Mesh in a view.
@@ -26,8 +26,8 @@ struct MeshView<'a> {
     both_sides: bool,
 }
 
-/// Returns the words of the shaders' `Polygon`s that may touch the tile, per mesh, in scene order. Of equally near
-/// polygons the first is drawn.
+/// Returns the words of the shaders' `Polygon`s that may touch the tile, per mesh, in scene order. If polygons have
+/// equal depth at a pixel, the first in this order is drawn.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
     octrees: &[ChosenParts],
@@ -52,7 +52,7 @@ pub(crate) fn polygon_words(
 }
 
 impl MeshView<'_> {
-    /// Returns the words of the shaders' `Polygon` of triangle `k`, if it may touch the tile.
+    /// Returns the words of the shaders' `Polygon` of triangle `k`; `None` if the triangle can't touch the tile.
     fn polygon(&self, k: usize) -> Option<Vec<u32>> {
         let (mesh, projection) = (&self.mesh.mesh, &self.view.projection);
         let corners = mesh.triangles.get(k)?.map(|i| i as usize);

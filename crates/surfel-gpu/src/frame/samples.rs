@@ -1,4 +1,5 @@
-//! Samples of edge pixels (§5): pixels of a finer view, drawn after a tile of pixels and into the tile's targets.
+//! Samples of edge pixels (§5). Samples are the pixels of a finer view, which is drawn after a tile of pixels and into
+//! the tile's targets.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
@@ -7,20 +8,20 @@ use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-// The shaders and the model agree on the constant.
+// Asserts that the shaders and the model use the same constant.
 const _: () = assert!(SAMPLES_SIDE == layout::SAMPLES_SIDE, "samples along a pixel's side");
 
-/// Part of a tile's samples, small enough for the tile's targets.
+/// Part of a tile's samples that fits the tile's targets.
 #[derive(Clone, Debug)]
 pub struct SamplePart {
-    /// Data needed in addition to the resident scene. The planes are the tile's.
+    /// Data of the samples in addition to the resident scene. The planes are those of the tile.
     pub data: TileData,
     /// Steps that draw the samples. They run after the tile's own steps.
     pub steps: Vec<Step>,
 }
 
 impl SamplePart {
-    /// Returns the parts of the samples of a tile of pixels; the list is empty if the plan has no samples.
+    /// Returns the parts of the samples of a tile of pixels; empty if the plan has no samples.
     pub fn all(
         scene: &UploadedScene,
         frame: &FrameScene,
@@ -43,7 +44,7 @@ impl SamplePart {
     }
 }
 
-/// Cuts samples into regions of whole pixels, none larger than `size`.
+/// Splits samples into regions of whole pixels, none larger than `size`, in samples.
 fn regions(samples: Region, size: [u32; 2]) -> Vec<Region> {
     let [width, height] = size.map(|side| side / SAMPLES_SIDE * SAMPLES_SIDE);
     let rows = (0..samples.height).step_by(height as usize);

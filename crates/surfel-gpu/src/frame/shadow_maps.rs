@@ -8,10 +8,10 @@ use crate::scene::segment::UploadedScene;
 use std::sync::Arc;
 use surfel_render::{Attributes, FramePlan, Pass, Planes, ShadowMap, View};
 
-/// Returns the number of texels of a plan's maps, at least one, since an empty buffer can't be bound.
+/// Returns the number of texels of a plan's shadow maps. It is at least one, since an empty buffer can't be bound.
 ///
 /// # Errors
-/// A message with cause and remedy, if the maps exceed the device's buffers.
+/// A message that states the cause and a remedy, if the maps exceed the device's buffer size.
 pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
     let maps = plan.shadow_maps.len() as u64;
     let bytes = 4 * maps * u64::from(MAP_TEXELS);
@@ -25,11 +25,11 @@ pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
     ))
 }
 
-/// Name in the statistics of all passes that draw shadow maps.
+/// Name of the passes that draw shadow maps, in the statistics.
 pub const SHADOW_MAPS: &str = "shadow maps";
 
-/// Shadow maps of an earlier frame. They are reused while the scene, its lights and the settings that they depend on
-/// are the same, wherever the eye is.
+/// Cached shadow maps of an earlier frame. They are reused while the scene, its lights and the relevant settings don't
+/// change, even if the camera moves.
 pub struct ShadowMapCache<B> {
     /// Buffer of the maps' texels.
     pub texels: B,
@@ -38,12 +38,12 @@ pub struct ShadowMapCache<B> {
 }
 
 impl<B> ShadowMapCache<B> {
-    /// Caches maps that these jobs drew.
+    /// Caches the maps that these jobs drew.
     pub fn new(texels: B, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> Self {
         Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(ShadowMapJob::key).collect() }
     }
 
-    /// True if these jobs would draw the same maps.
+    /// True if these jobs would draw the cached maps again.
     pub fn fits(&self, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> bool {
         Arc::ptr_eq(&self.scene, &scene.identity) && self.maps.iter().cloned().eq(jobs.iter().map(ShadowMapJob::key))
     }
@@ -51,7 +51,7 @@ impl<B> ShadowMapCache<B> {
 
 /// Job that draws one shadow map.
 pub struct ShadowMapJob {
-    /// Plan of the map: visibility of splats, and polygons.
+    /// Plan of the map. Its passes are visibility and polygons.
     pub plan: FramePlan,
     /// Data that all tiles of the map share.
     pub frame: FrameScene,
@@ -59,20 +59,20 @@ pub struct ShadowMapJob {
 }
 
 impl ShadowMapJob {
-    /// Returns the inputs that the map depends on besides the scene.
+    /// Returns the cache key of the map: its inputs other than the scene.
     fn key(&self) -> (View, FramePlan) {
         (self.view.clone(), self.plan.clone())
     }
 
-    /// Returns the map's tiles.
+    /// Returns the tiles of the map.
     pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
         let tiles = tiles(&self.view, &self.plan, limits, false);
         tiles.into_iter().map(|tile| TileData::new(scene, &self.frame, &self.view, &self.plan, tile)).collect()
     }
 }
 
-/// Returns the jobs of a plan's shadow maps. Everything opaque casts shadows, whichever side faces the light or the
-/// eye.
+/// Returns the jobs that draw a plan's shadow maps. Everything opaque casts shadows, whichever side faces the light or
+/// the eye.
 pub fn shadow_map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<ShadowMapJob> {
     let job = |(i, map): (usize, &ShadowMap)| {
         let none = Planes::COLOR.with_color(false);

@@ -1,5 +1,5 @@
-//! Lower bound of the number of surfaces of an A-buffer (§8), counted in f64 at some pixels. A frame that needs more
-//! layers than a GPU draws is thus refused before most of them are drawn.
+//! Lower bound of the number of surfaces in a pixel of an A-buffer (§8), counted in f64 at a few pixels. A frame that
+//! needs more layers than a GPU draws is thus refused before most layers are drawn.
 
 use crate::frame::uniforms::FrameScene;
 use crate::passes::pass_list::is_of_shadow_map;
@@ -15,16 +15,17 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, StoredSplat};
 use surfel_render::{FramePlan, Pass, Region, View};
 
-/// Maximum number of pixels sampled. They are centres of transparent splats, so that a stack of splats is found.
+/// Maximum number of pixels sampled. The pixels are centres of transparent splats, so that a stack of splats is found.
 const SAMPLES: usize = 32;
-/// Relative difference above which single precision certainly separates two depths.
+/// Relative difference of two depths above which they differ in single precision, too.
 const APART: f64 = 1e-6;
 
-/// Unfiltered splat over pixels.
+/// Unfiltered splat, projected to the screen.
 struct Shape {
     center: V3<f64>,
-    /// Half the disk's depth range, and the largest distance of its points from the centre.
+    /// Half the depth range of the disk, in view units.
     extent: f64,
+    /// Upper bound of the distance of the disk's points from the centre, in view units.
     reach: f64,
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -33,16 +34,16 @@ struct Shape {
     epsilon: f64,
 }
 
-/// Fragments at a pixel.
+/// Fragments of one pixel.
 #[derive(Clone, Default)]
 struct Pile {
-    /// Depth z of each transparent fragment, and z + ε.
+    /// Depths z and z + ε of each transparent fragment.
     fragments: Vec<[f64; 2]>,
-    /// Depth from which on an opaque splat hides fragments; `None` if no opaque splat covers the pixel.
+    /// Depth from which an opaque splat hides fragments; `None` if no opaque splat covers the pixel.
     opaque: Option<f64>,
 }
 
-/// Returns a lower bound of the largest number of surfaces of a pixel in a region; 0 if it can't be determined.
+/// Returns a lower bound of the largest number of surfaces in any pixel of a region; 0 if it can't be determined.
 pub fn least_surfaces(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -50,7 +51,7 @@ pub fn least_surfaces(
     plan: &FramePlan,
     region: Region,
 ) -> usize {
-    // Polygons may hide any fragment.
+    // Polygons may hide any fragment, so nothing can be concluded.
     if plan.has(Pass::Polygons) || !plan.separates_transparent || is_of_shadow_map(plan) {
         return 0;
     }
@@ -124,7 +125,7 @@ fn add_segment(
 }
 
 impl Shape {
-    /// Returns the shape of a splat; `None` if it takes part in no pass.
+    /// Projects a splat; `None` if no pass draws it.
     fn new(splat: &ViewSplat<f64>, cull: Cull, view: &View, plan: &FramePlan) -> Option<Self> {
         let (projection, settings) = (&view.projection, &plan.splat_filter);
         let ViewSplat { p, s, t, n } = *splat;
@@ -197,7 +198,8 @@ impl Pile {
         more.opaque.into_iter().for_each(|z| self.hide_from(z));
     }
 
-    /// Returns the number of surfaces. Fragments are merged in ascending depth: a surface ends at its threshold.
+    /// Returns the number of surfaces in the pixel. Fragments are merged in order of ascending depth. A fragment beyond
+    /// the current surface's threshold z + ε begins a new surface.
     fn surfaces(mut self) -> usize {
         let opaque = self.opaque.unwrap_or(f64::INFINITY);
         self.fragments.retain(|[z, _]| *z < opaque);
@@ -207,8 +209,8 @@ impl Pile {
             if z * (1.0 - APART) > threshold {
                 (count, threshold) = (count + 1, end);
             } else {
-                // A nearer end makes the surface less deep, which single precision may decide otherwise; the deepest
-                // end counts.
+                // A nearer threshold would end the surface earlier, and single precision may decide that differently.
+                // The farthest threshold gives a lower bound.
                 threshold = threshold.max(end);
             }
         }

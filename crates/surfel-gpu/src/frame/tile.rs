@@ -1,5 +1,5 @@
-//! Data of a frame's tile in addition to the resident scene: visible chunks, splats at the near plane, polygons,
-//! uniforms.
+//! Data of a tile in addition to the resident scene: visible chunks, splats at the near plane, polygons, balls,
+//! Gaussians and uniforms.
 
 use crate::frame::balls::{MOST_BALLS, TileBalls};
 use crate::frame::culling::{is_outside, may_reach_near};
@@ -21,17 +21,19 @@ use surfel_model::{ClipPolicy, CloudData, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-/// Exclusive upper bound of a tile's polygons: targets store their indices as floats.
+/// Exclusive upper bound of the number of polygons in a tile. Targets store the indices of polygons as f32, which is
+/// exact below 2²⁴.
 const MOST_POLYGONS: u32 = 1 << 24;
 
-/// Data of a segment for a tile.
+/// Data of one segment in a tile.
 #[derive(Clone, Debug)]
 pub struct SegmentData {
-    /// Pipelines that draw the segment: for whole or clipped splats.
+    /// Clip variant, which selects the pipelines that draw the segment.
     pub variant: Variant,
     /// True if the segment is drawn in transparent layers.
     pub is_transparent: bool,
-    /// Words of the shaders' `chunks` or, for cells, of the `cell_chunks` that can touch the tile.
+    /// Words of the shaders' `chunks`. In the compute path, words of `cell_chunks`, of only the chunks that can touch
+    /// the tile.
     pub chunks: Vec<u32>,
     /// Words of the shaders' `near_bits`, at least one.
     pub near_bits: Vec<u32>,
@@ -39,26 +41,27 @@ pub struct SegmentData {
     pub is_outside: bool,
     /// Splats of the chunks that can touch the tile, as runs of the segment's records.
     pub runs: Vec<Range<u32>>,
-    /// Depth of the farthest chunk that can touch the tile.
+    /// Depth of the farthest chunk that can touch the tile, in view units.
     farthest: f64,
     /// Number of splats of the chunks that can touch the tile.
     splats: u64,
 }
 
-/// Splats that reach the near plane and share pipelines; at least one.
+/// Splats that reach the near plane and are drawn by the same pipelines; at least one.
 #[derive(Clone, Debug)]
 pub struct NearRecords {
-    /// Pipelines that draw the splats: for whole or clipped splats.
+    /// Clip variant, which selects the pipelines that draw the splats.
     pub variant: Variant,
     /// True if the splats are drawn in transparent layers.
     pub is_transparent: bool,
     /// Words of the shaders' `records`.
     pub records: Vec<u32>,
-    /// The same records with splat centres, for per-splat lighting; empty if no layer needs them.
+    /// Copies of `records` with the splats' centres, for layers in which each splat is lit separately; empty if no
+    /// layer needs them.
     pub lit: Vec<u32>,
     /// Words of the shaders' `record_clips`; empty unless the splats are clipped.
     pub clips: Vec<u32>,
-    /// Object of each splat, and the splat's index in the object's cloud.
+    /// Identity of each splat: the index of its object, and the splat's index in the object's cloud.
     splats: Vec<[u32; 2]>,
 }
 
@@ -77,7 +80,7 @@ impl NearRecords {
 /// Data of a tile in addition to the resident scene.
 #[derive(Clone, Debug)]
 pub struct TileData {
-    /// Pixels of the image that the targets hold: the tile and, for screen-space passes, a border.
+    /// Image region of the targets: the tile and, for screen-space passes, a border.
     pub targets: Region,
     /// The tile itself, whose pixels are shaded.
     pub tile: Region,
@@ -87,21 +90,22 @@ pub struct TileData {
     pub segments: Vec<SegmentData>,
     /// Splats that reach the near plane.
     pub near: Vec<NearRecords>,
-    /// Words of the shaders' `polygons` that may touch the tile; a polygon of zeros if there are none.
+    /// Words of the shaders' `polygons` that may touch the tile; one polygon of zeros if there are none.
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
     /// Words of the shaders' `balls`, at least one.
     pub balls: Vec<u32>,
-    /// Object and index of each ball that may touch the tile.
+    /// Identity of each ball that may touch the tile: the index of its object, and the ball's index in the object's
+    /// cloud.
     ball_members: Vec<[u32; 2]>,
     /// Trained Gaussians; `None` in frames of surfaces.
     pub gaussians: Option<GaussianLists>,
-    /// Number of polygons of each mesh.
+    /// Number of the tile's polygons that belong to each mesh.
     mesh_polygons: Vec<u32>,
     /// Layout of the planes that the tile's shading writes.
     pub planes: PlaneLayout,
-    /// Counts of cells, if the compute path draws the tile.
+    /// Cell counts for the compute path; `None` if raster hardware draws the tile.
     pub cells: Option<CellCounts>,
 }
 
@@ -146,7 +150,7 @@ impl TileData {
         data
     }
 
-    /// Sets the capacity of the compute path's buffers in the uniform.
+    /// Writes the capacity of the compute path's buffers to the uniform.
     pub(crate) fn put_room(&mut self, room: CellRoom) {
         use layout::frame as at;
         let Some(cells) = &self.cells else { return };
@@ -159,7 +163,8 @@ impl TileData {
         self.put_frame_words(&words);
     }
 
-    /// Makes this tile, which the compute path draws, the n-th after the tile of pixels that its samples belong to.
+    /// Marks this tile as the n-th tile of samples, counted from 1, after the tile of pixels that its samples belong
+    /// to. The compute path draws both.
     pub(crate) fn put_part(&mut self, n: u32) {
         self.put_frame_words(&[(layout::frame::CELL_PART, n)]);
         self.cells.iter_mut().for_each(|cells| cells.is_of_samples = true);
@@ -264,14 +269,15 @@ impl TileData {
         self.gaussians = Some(lists);
     }
 
-    /// Returns the size of the tile's targets. With edge samples they hold at least the samples of one pixel.
+    /// Returns the width and height of the tile's targets in pixels. With edge samples, the targets fit at least the
+    /// samples of one pixel.
     pub fn target_size(&self, plan: &FramePlan) -> [u32; 2] {
         let least = if plan.has(Pass::EdgeSamples) { SAMPLES_SIDE } else { 1 };
         [self.targets.width.max(least), self.targets.height.max(least)]
     }
 
-    /// Turns this tile, whose pixels are the samples of `samples`, into a part of the tile `pixels`. It writes to that
-    /// tile's planes.
+    /// Makes this tile a tile of samples, which writes to the planes of the tile `pixels`. `samples` is the region of
+    /// this tile in samples.
     pub(crate) fn put_among(&mut self, pixels: &Self, samples: Region) {
         use layout::frame as at;
         let (tile, targets) = (pixels.tile, pixels.targets);
@@ -298,10 +304,10 @@ impl TileData {
         self.planes = pixels.planes;
     }
 
-    /// Checks that the tile's polygons fit the device.
+    /// Checks that the tile's polygons and balls fit the device's limits.
     ///
     /// # Errors
-    /// A message with cause and remedy, if they don't fit.
+    /// A message that states the cause and a remedy, if they don't fit.
     pub fn check(&self, limits: Limits) -> Result<(), String> {
         let balls = 4 * self.balls.len() as u64;
         if balls > limits.buffer_bytes || self.ball_members.len() >= MOST_BALLS {
@@ -322,8 +328,8 @@ impl TileData {
         ))
     }
 
-    /// Sets the mapping of a host's depth buffer that the tile is composited into. The buffer holds `offset` +
-    /// `scale`/z in a perspective projection, and `offset` + `scale`·z in an orthographic one.
+    /// Sets the depth mapping of the host's depth buffer that the tile is composited into. The buffer stores `offset` +
+    /// `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
     pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
         let at = layout::frame::HOST_DEPTH / 4;
         for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
@@ -331,10 +337,10 @@ impl TileData {
         }
     }
 
-    /// Returns the splat or polygon of a draw and of its record.
+    /// Returns the identity of the splat, ball or polygon with a draw number and a record number.
     ///
     /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
-    /// polygons, or −3 for balls.
+    /// polygons, or −3 for balls. `record` is the number of the record within the draw.
     pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
         let splat = |[object, i]: [u32; 2]| {
             let uploaded = scene.objects.get(object as usize)?;
@@ -362,7 +368,7 @@ impl TileData {
         found.unwrap_or(Identity::NOTHING)
     }
 
-    /// Returns the splat of a pixel of the compute path: the n-th of a group of records.
+    /// Returns the identity of the splat of a pixel that the compute path drew: record `n` of a group of records.
     pub fn cell_identity(&self, scene: &UploadedScene, group: i32, n: usize) -> Identity {
         let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
         let words = layout::cell_chunk::SIZE / 4;
@@ -386,7 +392,7 @@ impl TileData {
         VisibleSegments { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
     }
 
-    /// Returns the number of records that the CPU has set up: splats at the near plane, and Gaussians.
+    /// Returns the number of records that the CPU has set up: splats at the near plane, balls and Gaussians.
     pub fn host_records(&self) -> u32 {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
         let balls = self.ball_members.len() as u32;
@@ -402,14 +408,14 @@ impl TileData {
     }
 }
 
-/// Returns the identity of a splat of an object, by its index in the object's cloud.
+/// Returns the identity of the splat with index `i` in an object's cloud.
 fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
     let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
     Identity { row: of(&data.rows).unwrap_or(i), object, label: of(&data.labels).unwrap_or(NO_LABEL) }
 }
 
-/// Largest gap between two runs that is drawn along with them, in splats: one more draw would cost more than these
-/// splats.
+/// Largest gap between two runs of splats that are drawn together, in splats. Drawing the splats of the gap costs less
+/// than another draw call.
 const LARGEST_GAP: u32 = 1024;
 
 /// Appends a run, merging it with the last one if the gap between them is small.

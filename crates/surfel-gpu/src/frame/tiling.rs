@@ -11,17 +11,17 @@ use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
-/// Largest side of a tile in pixels: records store pixel coordinates in 16 bits.
+/// Largest side of a tile in pixels. Records store pixel coordinates in 16 bits.
 const LARGEST_SIDE: u32 = u16::MAX as u32;
 
-/// Returns the region of a tile's targets: the tile and a border of the pixels inside the image that screen-space
-/// passes read.
+/// Returns the image region of a tile's targets: the tile, and a border of pixels that screen-space passes read. The
+/// border ends at the image's edge.
 pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
     tile.grown(plan.reach_px(), view.size)
 }
 
-/// Cuts the view's region into tiles whose targets and planes are within the limits. `by_cells` is true for the compute
-/// path.
+/// Splits the view's region into tiles whose targets and planes are within the limits. `by_cells` is true for the
+/// compute path.
 pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: bool) -> Vec<Region> {
     let largest = if by_cells { LARGEST_CELL_TILE } else { LARGEST_SIDE };
     let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
@@ -59,12 +59,12 @@ pub struct FrameTiles<'a> {
     limits: Limits,
     by_cells: bool,
     gaussians: Option<ProjectedGaussians>,
-    /// Regions still to be drawn, in reverse order.
+    /// Regions not yet drawn, in reverse order.
     regions: Vec<Region>,
 }
 
 impl<'a> FrameTiles<'a> {
-    /// Creates the iterator for a frame that is drawn by a path, and projects the frame's Gaussians.
+    /// Creates the iterator for a frame, and projects the frame's Gaussians.
     pub fn new(
         scene: &'a UploadedScene,
         frame: &'a FrameScene,
@@ -82,7 +82,7 @@ impl<'a> FrameTiles<'a> {
 }
 
 impl Iterator for FrameTiles<'_> {
-    /// A tile, or a message with cause and remedy if its Gaussians don't fit the device.
+    /// A tile, or a message that states the cause and a remedy if its Gaussians don't fit the device.
     type Item = Result<TileData, String>;
 
     fn next(&mut self) -> Option<Self::Item> {

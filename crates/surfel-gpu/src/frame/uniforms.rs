@@ -25,7 +25,7 @@ pub(crate) struct ShadowMapSlot {
     pub at: u32,
 }
 
-/// Data that all tiles of a frame share.
+/// Uniform data that all tiles of a frame share.
 #[derive(Clone, Debug)]
 pub struct FrameScene {
     /// Words of the shaders' `objects`; at least one object.
@@ -37,13 +37,13 @@ pub struct FrameScene {
     /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
     pub(crate) light_count: u32,
-    /// Location of the shadow map, if the frame draws one.
+    /// Location of the shadow map that the frame draws; the default if it draws none.
     shadow: ShadowMapSlot,
     pub(crate) transforms: Vec<ObjectTransform>,
 }
 
 impl FrameScene {
-    /// Returns the data of a scene in a view.
+    /// Computes the uniform data of a scene in a view.
     pub fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
         let transforms: Vec<ObjectTransform> =
             scene.objects.iter().map(|o| ObjectTransform::new(&o.world_from_object, view)).collect();
@@ -65,7 +65,7 @@ impl FrameScene {
         Self { objects, lights, shadow_maps, matcap, light_count, shadow, transforms }
     }
 
-    /// Returns the data of a scene in the view of a shadow map.
+    /// Computes the uniform data of a scene in the view of a shadow map.
     pub(crate) fn of_shadow_map(scene: &UploadedScene, view: &View, plan: &FramePlan, shadow: ShadowMapSlot) -> Self {
         Self { shadow, ..Self::new(scene, view, plan) }
     }
@@ -100,14 +100,14 @@ fn object_words(object: &UploadedObject, transform: &ObjectTransform, plan: &Fra
     words.into_words()
 }
 
-/// Returns the words of the shaders' `Light` number `index` of `lights` lights.
+/// Returns the words of the shaders' `Light` for the light number `index` of `lights` lights.
 fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan: &FramePlan) -> Vec<u32> {
     use layout::light as at;
     let mut words = StructWriter::new(at::SIZE);
     let direction = |words: &mut StructWriter, d: &[f64; 3]| {
         words.vec3(at::DIRECTION, unit(DVec3::from(*d)));
     };
-    // Positions are relative to the eye, so that they stay precise far from the origin.
+    // Positions are relative to the eye, so that they stay precise far from the world's origin.
     let position = |words: &mut StructWriter, p: &[f64; 3]| {
         words.vec3(at::POSITION, DVec3::from(*p) - view.eye);
     };
@@ -136,7 +136,8 @@ fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan
     words.into_words()
 }
 
-/// Returns the size and texels of the image that the shader `matcap` looks up; one word if the plan has another shader.
+/// Returns the size and texels of the image that the shader `matcap` samples; a single word if the plan has another
+/// shader.
 fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     if plan.shader != Shader::Matcap || !plan.planes.color {
         return vec![0];
@@ -146,11 +147,11 @@ fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     matcap.size().into_iter().chain(texels).collect()
 }
 
-/// Regions of a tile in the image.
+/// Image regions of a tile.
 pub(crate) struct TileRegions {
-    /// Pixels that are shaded.
+    /// Region of the pixels that are shaded.
     pub tile: Region,
-    /// Pixels that the targets hold.
+    /// Region of the targets, which may have a border.
     pub targets: Region,
 }
 

@@ -7,41 +7,41 @@ use surfel_model::Shader;
 use surfel_render::{FramePlan, Pass};
 use surfel_shaders::layout;
 
-/// Side of the workgroups of passes over pixels.
+/// Side of the workgroups of passes over pixels, in invocations.
 const PIXEL_GROUP: u32 = 8;
 
-/// Dispatch of the compute path.
+/// One compute dispatch of the compute path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellStep {
     /// Entry point of the shader.
     pub entry: &'static str,
     /// Round that selects the step's bindings and the contents of its uniform.
     pub round: CellRound,
-    /// Segment whose splats the step reads; `None` for steps that read no segment.
+    /// Index of the segment whose splats the dispatch reads; `None` if it reads no segment.
     pub segment: Option<usize>,
     /// Number of workgroups along x and y.
     pub workgroups: [u32; 2],
 }
 
 impl CellStep {
-    /// Returns a step of a number of workgroups, which are arranged in rows of [`layout::CELL_ROW`].
+    /// Creates a step of `count` workgroups, which are arranged in rows of [`layout::CELL_ROW`].
     fn of(entry: &'static str, round: CellRound, count: u64) -> Self {
         Self { entry, round, segment: None, workgroups: grid(count) }
     }
 
-    /// Returns a step with a workgroup per cell.
+    /// Creates a step with one workgroup per cell.
     fn over_cells(entry: &'static str, cells: &CellCounts) -> Self {
         Self { entry, round: CellRound::Sorted, segment: None, workgroups: cells.size }
     }
 
-    /// Returns a step with an invocation per pixel.
+    /// Creates a step with one invocation per pixel.
     fn over_pixels(entry: &'static str, size: [u32; 2]) -> Self {
         let workgroups = size.map(|side| side.div_ceil(PIXEL_GROUP));
         Self { entry, round: CellRound::Sorted, segment: None, workgroups }
     }
 }
 
-/// Dispatches that share a name in the statistics.
+/// Group of dispatches with one name in the statistics.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CellStage {
     /// Name in the statistics.
@@ -50,14 +50,14 @@ pub struct CellStage {
     pub steps: Vec<CellStep>,
 }
 
-/// Entry points that draw a plan's cells.
+/// Names of the entry points that rasterise the cells of a plan.
 struct RasterEntries {
     cells: &'static str,
-    /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
-    /// oriented splats are separated: their cells are drawn whole.
+    /// Entry points for dense cells, which are split into parts: thresholds, sums, and combining the parts. `None` if
+    /// the sides of oriented splats are separated; dense cells are then drawn whole.
     of_parts: Option<[&'static str; 3]>,
-    /// Entry points that find edges and blend them by coverage: in cells, and for parts of dense cells thresholds,
-    /// sums, and combining the parts.
+    /// Entry points that find edges and blend them by coverage. The first is for whole cells. The others are for parts
+    /// of dense cells: thresholds, sums, and combining the parts.
     edges: Option<[&'static str; 4]>,
     /// Entry point that draws the samples of edge pixels.
     samples: Option<&'static str>,
@@ -108,7 +108,7 @@ impl RasterEntries {
     }
 }
 
-/// Arranges a number of workgroups in rows of [`layout::CELL_ROW`].
+/// Returns a grid of at least `count` workgroups, in rows of [`layout::CELL_ROW`].
 fn grid(count: u64) -> [u32; 2] {
     let row = u64::from(layout::CELL_ROW);
     [count.min(row) as u32, count.div_ceil(row) as u32]
@@ -123,7 +123,7 @@ fn begin(cells: &CellCounts, room: CellRoom) -> CellStep {
     CellStep::of("cell_begin", CellRound::Groups, elements.div_ceil(layout::CELL_WORKGROUP.into()))
 }
 
-/// Returns the steps that set up splats.
+/// Returns the steps that set up the splats.
 fn setup(cells: &CellCounts) -> Vec<CellStep> {
     let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
     let mut steps: Vec<CellStep> = of_segments
@@ -138,12 +138,12 @@ fn setup(cells: &CellCounts) -> Vec<CellStep> {
     steps
 }
 
-/// Returns the two steps of a scan.
+/// Returns the two steps of a prefix sum (scan).
 fn scan(round: CellRound, length: u64) -> [CellStep; 2] {
     ["cell_scan_blocks", "cell_scan_add"].map(|entry| CellStep::of(entry, round, blocks(length)))
 }
 
-/// Returns the steps that emit pairs and sort them by cell.
+/// Returns the steps that emit pairs of a splat and a cell, and sort them by cell.
 fn sort(cells: &CellCounts, room: CellRoom) -> Vec<CellStep> {
     let groups = u64::from(cells.groups());
     let mut steps = scan(CellRound::Groups, groups).to_vec();
@@ -160,7 +160,8 @@ fn sort(cells: &CellCounts, room: CellRoom) -> Vec<CellStep> {
     steps
 }
 
-/// Returns the stages that draw a tile of pixels, whose shaded part measures `shaded` pixels, in order.
+/// Returns the stages that draw a tile of pixels, in order. `shaded` is the width and height of the tile's shaded part
+/// in pixels.
 pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, shaded: [u32; 2]) -> Vec<CellStage> {
     let entries = RasterEntries::of(plan);
     let mut first = vec![begin(cells, room)];
@@ -189,7 +190,8 @@ pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, 
     stages
 }
 
-/// Returns the stages that draw a tile of samples, which belong to `pixels` pixels, in order.
+/// Returns the stages that draw a tile of samples, in order. `pixels` is the width and height, in pixels, of the region
+/// that the samples belong to.
 pub(crate) fn sample_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, pixels: [u32; 2]) -> Vec<CellStage> {
     let Some(samples) = RasterEntries::of(plan).samples else { return Vec::new() };
     let mut edges = vec![begin(cells, room), CellStep::over_pixels("cell_steps", pixels)];
@@ -210,12 +212,12 @@ fn looks_at_neighbours(plan: &FramePlan) -> bool {
     plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome))
 }
 
-/// True for entry points of the compute path. Their pipelines have their own layout of the frame's buffers.
+/// True if the entry point belongs to the compute path. Its pipeline then has its own layout of the frame's buffers.
 pub fn is_cell_entry(entry: &str) -> bool {
     entry.starts_with("cell_")
 }
 
-/// Returns all entry points that a plan's cells may need, each once.
+/// Returns all entry points that the compute path may need for a plan, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     let RasterEntries { cells, of_parts, edges, samples } = RasterEntries::of(plan);
     let before = [

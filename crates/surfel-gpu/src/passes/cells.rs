@@ -7,10 +7,11 @@ use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
-/// Largest side, in pixels, of a tile that the compute path draws: cells are sorted by two digits of eight bits.
+/// Largest side of a tile that the compute path draws, in pixels. The radix sort of cells uses two digits of eight
+/// bits.
 pub(crate) const LARGEST_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
 
-/// GPU path by which frames are drawn. All paths draw the same image up to the rounding of sums.
+/// GPU path that draws a frame. All paths draw the same image up to the rounding of sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GpuPath {
     /// Compute shaders for the frames that they can draw, raster hardware for all others.
@@ -24,9 +25,10 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw a plan's frames: those of opaque, unclipped splats. Their sums are always f32.
+    /// True if compute shaders draw the frames of a plan. They draw frames of opaque, unclipped splats, with sums in
+    /// f32.
     ///
-    /// Clipped or transparent splats, polygons, trained Gaussians and the shadow maps themselves need raster hardware.
+    /// Clipped or transparent splats, polygons, trained Gaussians and shadow maps need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
@@ -41,10 +43,10 @@ impl GpuPath {
     }
 }
 
-/// Name of the counter of pairs of a splat and a cell that the compute path drew, without those of samples.
+/// Name of the counter of pairs of a splat and a cell that the compute path drew, excluding samples.
 pub const CELL_PAIRS: &str = "cell_pairs";
 
-/// Names of the counters of active cells of samples, and of the pairs of a splat and such a cell.
+/// Names of the counters for edge samples: active cells, and pairs of a splat and an active cell.
 const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 
 /// Round of the compute path. Some passes run several times in a tile; the round selects their bindings and uniform.
@@ -62,7 +64,7 @@ pub enum CellRound {
     Sorted,
 }
 
-/// Buffer of the compute path. Its contents are valid for one tile.
+/// Buffer of the compute path. Its contents are valid while one tile is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellBuffer {
     /// Records of splats: the shaders' `cell_records`.
@@ -71,17 +73,17 @@ pub enum CellBuffer {
     Groups,
     /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellRoom::holds`].
     Counters,
-    /// Pairs as they are emitted and, after the second digit, fully sorted.
+    /// Pairs of a splat and a cell: as emitted, and later fully sorted by cell.
     Pairs,
     /// Pairs sorted by the lower digit.
     HalfSortedPairs,
     /// Histograms of the radix sort: number of pairs per digit and block.
     Digits,
-    /// Sums of the blocks of a scan.
+    /// Sums per block of a prefix sum (scan).
     Sums,
     /// Depth thresholds and sums of the parts of dense cells.
     Parts,
-    /// Number of active cells before each cell of a tile of samples: the shaders' `cell_active`.
+    /// Number of active cells before each cell in a tile of samples: the shaders' `cell_active`.
     Active,
 }
 
@@ -114,7 +116,7 @@ impl CellBuffer {
         }
     }
 
-    /// Returns the buffer's size for a tile of pixels and its samples, in bytes.
+    /// Returns the buffer's size in bytes for a tile of pixels and the tiles of its samples.
     pub(crate) fn bytes(self, all: &[CellCounts], room: CellRoom) -> u64 {
         match self {
             Self::Counters => COUNTER_BYTES * all.len() as u64,
@@ -138,7 +140,7 @@ impl CellBuffer {
     }
 }
 
-/// Number of values of a digit.
+/// Number of values of a radix digit.
 const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
 /// Size of a tile's counters in [`CellBuffer::Counters`], in bytes. The host reads the whole buffer.
@@ -159,14 +161,14 @@ pub enum CellBinding {
     NearRecords,
     /// The frame's `planes`.
     Planes,
-    /// The uniform with the words of [`CellRound::words`].
+    /// The uniform that contains the words of [`CellRound::words`].
     Round,
     /// A buffer of the compute path.
     Buffer(CellBuffer),
 }
 
 impl CellBinding {
-    /// Returns the resource at a binding number of group 1 in a round; `None` if no step uses the number.
+    /// Returns the resource at binding number `binding` of group 1 in a round; `None` if no step uses the number.
     pub fn of(binding: u32, round: CellRound) -> Option<Self> {
         use CellBuffer::{Active, Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
         Some(match binding {
@@ -215,7 +217,7 @@ impl CellRound {
     }
 }
 
-/// Counts of a tile that the CPU computes before it is drawn.
+/// Counts for a tile that the CPU computes before the tile is drawn.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CellCounts {
     /// Number of columns and rows of cells.
@@ -228,12 +230,12 @@ pub struct CellCounts {
     pub near: u32,
     /// True for a tile of samples: only its active cells have pairs.
     pub is_of_samples: bool,
-    /// True if records store their splat's place, for a plane of indices.
+    /// True if records store the index of their splat, which planes such as `index` need.
     pub has_places: bool,
 }
 
 impl CellCounts {
-    /// Returns the number of columns and rows of cells in targets of a size in pixels.
+    /// Returns the number of columns and rows of cells for targets of this size in pixels.
     pub(crate) fn size_of([width, height]: [u32; 2]) -> [u32; 2] {
         [width, height].map(|side| side.div_ceil(layout::CELL_SIDE))
     }
@@ -257,12 +259,13 @@ impl CellCounts {
         self.near.div_ceil(layout::CELL_WORKGROUP)
     }
 
-    /// Returns the upper bound of the numbers of cells that pairs are sorted by.
+    /// Returns the upper bound of the cell numbers by which pairs are sorted.
     fn sorted_cells(&self, room: CellRoom) -> u32 {
         if self.is_of_samples { room.active } else { self.cells() }
     }
 
-    /// Returns the number of elements before the pairs in a buffer of pairs. Active cells have two each.
+    /// Returns the number of header elements before the pairs in a buffer of pairs: one per cell, or two per active
+    /// cell of samples.
     pub(crate) fn header(&self, room: CellRoom) -> u32 {
         if self.is_of_samples { 2 * room.active } else { self.cells() }
     }
@@ -273,7 +276,7 @@ impl CellCounts {
     }
 }
 
-/// Capacity of the compute path's buffers: in records and pairs, and in active cells of samples.
+/// Capacity of the compute path's buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellRoom {
     /// Maximum number of records.
@@ -284,7 +287,7 @@ pub struct CellRoom {
     pub active: u32,
 }
 
-/// Numbers of records, pairs and active cells that tiles need.
+/// Required capacity: numbers of records, pairs and active cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct CellNeeds {
     records: u64,
@@ -293,7 +296,7 @@ struct CellNeeds {
 }
 
 impl CellNeeds {
-    /// Returns the needs of a tile, from the words of its counters.
+    /// Returns the required capacity of a tile, from the words of its counters.
     fn of_one(counters: &[u32]) -> Self {
         use layout::cell_counters::{ACTIVE_CELLS, PAIRS, RECORDS};
         let [records, pairs, active] =
@@ -301,7 +304,7 @@ impl CellNeeds {
         Self { records, pairs, active }
     }
 
-    /// Returns the largest needs of all tiles, from the words of [`CellBuffer::Counters`].
+    /// Returns the largest required capacity of all tiles, from the words of [`CellBuffer::Counters`].
     fn of(counters: &[u32]) -> Self {
         of_tiles(counters).fold(Self::default(), Self::max)
     }
@@ -319,18 +322,18 @@ impl CellNeeds {
     }
 }
 
-/// Iterates over the needs of a tile of pixels and the tiles of its samples.
+/// Iterates over the required capacities of a tile of pixels and of the tiles of its samples.
 fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
     counters.chunks_exact(layout::cell_counters::SIZE / 4).map(CellNeeds::of_one)
 }
 
-/// Number of active cells of samples for which there is room before a tile's first frame.
+/// Capacity for active cells of samples before the first frame of a tile.
 const FIRST_ACTIVE: u32 = 1 << 14;
 
 impl CellRoom {
-    /// Estimates the capacity for a tile before its first frame. The records are three fifths of the splats, or all of
-    /// them in a small tile. The pairs are two per record and four per cell. `None` if the buffers would exceed the
-    /// limits.
+    /// Estimates the capacity for a tile before its first frame. Records are estimated as 3/5 of the splats, or all
+    /// splats in a small tile. Pairs are estimated as two per record plus four per cell. `None` if the buffers would
+    /// exceed the limits.
     fn estimate(all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_one = |cells: &CellCounts| {
             let splats = cells.splats + u64::from(cells.near);
@@ -343,8 +346,9 @@ impl CellRoom {
         Self::within(needs, all, limits)
     }
 
-    /// Returns the capacity to draw a tile and its samples with: that of the tile before, or an estimate if it exceeds
-    /// the limits or there is none. `None` if the estimate exceeds the limits, too.
+    /// Returns the capacity with which a tile and its samples are first drawn. It is `before`, the capacity of an
+    /// earlier tile, if that is within the limits, and an estimate otherwise. `None` if the estimate exceeds the
+    /// limits, too.
     pub(crate) fn start(before: Option<Self>, all: &[CellCounts], limits: Limits) -> Option<Self> {
         let estimate = Self::estimate(all, limits);
         let kept = before.and_then(|room| {
@@ -354,8 +358,9 @@ impl CellRoom {
         kept.or(estimate)
     }
 
-    /// Adds the records and pairs that were drawn to the statistics. `counters` are the words of
-    /// [`CellBuffer::Counters`]. Records of samples don't count: their splats were drawn before.
+    /// Adds the numbers of records and pairs that were drawn to the statistics. `counters` are the words of
+    /// [`CellBuffer::Counters`]. Records of samples don't count, because their splats were counted with the tile of
+    /// pixels.
     pub fn count(counters: &[u32], stats: &mut Stats) {
         let mut tiles = of_tiles(counters);
         let pixels = tiles.next().unwrap_or_default();
@@ -368,15 +373,15 @@ impl CellRoom {
         }
     }
 
-    /// True if a tile and its samples fit. `counters` are the words of [`CellBuffer::Counters`]. If not, nothing of the
-    /// tile that doesn't fit was drawn.
+    /// True if a tile and its samples fit the capacity. `counters` are the words of [`CellBuffer::Counters`]. If a tile
+    /// doesn't fit, none of its pixels were drawn.
     pub fn holds(self, counters: &[u32]) -> bool {
         let (own, needs) = (CellNeeds::of_room(self), CellNeeds::of(counters));
         own.max(needs) == own
     }
 
-    /// Returns the capacity that a tile and its samples need according to `counters`, with a margin of a quarter if the
-    /// limits permit. `None` if they exceed the limits. `counters` are the words of [`CellBuffer::Counters`].
+    /// Returns the capacity that a tile and its samples need, with a margin of a quarter if the limits permit.
+    /// `counters` are the words of [`CellBuffer::Counters`]. `None` if the capacity exceeds the limits.
     pub(crate) fn grown(self, counters: &[u32], all: &[CellCounts], limits: Limits) -> Option<Self> {
         let needs = CellNeeds::of(counters);
         let more = |count: u64| count + count / 4;
@@ -400,7 +405,7 @@ impl CellRoom {
         (layout::record::SIZE as u64 + place) * u64::from(self.records)
     }
 
-    /// Returns the number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
+    /// Returns the maximum number of parts of dense cells; 0 if there are too few pairs for any dense cell.
     pub(crate) fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }

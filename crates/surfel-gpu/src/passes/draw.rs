@@ -9,33 +9,34 @@ use surfel_render::FramePlan;
 /// Surface or layer that a pass draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Layer {
-    /// The nearest opaque surface, of splats alone.
+    /// Nearest opaque surface of splats.
     Front,
-    /// The nearest opaque surface, of splats blended with polygons.
+    /// Nearest opaque surface of splats blended with polygons.
     MeshBlend,
-    /// The nearest opaque surface where the sides of oriented splats are separated: of splats alone.
+    /// Nearest opaque surface of splats, if the front and back sides of oriented splats are separated.
     Shown,
-    /// The nearest opaque surface where the sides of oriented splats are separated: of splats blended with polygons.
+    /// Nearest opaque surface of splats blended with polygons, if the front and back sides of oriented splats are
+    /// separated.
     ShownMeshBlend,
-    /// The surface behind the nearest one, at edge pixels.
+    /// Surface behind the nearest one, at edge pixels.
     EdgeBackground,
-    /// A peeled layer of transparent splats.
+    /// Peeled layer of transparent splats.
     Peeled,
-    /// A layer of an A-buffer. It is peeled like [`Layer::Peeled`], and weighted by its coverage, too.
+    /// Layer of an A-buffer. It is peeled like [`Layer::Peeled`], and also weighted by its coverage.
     Gathered,
-    /// All transparent splats behind the peeled layers, each lit by itself.
+    /// All transparent splats behind the peeled layers; each splat is lit separately.
     Remaining,
 }
 
-/// Sums that one pass over the splats accumulates. They take at most 32 bytes a sample, which every adapter supports.
+/// Sums that one pass over the splats accumulates. They take at most 32 bytes per sample, which every adapter supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Sums {
     /// Colour and weight.
     Color,
     /// Colour and weight, normal and depth.
     Surface,
-    /// Material factors and counts. The nearest surface also sums the number of fragments and coverage, a transparent
-    /// layer the number of fragments and alpha. A layer of an A-buffer sums coverage, too.
+    /// Material factors and counts. The counts of the nearest surface are the number of fragments and the coverage. The
+    /// counts of a transparent layer are the number of fragments and the alpha, and in an A-buffer also the coverage.
     MaterialCounts,
 }
 
@@ -47,13 +48,13 @@ impl Layer {
 }
 
 impl Sums {
-    /// Returns the passes over the splats that a plan needs for a layer.
+    /// Returns the sums that a plan needs for a layer; each is one pass over the splats.
     pub fn of(plan: &FramePlan, layer: Layer) -> Vec<Self> {
         let surface = plan.attributes.normal || plan.attributes.depth;
         let counts = layer.is_front() && (plan.planes.fragments || plan.attributes.coverage);
         if matches!(layer, Layer::Peeled | Layer::Gathered | Layer::Remaining) {
-            // Compositing a layer needs its alpha, which is summed in place of coverage, even if the plan asks for
-            // neither.
+            // Compositing a layer needs its alpha, which is summed in place of coverage. So the counts are always
+            // needed.
             return vec![Self::Surface, Self::MaterialCounts];
         }
         let mut sums = vec![if surface { Self::Surface } else { Self::Color }];
@@ -64,30 +65,31 @@ impl Sums {
     }
 }
 
-/// Render pass.
+/// Render pass of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Draw {
-    /// Visibility: finds the depth threshold, the least z + ε of each pixel.
+    /// Visibility: finds the depth threshold, the smallest z + ε in each pixel.
     Visibility,
     /// Visibility that also writes the tolerance ε of the threshold, for edge detection.
     VisibilityWithTolerance,
-    /// Finds the side of oriented splats that each pixel shows, where sides are separated.
+    /// Finds which side of the oriented splats is visible in each pixel, if sides are separated.
     Facing,
-    /// [`Draw::Visibility`] of the shown side.
+    /// [`Draw::Visibility`] restricted to the visible side of oriented splats.
     ShownVisibility,
-    /// [`Draw::VisibilityWithTolerance`] of the shown side.
+    /// [`Draw::VisibilityWithTolerance`] restricted to the visible side of oriented splats.
     ShownVisibilityWithTolerance,
     /// Visibility of the edge background.
     EdgeBackgroundVisibility,
     /// Visibility of the transparent splats behind the layers drawn so far.
     PeeledVisibility,
-    /// [`Draw::PeeledVisibility`] of the first layer, with the tolerance of the threshold, for the detection of steps.
+    /// [`Draw::PeeledVisibility`] of the first layer, which also writes the tolerance ε of the threshold, to detect
+    /// depth steps.
     PeeledVisibilityWithTolerance,
     /// Finds the nearest polygon of each pixel.
     Polygons,
     /// Accumulates the attributes of a layer.
     Sums(Layer, Sums),
-    /// Finds the nearest splat of each pixel, of the nearest opaque surface or of all transparent layers together
+    /// Finds the nearest splat in each pixel, either of the nearest opaque surface or of all transparent layers
     /// ([`Layer::Remaining`]).
     Nearest(Layer),
     /// Finds edge pixels.
@@ -218,13 +220,13 @@ impl Draw {
         matches!(self, Self::Sums(..) | Self::Probe(FillRateProbe::Blend | FillRateProbe::BlendTwo))
     }
 
-    /// True if the pass draws records. Their bind group is then group 1.
+    /// True if the pass draws records of splats. Their bind group is then group 1.
     pub fn draws_records(self) -> bool {
         !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }
 
-    /// Returns the range of vertices of a draw of quads. `nearest.wgsl` computes the draw's index from the vertex
-    /// number.
+    /// Returns the range of vertices of the draw call with this index, which draws quads. `nearest.wgsl` computes the
+    /// index from the vertex number.
     pub fn quad(index: usize) -> std::ops::Range<u32> {
         let first = 4 * index as u32;
         first..first + 4
@@ -249,18 +251,18 @@ impl Draw {
         )
     }
 
-    /// True if each splat is lit by itself.
+    /// True if each splat is lit separately.
     pub fn is_lit(self) -> bool {
         matches!(self, Self::Sums(Layer::Remaining, _))
     }
 
-    /// Returns the binding of the layer composites, whose depths decide which fragments are still to be drawn. It is in
-    /// the group of [`Draw::reads`].
+    /// Returns the binding of the layer composites; `None` for opaque passes. Depths in the composites decide which
+    /// fragments are still to be drawn. The binding is in the group of [`Draw::reads`].
     pub fn layer_composites_binding(self) -> Option<u32> {
         self.is_transparent().then_some(3)
     }
 
-    /// True if the pass binds the group of a pixel pass, buffers included, in place of [`Draw::reads`].
+    /// True if the pass binds the group of a pixel pass, including its buffers, in place of [`Draw::reads`].
     pub fn binds_as_pixel_pass(self) -> bool {
         self == Self::Steps
     }
@@ -270,8 +272,8 @@ impl Draw {
         !self.reads().is_empty() || self.layer_composites_binding().is_some() || self.binds_as_pixel_pass()
     }
 
-    /// Returns the textures that the pass reads, as pairs of binding and target. Their group follows that of the
-    /// records or, without records, of the frame.
+    /// Returns the textures that the pass reads, as pairs of binding and target. They are in the group after that of
+    /// the records, or after that of the frame if there are no records.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
             Self::Visibility | Self::VisibilityWithTolerance | Self::Facing => &[],

@@ -1,4 +1,4 @@
-//! Frame that measures a device's fill rates: upper bounds that passes over splats can be compared with.
+//! Measurement of a device's fill rates, which are upper bounds of the speed of passes over splats.
 
 use crate::passes::draw::Draw;
 use crate::passes::probe::{FillRateProbe, OVERDRAW};
@@ -6,32 +6,32 @@ use crate::passes::schedule::Step;
 use surfel_model::{Camera, Projection, Settings};
 use surfel_render::{Capabilities, FramePlan, Planes, RenderError, SceneSummary, Stats, View, plan};
 
-/// Number of times that all probes run.
+/// Number of times that the probes run.
 pub const FILL_RATE_RUNS: usize = 4;
 
 /// Measured fill rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FillRate {
-    /// Probe that was run.
+    /// Probe that measured the rate.
     pub probe: FillRateProbe,
     /// Pixels cleared or fragments drawn per second.
     pub fragments_per_s: f64,
 }
 
-/// Frame that runs all probes.
+/// Frame that runs all fill-rate probes.
 pub struct FillRateFrame {
-    /// View whose size is that of the targets; its camera is arbitrary.
+    /// View with the size of the targets; its camera is arbitrary.
     pub view: View,
-    /// Plan for the view. Its own passes are not executed.
+    /// Plan of the view. The plan's own passes are not executed.
     pub plan: FramePlan,
-    /// Draws of the probes.
+    /// Render passes of the probes.
     pub draws: Vec<Draw>,
-    /// Steps of the probes.
+    /// Steps that run the probes.
     pub steps: Vec<Step>,
 }
 
 impl FillRateFrame {
-    /// Creates a frame with square targets of `side_px` pixels a side.
+    /// Creates a frame with square targets of side `side_px`, in pixels.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size.

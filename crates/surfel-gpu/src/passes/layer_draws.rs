@@ -1,7 +1,7 @@
-//! Indirect draws of transparent layers (§8), which end before the first layer without fragments.
+//! Indirect draws of transparent layers (§8). They end before the first layer without fragments.
 //!
-//! The GPU decides when to end. Between two layers a shader looks for a pixel with a depth threshold in the layer. If
-//! there is none, it sets the instance counts of all further draws to 0; no count is read back. A layer without
+//! The GPU decides when to end. Between two layers, a shader looks for a pixel with a depth threshold in the layer. If
+//! there is none, the shader sets the instance counts of all further draws to 0; no count is read back. A layer without
 //! instances still costs the clears of its targets and one pixel pass.
 
 use crate::passes::draw::Draw;
@@ -17,8 +17,8 @@ const LAYERS_DRAWN: &str = "layers_drawn";
 /// read.
 pub const LAYER_HEADER_BYTES: u64 = at::ARGUMENTS as u64;
 
-/// Returns the words of the shaders' `LayerDraws` before the first layer: one draw per element of `records`, which are
-/// numbers of records.
+/// Returns the words of the shaders' `LayerDraws` before the first layer. `records` are the numbers of records, one per
+/// draw.
 pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     let mut words = StructWriter::new(at::ARGUMENTS);
     words.u32(at::DRAWN, 1);
@@ -29,7 +29,7 @@ pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
         draw.u32(draw_arguments::FIRST_VERTEX, Draw::quad(index).start);
         words.extend(draw.into_words());
     }
-    // A binding can't be an empty array.
+    // An empty array can't be bound.
     words.resize(words.len().max((at::ARGUMENTS + draw_arguments::SIZE) / 4), 0);
     words
 }
@@ -39,13 +39,14 @@ pub fn layer_draw_offset(index: usize) -> u64 {
     (at::ARGUMENTS + index * draw_arguments::SIZE) as u64
 }
 
-/// True if more layers may lie behind the layers drawn. `header` holds the words of the first [`LAYER_HEADER_BYTES`].
+/// True if more layers may lie behind the layers drawn. `header` is the first [`LAYER_HEADER_BYTES`] of the shaders'
+/// `LayerDraws`, as words.
 pub fn layers_remain(header: &[u32]) -> bool {
     header.get(at::ANY_REMAINING / 4).is_some_and(|&any| any != 0)
 }
 
-/// Raises the counter of drawn layers to this tile's number. `header` holds the words of the first
-/// [`LAYER_HEADER_BYTES`].
+/// Raises the counter of drawn layers to the number of layers in this tile. `header` is the first
+/// [`LAYER_HEADER_BYTES`] of the shaders' `LayerDraws`, as words.
 pub fn count_layers(header: &[u32], stats: &mut Stats) {
     let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));
     raise_counter(LAYERS_DRAWN, drawn, stats);

@@ -6,13 +6,13 @@ use surfel_model::Accumulate;
 use surfel_render::{FramePlan, Stats};
 use surfel_shaders::layout;
 
-/// Name of the counter of bytes of targets and layer composites, of the largest tile. See [`count_frame_bytes`].
+/// Name of the counter of the bytes of targets and layer composites in the largest tile. See [`count_frame_bytes`].
 const TARGET_BYTES: &str = "target_bytes";
 
-/// Name of the counter of bytes of shadow maps. See [`count_frame_bytes`].
+/// Name of the counter of the bytes of shadow maps. See [`count_frame_bytes`].
 const SHADOW_BYTES: &str = "shadow_bytes";
 
-/// Precision of the sums.
+/// Precision in which weighted attributes are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Precision {
     /// 32-bit floats, with 24 bits of precision.
@@ -36,10 +36,10 @@ impl Precision {
     }
 }
 
-/// Parameters that determine a tile's targets; targets with equal keys can be reused.
+/// Parameters that determine a tile's targets. Targets with equal keys can be reused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TargetKey {
-    /// Width and height, pixels.
+    /// Width and height in pixels.
     pub size: [u32; 2],
     /// Precision of the sums.
     pub precision: Precision,
@@ -57,8 +57,8 @@ impl TargetKey {
 }
 
 impl Target {
-    /// Returns the size of the target's texture: the tile's if one of `draws` writes the target, otherwise one pixel,
-    /// since shaders have to bind some texture.
+    /// Returns the size of the target's texture in pixels. It is the tile's size if one of `draws` writes the target.
+    /// Otherwise it is one pixel, since shaders have to bind some texture.
     pub fn size(self, draws: &[Draw], tile: [u32; 2]) -> [u32; 2] {
         let is_drawn = draws.iter().any(|draw| draw.colors().contains(&self) || draw.depth() == Some(self));
         if is_drawn { tile } else { [1, 1] }
@@ -82,7 +82,8 @@ fn pixels([width, height]: [u32; 2]) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// Returns the size of a tile's layer composites in bytes. Without transparent layers there is a single pixel of them.
+/// Returns the size of a tile's layer composites in bytes. Without transparent layers, the composites have a single
+/// pixel.
 pub fn layer_composite_bytes(draws: &[Draw], tile: [u32; 2]) -> u64 {
     let is_drawn = draws.iter().any(|draw| draw.is_transparent());
     layout::layer_composite::SIZE as u64 * pixels(if is_drawn { tile } else { [1, 1] })
@@ -94,14 +95,14 @@ pub fn target_bytes(draws: &[Draw], tile: [u32; 2], sums: Precision) -> u64 {
     targets.sum::<u64>() + layer_composite_bytes(draws, tile)
 }
 
-/// Raises the counters of bytes to the sizes of a tile's targets and of its shadow maps, so that they count the largest
-/// tile.
+/// Raises the counters of bytes to the sizes of a tile's targets and of its shadow maps. The counters thus give the
+/// sizes of the largest tile.
 pub fn count_frame_bytes(target_bytes: u64, shadow_bytes: u64, stats: &mut Stats) {
     raise_counter(TARGET_BYTES, target_bytes as f64, stats);
     raise_counter(SHADOW_BYTES, shadow_bytes as f64, stats);
 }
 
-/// Adds `number` to a counter, which begins at 0.
+/// Adds `number` to a counter, and creates the counter if it is missing.
 pub(crate) fn add_counter(name: &'static str, number: f64, stats: &mut Stats) {
     match stats.counters.iter_mut().find(|counter| counter.0 == name) {
         Some(counter) => counter.1 += number,
@@ -109,7 +110,7 @@ pub(crate) fn add_counter(name: &'static str, number: f64, stats: &mut Stats) {
     }
 }
 
-/// Raises a counter to `number` if it is lower, and adds it if it is missing.
+/// Raises a counter to `number` if it is lower, and creates the counter if it is missing.
 pub(crate) fn raise_counter(name: &'static str, number: f64, stats: &mut Stats) {
     match stats.counters.iter_mut().find(|counter| counter.0 == name) {
         Some(counter) => counter.1 = counter.1.max(number),

@@ -1,4 +1,4 @@
-//! Passes of a frame: the targets, entry points, order and cost of each.
+//! Passes of a frame: their targets, entry points, order and cost.
 
 pub(crate) mod cell_stages;
 pub(crate) mod cells;

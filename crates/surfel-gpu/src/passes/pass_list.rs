@@ -5,7 +5,7 @@ use crate::passes::pixel_pass::PixelPass;
 use surfel_model::{Shader, Sort};
 use surfel_render::{FramePlan, Pass};
 
-/// Entry of a pass list. An entry covers all splats or pixels before the next one begins.
+/// Entry of a pass list. Each entry processes all splats or pixels before the next one begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PassEntry {
     /// Render passes over the same splats, independent of each other.
@@ -15,13 +15,13 @@ pub(crate) enum PassEntry {
 }
 
 impl PassEntry {
-    /// True if the entry is skipped in tiles without visible transparent splats. The pass that finds steps is never
-    /// skipped, since its targets have to be cleared.
+    /// True if the entry is skipped in tiles without visible transparent splats. The pass that finds depth steps is
+    /// never skipped, since it clears its targets.
     pub(crate) fn needs_layers(&self) -> bool {
         self.is_of_layers() && *self != Self::Draws(vec![Draw::PeeledVisibilityWithTolerance])
     }
 
-    /// True if the entry exists for transparent splats alone.
+    /// True if the entry exists only for transparent splats.
     pub(crate) fn is_of_layers(&self) -> bool {
         match self {
             Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
@@ -33,28 +33,28 @@ impl PassEntry {
     }
 }
 
-/// True if a plan draws transparent splats in layers, or finds steps among them.
+/// True if a plan draws transparent splats in layers, or finds depth steps among them.
 pub(crate) fn has_layers(plan: &FramePlan) -> bool {
     let has_steps = plan.has(Pass::EdgeSamples) && plan.separates_transparent;
     has_steps || peeled_layers(plan) > 0 || plan.has(Pass::RemainingLayer)
 }
 
-/// Number of A-buffer layers that are drawn before the host reads back whether more remain.
+/// Number of A-buffer layers that are drawn before the host reads back whether more layers remain.
 const FIRST_LAYERS: usize = 16;
-/// Maximum number of layers, which are counted in 8 bits.
+/// Maximum number of layers. Shaders count layers in 8 bits.
 const MOST_LAYERS: usize = 255;
 
-/// Returns the number of layers to peel: as many as the plan asks for, and in an A-buffer at least [`FIRST_LAYERS`].
+/// Returns the number of layers to peel. It is the plan's number, and in an A-buffer at least [`FIRST_LAYERS`].
 fn peeled_layers(plan: &FramePlan) -> usize {
     let peeled = plan.peeled_layers();
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
 
-/// Returns the plan that draws more layers of an A-buffer. `least` returns a lower bound of the surfaces of a pixel
-/// ([`crate::least_surfaces`]) and is called at most once.
+/// Returns a copy of the plan that draws more layers of an A-buffer. `least` returns a lower bound of the number of
+/// surfaces in a pixel ([`crate::least_surfaces`]) and is called at most once.
 ///
 /// # Errors
-/// A message with cause and remedy, if the frame needs more layers than GPUs draw.
+/// A message that states the cause and a remedy, if the frame needs more layers than GPUs draw.
 pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
     if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {
@@ -69,7 +69,7 @@ pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Resu
     Ok(plan)
 }
 
-/// True if a plan draws a shadow map, which isn't shaded.
+/// True if the plan draws a shadow map, which isn't shaded.
 pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
     !plan.has(Pass::Shade)
 }
@@ -115,7 +115,7 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
     list.extend((nearest && has_layers(plan)).then(|| one(Draw::Nearest(Layer::Remaining))));
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
-    // The nearest transparent splats have steps, too, whether or not they are peeled.
+    // The nearest transparent splats have depth steps, too, even if no layer is peeled.
     let first_layer = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
     list.extend((samples && has_layers(plan) && peeled_layers(plan) == 0).then(|| one(first_layer)));
     let (layer, composite) = match plan.has(Pass::ABuffer) {
@@ -143,8 +143,8 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list
 }
 
-/// Returns the passes of the samples at a plan's edges, without shading, which their means replace. The list is empty
-/// for plans without samples.
+/// Returns the passes of the samples at a plan's edges. Shading isn't among them, because the pass that averages
+/// samples shades them. The list is empty for plans without samples.
 pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     if !plan.has(Pass::EdgeSamples) {
         return Vec::new();

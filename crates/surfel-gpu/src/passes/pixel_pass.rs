@@ -12,13 +12,13 @@ pub enum PixelPass {
     /// Starts the layer composites like [`PixelPass::BeginLayers`], with a host's depth buffer as an additional
     /// occluder. No plan contains this pass.
     BeginLayersInHost,
-    /// Shades a peeled layer and composites it under the layers before it.
+    /// Shades a peeled layer and composites it behind the layers before it.
     PeeledLayer,
-    /// Shades a layer of an A-buffer and composites it under the layers before it, by its coverage.
+    /// Shades a layer of an A-buffer and composites it behind the layers before it, by its coverage.
     GatheredLayer,
-    /// Ends the layers if no pixel has a fragment in the next one. It runs once, not per pixel.
+    /// Ends the layers if no pixel has a fragment in the next one. It runs once per layer, not per pixel.
     NextLayer,
-    /// Composites all remaining transparent splats under the layers.
+    /// Composites all remaining transparent splats behind the layers.
     RemainingLayer,
     /// Copies a tile of a shadow map into the buffer of all maps.
     StoreShadow,
@@ -26,21 +26,21 @@ pub enum PixelPass {
     Nearest,
     /// Shades the image.
     Shade,
-    /// Shades an image that has opaque splats alone, without shadows and screen-space passes.
+    /// Shades an image that has only opaque splats, without shadows and screen-space passes.
     ShadeSplats,
-    /// Shades an image that has balls, among everything else.
+    /// Shades an image that contains balls.
     ShadeBalls,
-    /// Shades samples and replaces the colours of sampled pixels by the means of their samples.
+    /// Shades samples, and replaces the colour of each sampled pixel by the mean of its samples.
     ResolveSamples,
-    /// [`PixelPass::ResolveSamples`] of an image that has balls.
+    /// [`PixelPass::ResolveSamples`] for an image that contains balls.
     ResolveSamplesBalls,
     /// Draws trained Gaussians, sorted by their centres.
     Gaussians,
-    /// Draws trained Gaussians, sorted for each pixel.
+    /// Draws trained Gaussians, sorted in each pixel.
     GaussiansByPixel,
 }
 
-/// Name in the statistics of all passes that antialias edges by samples.
+/// Name of all passes that antialias edges by samples, in the statistics.
 pub const EDGE_SAMPLES: &str = "edge samples";
 
 /// Textures that pixel passes read, as pairs of binding and target. Each pass reads a subset.
@@ -72,11 +72,11 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
 /// to write, layer composites to read, texels of the shadow map being drawn, indirect draws of layers, balls.
 pub const PIXEL_PASS_BUFFERS: [u32; 8] = [4, 12, 13, 14, 15, 21, 22, 31];
 
-/// Bindings of a tile's [`GaussianLists`](crate::GaussianLists), which the passes of trained Gaussians read: records,
-/// then lists.
+/// Bindings of a tile's [`GaussianLists`](crate::GaussianLists): records, then lists. The passes of trained Gaussians
+/// read them.
 pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
 
-/// Binding of [`Target::Steps`] in the bind group of splat setup, after that group's buffers.
+/// Binding of [`Target::Steps`] in the bind group of splat setup. It follows the group's buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
 
 /// Binding of a host's depth buffer.
@@ -104,13 +104,13 @@ impl PixelPass {
         }
     }
 
-    /// True if the pass shades the image. It is then the last pass, and runs over the tile without its border.
+    /// True if the pass shades the image. It is then the last pass, and runs only over the tile without its border.
     pub fn is_shade(self) -> bool {
         matches!(self, Self::Shade | Self::ShadeSplats | Self::ShadeBalls)
     }
 
-    /// Returns the width and height in pixels that the invocations cover, from the size of the targets and of the
-    /// shaded tile.
+    /// Returns the width and height, in pixels, that the pass covers. `targets` is the size of the targets, and
+    /// `shaded` the size of the shaded tile.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Shade

@@ -1,4 +1,4 @@
-//! Cost of a plan on a GPU, whatever the API and the size of the image: counted, not measured.
+//! Cost of a plan on a GPU, counted instead of measured. It doesn't depend on the API or the size of the image.
 
 use crate::passes::draw::Draw;
 use crate::passes::memory::Precision;
@@ -13,22 +13,22 @@ use surfel_shaders::layout;
 /// GPU resources that a plan uses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanCost {
-    /// Shaders that run, each once: the entry points of the last stages of pipelines.
+    /// Names of the shaders that run, each once: the last entry point of each pipeline.
     pub shaders: Vec<String>,
     /// Textures that are written.
     pub targets: Vec<Target>,
-    /// Bytes per pixel of the targets and of layer composites. Planes that are read back don't count, nor do shadow
-    /// maps, whose size is independent of the image's.
+    /// Size of the targets and layer composites, in bytes per pixel. Planes that are read back and shadow maps don't
+    /// count.
     pub bytes_per_pixel: usize,
 }
 
 impl PlanCost {
-    /// Returns the cost of a plan.
+    /// Counts the cost of a plan.
     pub fn of(plan: &FramePlan) -> Self {
         let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));
         let frame_draws = draws.clone();
         if !plan.shadow_maps.is_empty() {
-            // A shadow map has a visibility pass alone; its depths are copied to a buffer.
+            // A shadow map has only a visibility pass; its depths are copied to a buffer.
             draws.push(Draw::Visibility);
             pixels.push(PixelPass::StoreShadow);
         }

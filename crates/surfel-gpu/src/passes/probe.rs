@@ -1,20 +1,20 @@
 //! Fill-rate probes: full-screen triangles whose fragments compute nothing.
 
-/// Number of full-screen triangles that a probe draws, and thus of fragments per pixel.
+/// Number of full-screen triangles that a probe draws, which is the number of fragments per pixel.
 pub(crate) const OVERDRAW: u32 = 16;
 
 /// Quantity that a probe measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FillRateProbe {
-    /// Clears of the two targets of colour and surface.
+    /// Clears of two targets, colour and surface.
     Clear,
-    /// Depths written by the fragment shader, each nearer than the last, as in the visibility pass.
+    /// Depths written by the fragment shader, each nearer than the previous one, as in the visibility pass.
     Depth,
-    /// Colours that replace the previous ones.
+    /// Colours that replace the previous colours.
     Fill,
-    /// Colours that are added, as in the attribute pass of an unlit image.
+    /// Colours added to a target, as in the attribute pass of an unlit image.
     Blend,
-    /// Colours and surfaces that are added, as in the attribute pass of a lit image.
+    /// Colours and surfaces added to two targets, as in the attribute pass of a lit image.
     BlendTwo,
 }
 
@@ -22,7 +22,7 @@ impl FillRateProbe {
     /// All probes.
     pub const ALL: [Self; 5] = [Self::Clear, Self::Depth, Self::Fill, Self::Blend, Self::BlendTwo];
 
-    /// Returns the name in tables.
+    /// Returns the name of the probe in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Clear => "clear",

@@ -1,11 +1,11 @@
-//! Steps of a tile, in order, whatever API executes them.
+//! Order of the steps that draw a tile, independent of the API.
 
 use crate::passes::draw::Draw;
 use crate::passes::pass_list::{PassEntry, pass_list, sample_pass_list};
 use crate::passes::pixel_pass::PixelPass;
 use surfel_render::{Feature, FramePlan};
 
-/// Features that no GPU backend draws.
+/// Features that no GPU backend supports.
 pub const UNSUPPORTED: &[Feature] = &[Feature::Margin, Feature::Sky];
 
 /// Parts of a scene that may touch a tile, as indices of segments.
@@ -26,14 +26,15 @@ impl VisibleSegments {
     }
 }
 
-/// Step of a tile. Segments are indices into the scene's segments.
+/// Step of a tile. Segments are given by their indices in the scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     /// Projects splats to records.
     Setup {
         /// Segments whose splats are set up.
         segments: Vec<usize>,
-        /// True if the splats have not been set up in this tile before. They then count as drawn in the statistics.
+        /// True if the splats have not been set up in this tile before. They are then counted as drawn in the
+        /// statistics.
         first: bool,
     },
     /// Runs a render pass.
@@ -42,8 +43,8 @@ pub enum Step {
         draw: Draw,
         /// Segments whose records are drawn.
         segments: Vec<usize>,
-        /// True for the first step of this pass in the tile. It clears the targets, and draws the splats at the near
-        /// plane, too.
+        /// True for the first step of this pass in the tile. The step then clears the targets, and also draws the
+        /// splats at the near plane.
         first: bool,
     },
     /// Runs a compute pass over pixels.
@@ -61,15 +62,15 @@ impl Step {
     }
 }
 
-/// Returns the steps of a tile that `visible` segments may touch.
+/// Returns the steps of a tile that the segments in `visible` may touch.
 ///
-/// Records that fit into memory together are set up once. If all segments share one buffer of records
-/// (`shared_records`), they are set up again for each pass over the splats.
+/// Records that fit into memory together are set up once per tile. If all segments share one buffer of records
+/// (`shared_records`), records are set up again for each pass over the splats.
 pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(pass_list(plan), visible, shared_records)
 }
 
-/// Returns the steps of some of a tile's samples, as [`schedule()`] does for a tile. They run after the tile's own
+/// Returns the steps of a part of a tile's samples, as [`schedule()`] does for a tile. They run after the tile's own
 /// steps.
 pub(crate) fn sample_schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(sample_pass_list(plan), visible, shared_records)

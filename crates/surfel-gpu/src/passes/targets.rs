@@ -1,9 +1,9 @@
-//! Textures that passes draw into, whatever the API.
+//! Textures that passes draw into, independent of the API.
 
-/// Texture of a tile.
+/// Texture that passes of a tile write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
-    /// Depth buffer of the depth threshold, the least z + ε of a pixel, as the reversed depth z_near/z.
+    /// Depth buffer of the depth threshold, which is the smallest z + ε of a pixel, as the reversed depth z_near/z.
     DepthThreshold,
     /// Σw·(colour, 1).
     Color,
@@ -13,7 +13,7 @@ pub enum Target {
     Material,
     /// Number of fragments, and coverage.
     Counts,
-    /// The depth threshold z + ε, and the ε of the splat that defines it.
+    /// The depth threshold z + ε, and the tolerance ε of the splat that defines it.
     ThresholdTolerance,
     /// The depth threshold at edge pixels as a reversed depth; 0 elsewhere.
     EdgeThreshold,
@@ -25,7 +25,7 @@ pub enum Target {
     Polygons,
     /// Depth buffer of the nearest fragment of oriented splats, reversed.
     FacingDepth,
-    /// Side of oriented splats that each pixel shows.
+    /// Visible side of oriented splats in each pixel.
     Facing,
     /// Like `Color`, for the edge background.
     EdgeBackgroundColor,
@@ -43,18 +43,17 @@ pub enum Target {
     LayerMaterial,
     /// Number of fragments, and Σw·alpha.
     LayerCounts,
-    /// Number of fragments, Σw·alpha, and coverage of an A-buffer's layer.
+    /// Number of fragments, Σw·alpha, and the coverage of an A-buffer layer.
     LayerCoverage,
     /// Like `ThresholdTolerance`, for the nearest transparent splats.
     LayerTolerance,
-    /// Depth buffer of the nearest splat's fragment, reversed.
+    /// Depth buffer of the nearest splat fragment, reversed.
     NearestDepth,
-    /// Index plus one of the draw of the nearest splat, and the number of its record within that draw.
+    /// Index plus one of the draw of the nearest splat, and the number of the splat's record within that draw.
     Nearest,
     /// Like `Nearest`, for transparent layers.
     LayerNearest,
-    /// First number: 1 if the pixel is antialiased by samples. Second number: depth of the surface that the pixel
-    /// shows.
+    /// Two numbers: 1 if the pixel is antialiased by samples, and the depth of the surface visible in the pixel.
     Steps,
 }
 

@@ -1,4 +1,4 @@
-//! Chunks: splats close together, with bounds for culling.
+//! Chunks of neighbouring splats, with bounds for culling.
 
 use surfel_model::SplatCloud;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace};
@@ -6,14 +6,14 @@ use surfel_shaders::layout;
 
 const _: () = assert!(CHUNK_SPLATS == layout::CHUNK_SPLATS as usize, "shaders count the splats of a chunk, too");
 
-/// Up to 256 splats close together.
+/// Up to 256 neighbouring splats, which are culled together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chunk {
     /// Object-space origin of the centres, and the scales of quantised numbers.
     pub space: ChunkSpace,
-    /// Radius of a bounding sphere about the origin, object units. It contains the splats, not only their centres.
+    /// Radius of a bounding sphere about the origin, in object units. It contains whole splats, not only their centres.
     pub bounding_radius: f64,
-    /// Larger half-axis of the largest splat, object units.
+    /// Largest semi-axis of all splats, in object units.
     pub largest_radius: f64,
     /// Index of the first splat in the segment.
     pub first: u32,
@@ -22,7 +22,8 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Creates the chunk of the splats `members`. `first` is the index of the first one in the segment.
+    /// Creates the chunk of the splats `members`, which are indices into the cloud. `first` is the index of the first
+    /// member in the segment.
     pub(crate) fn new(cloud: &SplatCloud, members: &[u32], space: ChunkSpace, first: u32) -> Self {
         let mut chunk = Self { space, bounding_radius: 0.0, largest_radius: 0.0, first, count: members.len() as u32 };
         for &i in members {

@@ -9,10 +9,10 @@ use surfel_shaders::{ENTRIES, Entry, Stage, layout};
 /// Index of the bind group of records and their clips.
 const RECORDS_GROUP: u32 = 1;
 
-/// Clip variant of splats. Clipped splats have their own pipelines, so that others don't pay for clipping.
+/// Clip variant of splats. Clipped splats have their own pipelines, so that drawing other splats doesn't cost more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Variant {
-    /// Whole splats, or clipped ones drawn as whole.
+    /// Splats without clips, or clipped splats drawn without their clips.
     Whole,
     /// Splats that each have a clip.
     Clipped,
@@ -43,7 +43,8 @@ impl Variant {
     }
 }
 
-/// Size of a stored clip in words: the exact forms, as in the shaders' `Clip`, and the chord that may replace a curve.
+/// Size of a stored clip in words. A stored clip has the exact forms, as in the shaders' `Clip`, and the chord that may
+/// replace a curve.
 pub(crate) const STORED_WORDS: u32 = (layout::clip::SIZE / 4) as u32 + 3;
 
 /// True if splat `i` has a clip.
@@ -51,7 +52,7 @@ pub(crate) fn is_clipped(cloud: &SplatCloud, i: usize) -> bool {
     cloud.data().clips.as_ref().is_some_and(|clips| clips.clip(i, ClipPolicy::Exact).is_some())
 }
 
-/// Returns the clip of splat `i` in [`STORED_WORDS`] words.
+/// Returns the clip of splat `i` as [`STORED_WORDS`] words.
 pub(crate) fn stored(cloud: &SplatCloud, i: usize) -> Vec<u32> {
     let clip =
         |policy| cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, policy)).unwrap_or_else(Clip::nothing);

@@ -1,25 +1,26 @@
-//! Limits of a device and of a renderer's use of it.
+//! Limits of a device, and of a renderer's use of it.
 
 /// Limits on the use of a device. Content that exceeds them is drawn in several passes, with the same image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Size of the largest buffer that a shader reads, bytes.
+    /// Largest size of a buffer that a shader reads, in bytes.
     pub buffer_bytes: u64,
-    /// Largest side of a texture, pixels.
+    /// Largest side of a texture, in pixels.
     pub texture_side: u32,
-    /// Size above which the records of a scene share one buffer, bytes. They are then set up again for each pass, which
-    /// takes less memory and more time. Trained Gaussians whose records and lists exceed the size are drawn in parts.
+    /// Largest total size of the records of a scene, in bytes. If records exceed it, all segments share one buffer and
+    /// are set up again for each pass, which takes less memory and more time. Trained Gaussians whose records and lists
+    /// exceed it are drawn in parts.
     pub record_bytes: u64,
-    /// Size of the largest buffer of records or pairs of the compute path, bytes. Tiles that need more are drawn by
+    /// Largest size of a buffer of records or pairs in the compute path, in bytes. Tiles that need more are drawn by
     /// raster hardware.
     pub cell_bytes: u64,
-    /// Memory that a scene and its records may take, bytes. A scene that needs more is refused before anything is
+    /// Largest size of a scene and its records, in bytes. A scene that needs more is refused before anything is
     /// allocated.
     pub memory_bytes: u64,
 }
 
 impl Default for Limits {
-    /// Returns limits that allow all of the device, half a gibibyte of records, and buffers of up to four gibibytes in
+    /// Returns limits that allow the whole device, half a gibibyte of records, and buffers of up to four gibibytes in
     /// the compute path.
     fn default() -> Self {
         let all = u64::MAX;
@@ -29,7 +30,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Returns the lesser of these limits and a device's limits.
+    /// Returns the smaller of these limits and a device's limits. `buffer_bytes` is in bytes, `texture_side` in pixels.
     #[must_use]
     pub fn within(self, buffer_bytes: u64, texture_side: u32) -> Self {
         Self {
@@ -39,8 +40,8 @@ impl Limits {
         }
     }
 
-    /// Returns the lesser of these limits and a device's memory, in bytes. A buffer of the compute path may take an
-    /// eighth of it.
+    /// Returns the smaller of these limits and a device's memory, in bytes. A buffer of the compute path may take an
+    /// eighth of the memory.
     #[must_use]
     pub fn within_memory(self, bytes: u64) -> Self {
         Self { memory_bytes: self.memory_bytes.min(bytes), cell_bytes: self.cell_bytes.min(bytes / 8), ..self }

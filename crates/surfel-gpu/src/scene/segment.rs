@@ -1,4 +1,4 @@
-//! Segments of splats that share a buffer, and the data of an uploaded scene that stays on the CPU.
+//! Segments, which are splats that share a buffer, and the data of an uploaded scene that stays on the CPU.
 
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::Variant;
@@ -11,7 +11,7 @@ use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, Scene, 
 use surfel_render::{FramePlan, RenderError, SceneGeometry, SceneSummary};
 use surfel_shaders::layout;
 
-/// Splats of an object that one buffer holds. This is the data that frames need on the CPU.
+/// Segment: splats of an object that share a buffer. The struct has the data that frames need on the CPU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
     /// Index of the object among the scene's objects of splats.
@@ -28,47 +28,47 @@ pub struct Segment {
     pub uniform: Vec<u32>,
 }
 
-/// Object of splats.
+/// Object of splats in an uploaded scene.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedObject {
     /// Index of the object in the scene.
     pub source: u32,
     pub cloud: Arc<SplatCloud>,
-    /// Octree of the object, if it has one, and the object's index in the scene.
+    /// Object's index in the scene and its octree; `None` unless the object is an octree.
     pub octree: Option<(usize, Arc<Octree>)>,
     pub world_from_object: DAffine3,
     pub material: Material,
 }
 
 impl UploadedObject {
-    /// True if the object's normals all point out of the same surface.
+    /// True if all normals of the object point out of the same surface.
     pub(crate) fn is_oriented(&self) -> bool {
         self.material.is_oriented(&self.cloud)
     }
 
-    /// Returns the coverage of a unit of the object's weight (§5). It is 1 if the interior weight is unknown; plans
-    /// with coverage contain no object without it.
+    /// Returns the coverage per unit of weight of the object (§5). It is 1 if the interior weight is unknown; then no
+    /// plan reads it.
     pub(crate) fn coverage(&self, plan: &FramePlan) -> f64 {
         let known = self.material.interior_weight.or(self.cloud.data().interior_weight);
         known.map_or(1.0, |weight| 1.0 / interior_weight_at_cutoff(weight, plan.splat_filter.cutoff))
     }
 }
 
-/// Object of polygons.
+/// Object of polygons in an uploaded scene.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedMesh {
     /// Index of the object in the scene.
     pub source: u32,
     pub mesh: Arc<Mesh>,
-    /// Index of the object in the scene, if it is an octree.
+    /// Index of the object in the scene; `None` unless the object is an octree.
     pub octree: Option<usize>,
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// Offset of the mesh's texture in the texels, in words, or `layout::ABSENT`.
+    /// Offset of the mesh's texture in the buffer `texels`, in words; `layout::ABSENT` without a texture.
     pub texture_at: u32,
 }
 
-/// Object of balls, which the CPU projects for each frame.
+/// Object of balls in an uploaded scene. The CPU projects the balls for each frame.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedBalls {
     /// Index of the object in the scene.
@@ -78,7 +78,7 @@ pub(crate) struct UploadedBalls {
     pub material: Material,
 }
 
-/// Object of trained Gaussians, which the CPU projects for each frame.
+/// Object of trained Gaussians in an uploaded scene. The CPU projects the Gaussians for each frame.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedGaussians {
     /// Index of the object in the scene.
@@ -98,9 +98,10 @@ pub struct UploadedScene {
     pub segments: Vec<Segment>,
     /// Words of the shaders' `texels`, at least one.
     pub texels: Vec<u32>,
-    /// Identity of the objects' geometry.
+    /// Identity of the geometry of the scene's objects.
     pub(crate) geometry: SceneGeometry,
-    /// Identity of the objects as they are placed now; two uploads of the same scene differ.
+    /// Identity of this upload, with the objects' current placements. Two uploads of the same scene have different
+    /// identities.
     pub(crate) identity: Arc<()>,
     pub(crate) objects: Vec<UploadedObject>,
     pub(crate) meshes: Vec<UploadedMesh>,
@@ -116,18 +117,18 @@ pub struct UploadedScene {
     pub(crate) background: [f64; 4],
 }
 
-/// Sizes of a segment's records.
+/// Sizes of the records of a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RecordBytes {
-    /// Size of the records themselves, bytes.
+    /// Size of the records, in bytes.
     pub records: u64,
-    /// Size of the records' clips, bytes; 0 unless the splats are clipped.
+    /// Size of the records' clips, in bytes; 0 unless the splats are clipped.
     pub clips: u64,
 }
 
 impl UploadedScene {
-    /// Replaces everything but the geometry by that of `scene`. Returns false, and changes nothing, if the scene has
-    /// other geometry than the uploaded one.
+    /// Replaces everything except the geometry by the data of `scene`. Returns false, and changes nothing, if `scene`
+    /// has different geometry.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid.
@@ -158,13 +159,13 @@ impl UploadedScene {
             is_other |= place(gaussians.source, &mut gaussians.world_from_object, &mut Material::default());
         }
         if is_other {
-            // Shadow maps show the objects where they were.
+            // Cached shadow maps show the objects at their old placements.
             self.identity = Arc::new(());
         }
         Ok(true)
     }
 
-    /// Stores the parts of a scene that aren't geometry.
+    /// Stores the lights, background and other data of a scene that aren't geometry.
     pub(crate) fn light(&mut self, scene: &Scene) {
         let [r, g, b, a] = scene.background;
         self.material = scene.objects.first().map_or(Material::default(), |object| object.material);
@@ -190,18 +191,18 @@ impl RecordBytes {
         Self { records: (count * layout::record::SIZE) as u64, clips: (count * clip) as u64 }
     }
 
-    /// True if segments share one buffer of records.
+    /// True if the segments have to share one buffer of records, because all records together exceed the limit.
     fn are_shared(each: &[Self], limits: Limits) -> bool {
         each.iter().map(|b| b.records + b.clips).sum::<u64>() > limits.record_bytes
     }
 
-    /// Returns the sizes of buffers that can hold any one of the segments' records.
+    /// Returns the sizes of buffers that fit the records of any single segment.
     pub fn largest(each: &[Self]) -> Self {
         let largest = |of: fn(&Self) -> u64| each.iter().map(of).max().unwrap_or(0);
         Self { records: largest(|b| b.records), clips: largest(|b| b.clips) }
     }
 
-    /// Returns the size of all buffers of records together, bytes.
+    /// Returns the total size of all buffers of records, in bytes.
     pub(crate) fn total(each: &[Self], limits: Limits) -> u64 {
         if Self::are_shared(each, limits) {
             let largest = Self::largest(each);

@@ -1,4 +1,4 @@
-//! Splats packed into words of a buffer: f32, or 16 bits relative to a scale of their chunk.
+//! Splats packed into words of a buffer, as f32 or as 16 bits relative to a scale of their chunk.
 
 use crate::scene::clip::{self, STORED_WORDS, Variant};
 use crate::struct_writer::StructWriter;
@@ -9,7 +9,7 @@ use surfel_model::{ChunkSpace, Storage, stored_axes};
 use surfel_model::{Shape, SplatCloud};
 use surfel_shaders::layout;
 
-/// Offsets within a stored splat, in words, or in half-words if splats are quantised to 16 bits.
+/// Offsets of the fields within a stored splat, in words, or in half-words if splats are quantised to 16 bits.
 pub(crate) struct StoredLayout {
     storage: Storage,
     is_disk: bool,
@@ -54,7 +54,7 @@ impl StoredLayout {
         Self { storage, is_disk, stride, center_at, shape_at, color_at, shading_normal_at, clip_at, alpha_at }
     }
 
-    /// Returns the number of words of `splats` splats and of the scales of `chunks` chunks.
+    /// Returns the number of words that `splats` splats and the scales of `chunks` chunks take.
     pub(crate) fn words(&self, splats: usize, chunks: usize) -> u64 {
         let units = splats as u64 * u64::from(self.stride);
         match self.storage {
@@ -63,8 +63,8 @@ impl StoredLayout {
         }
     }
 
-    /// Returns the words of the shaders' `Segment` of `count` splats. `scales_at` is the offset of the chunks' scales
-    /// in words, if they have any.
+    /// Returns the words of the shaders' `Segment` for `count` splats. `scales_at` is the offset of the chunks' scales
+    /// in words; `None` without quantisation.
     pub(crate) fn uniform(&self, object: u32, count: u32, scales_at: Option<u32>) -> Vec<u32> {
         use layout::segment as at;
         let mut words = StructWriter::new(at::SIZE);
@@ -121,7 +121,7 @@ impl StoredWriter {
         }
     }
 
-    /// Appends numbers in the range −`scale` to `scale`.
+    /// Appends numbers in the range −`scale` to `scale`, quantised to 16 bits if the storage is.
     fn numbers<const N: usize>(&mut self, values: [f32; N], scale: f32) {
         match self {
             Self::StructWriter(words) => words.extend(values.map(f32::to_bits)),

@@ -4,17 +4,18 @@ use std::sync::Arc;
 use surfel_model::{Mesh, Mipmaps, Texture};
 use surfel_shaders::layout;
 
-/// Buffer of all textures, each stored once with its mipmaps.
+/// Buffer of all textures; each is stored once, with its mipmaps.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TextureBuffer {
-    /// Linear values of the 256 sRGB bytes, then the textures; empty without textures.
+    /// Words of the buffer: linear values of the 256 sRGB bytes, then the textures. Empty without textures.
     pub words: Vec<u32>,
-    /// Textures and their offsets in words.
+    /// Textures in the buffer, with their offsets in words.
     found: Vec<(Arc<Texture>, u32)>,
 }
 
 impl TextureBuffer {
-    /// Returns the offset in words of a mesh's texture, or `layout::ABSENT`. Adds the texture if it is new.
+    /// Returns the offset of a mesh's texture in words, and appends the texture if it is new. Returns `layout::ABSENT`
+    /// for a mesh without a texture.
     pub(crate) fn add(&mut self, mesh: &Mesh) -> u32 {
         let Some(texture) = mesh.texture.as_ref().filter(|t| mesh.uvs.is_some() && is_whole(t)) else {
             return layout::ABSENT;
@@ -39,7 +40,7 @@ impl TextureBuffer {
     }
 }
 
-/// False for a damaged or empty texture, which is drawn white.
+/// True if the texture has texels, and as many as its size requires. Other textures are drawn white.
 fn is_whole(texture: &Texture) -> bool {
     let texels = texture.width as usize * texture.height as usize;
     texels > 0 && texture.srgba8.len() >= texels

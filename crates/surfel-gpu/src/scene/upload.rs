@@ -1,4 +1,4 @@
-//! Upload of a scene: cuts clouds into segments and packs them one at a time.
+//! Upload of a scene: splits clouds into segments and packs them one at a time.
 
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};
@@ -15,10 +15,10 @@ use surfel_model::{Geometry, Material, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneGeometry, SceneSummary};
 use surfel_shaders::layout;
 
-/// Maximum number of splats of a segment, whose records then take 144 MiB.
+/// Maximum number of splats of a segment. The records of so many splats take 144 MiB.
 const SEGMENT_SPLATS: usize = 1 << 20;
 
-/// Upload in progress. Segments are packed one at a time, so that host memory holds a copy of at most one.
+/// Upload in progress. Segments are packed one at a time, so that host memory has a copy of at most one.
 pub struct Upload {
     scene: UploadedScene,
     segments: VecDeque<PlannedSegment>,
@@ -26,7 +26,7 @@ pub struct Upload {
     needed_bytes: u64,
 }
 
-/// Segment that is still to be uploaded.
+/// Segment that isn't packed yet.
 struct PlannedSegment {
     object: u32,
     variant: Variant,
@@ -40,11 +40,11 @@ struct PlannedSegment {
 struct PlannedChunk {
     /// Origin and scales of the chunk's numbers.
     space: ChunkSpace,
-    /// One past the index of the chunk's last splat among the segment's members.
+    /// End of the chunk (exclusive) among the segment's splats.
     end: usize,
 }
 
-/// Objects of a scene by kind of geometry.
+/// Objects of a scene, grouped by kind of geometry.
 #[derive(Default)]
 struct Geometries {
     objects: Vec<UploadedObject>,
@@ -55,13 +55,13 @@ struct Geometries {
 }
 
 impl Geometries {
-    /// Sorts a scene's objects by kind.
+    /// Groups the objects of a scene by kind.
     ///
     /// # Errors
     /// [`RenderError::Model`] if a mesh is invalid.
     fn of(scene: &Scene) -> Result<Self, RenderError> {
         let mut sorted = Self::default();
-        // Of equally near polygons the first is drawn, so octrees come after all meshes.
+        // Of polygons at equal depth the first is drawn. Octrees come after all meshes, so that meshes have priority.
         let mut octrees = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
             let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
@@ -169,17 +169,17 @@ impl Upload {
         Ok(Self { scene: uploaded, segments, splat_bytes, needed_bytes: needed })
     }
 
-    /// Returns the size of all segments' splats together, bytes.
+    /// Returns the total size of all segments' splats, in bytes.
     pub fn splat_bytes(&self) -> u64 {
         self.splat_bytes
     }
 
-    /// Returns the size of splats, textures and records together, bytes.
+    /// Returns the total size of splats, textures and records, in bytes.
     pub fn needed_bytes(&self) -> u64 {
         self.needed_bytes
     }
 
-    /// Returns the words of the next segment's splats, or `None` after the last.
+    /// Packs the next segment and returns the words of its splats; `None` after the last segment.
     pub fn next_segment(&mut self) -> Option<Vec<u32>> {
         let planned = self.segments.pop_front()?;
         let cloud = &self.scene.objects.get(planned.object as usize)?.cloud;
@@ -204,7 +204,7 @@ impl Upload {
         Some(words)
     }
 
-    /// Returns the data that stays on the CPU. Call it after the last segment.
+    /// Returns the data that stays on the CPU. Must be called after the last segment.
     pub fn finish(self) -> UploadedScene {
         self.scene
     }
@@ -229,8 +229,8 @@ fn segment_splats(limits: Limits, variant: Variant) -> usize {
     (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
 }
 
-/// Returns the segments of a cloud, separated by clip variant and transparency; none is empty. Chunks are cut before
-/// this separation, so that their quantised numbers match those of the CPU backend.
+/// Splits a cloud into segments by clip variant and transparency; none is empty. Chunks are cut before this separation,
+/// so that their quantised numbers equal those of the CPU backend.
 fn planned_segments(
     object: u32,
     uploaded: &UploadedObject,
@@ -243,7 +243,7 @@ fn planned_segments(
     let mut open = kinds.as_flattened().iter().map(|&(v, transparent)| PlannedSegment::new(object, v, transparent));
     let mut open: Vec<PlannedSegment> = open.by_ref().collect();
     let mut full = Vec::new();
-    // A chunk of an octree has splats of a single node or transition.
+    // A chunk of an octree must not mix splats of different nodes or transitions.
     let orders: Vec<Vec<u32>> = match &uploaded.octree {
         Some((_, octree)) => octree.parts().map(Iterator::collect).collect(),
         None => vec![cloud.morton_order()],

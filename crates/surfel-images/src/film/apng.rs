@@ -1,9 +1,9 @@
-//! Writing of animated PNG: every frame whole, sRGB-encoded, 8 bits with straight alpha, played forever.
+//! Writing of animated PNG films: complete frames, sRGB-encoded with 8 bits and straight alpha, repeated forever.
 
 use super::{FilmOptions, FrameRate, Frames};
 use std::io::{self, Write};
 
-/// Writes a film as animated PNG.
+/// Writes the frames as an animated PNG.
 pub(super) fn write(out: &mut dyn Write, options: &FilmOptions, frames: &Frames) -> io::Result<()> {
     let [width, height] = options.size;
     let mut encoder = png::Encoder::new(out, width, height);
@@ -11,7 +11,7 @@ pub(super) fn write(out: &mut dyn Write, options: &FilmOptions, frames: &Frames)
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_compression(png::Compression::Fast);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
-    // 0 repeats forever.
+    // The number of repetitions 0 means forever.
     encoder.set_animated(options.frames, 0).map_err(io::Error::other)?;
     let (numerator, denominator) = delay(options.rate);
     encoder.set_frame_delay(numerator, denominator).map_err(io::Error::other)?;
@@ -23,12 +23,12 @@ pub(super) fn write(out: &mut dyn Write, options: &FilmOptions, frames: &Frames)
     writer.finish().map_err(io::Error::other)
 }
 
-/// Returns the seconds from one frame to the next, as a fraction.
+/// Returns the duration of a frame in seconds, as numerator and denominator.
 fn delay(rate: FrameRate) -> (u16, u16) {
     let hundredths = rate.hundredths();
     match u16::try_from(hundredths / 100) {
         Ok(whole) if hundredths.is_multiple_of(100) && whole > 0 => (1, whole),
-        // At most 24,000.
+        // The rate is at most 240 per second, so that this is at most 24,000.
         _ => (100, u16::try_from(hundredths).unwrap_or(u16::MAX)),
     }
 }

@@ -1,8 +1,8 @@
-//! Writing of MP4 by the installed `ffmpeg`.
+//! Writing of MP4 films by the installed program `ffmpeg`.
 //!
-//! Surfel contains no encoder of H.264. It starts ffmpeg as a program of its own, and writes raw frames to its input.
-//! Frames have RGB levels of sRGB; ffmpeg converts them to 4:2:0 of BT.709. Sides must be even there, so that a frame
-//! with an odd side gets its last column or row twice.
+//! Surfel contains no encoder of H.264. It starts ffmpeg as a child process, and writes raw frames to its standard
+//! input. Frames have sRGB-encoded RGB levels, which ffmpeg converts to BT.709 with 4:2:0 subsampling. Subsampling
+//! needs even sides, so that the last column or row of a frame with an odd side is written twice.
 
 use super::{FilmOptions, Frames, Pixels, cannot_write};
 use std::fmt;
@@ -13,23 +13,23 @@ use surfel_files::atomic::Pending;
 use surfel_files::error::IoError;
 use surfel_files::programs::Program;
 
-/// Encoder of H.264 in ffmpeg.
+/// Name of ffmpeg's encoder for H.264.
 const ENCODER: &str = "libx264";
-/// Its options: visually lossless, so that flat areas and thin lines stay clean.
+/// Options of the encoder. The quality is visually lossless, so that flat areas and thin lines show no artefacts.
 const QUALITY: [&str; 4] = ["-preset", "fast", "-crf", "17"];
 
-/// Advice of errors.
+/// Advice in error messages if ffmpeg is missing.
 const HELP: &str = "install ffmpeg, or write .gif or .apng, which need no other program";
-/// Longest message of ffmpeg that an error contains, in bytes.
+/// Maximum number of bytes of ffmpeg's messages that an error contains.
 const MESSAGE: usize = 1 << 16;
 
-/// The installed ffmpeg.
+/// Installed ffmpeg that has an encoder for H.264.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Ffmpeg {
     version: String,
 }
 
-/// Name, version and encoder, as in a note.
+/// Formats program, version and encoder for a note.
 impl fmt::Display for Ffmpeg {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "the installed ffmpeg {} ({ENCODER})", self.version)
@@ -37,10 +37,10 @@ impl fmt::Display for Ffmpeg {
 }
 
 impl Ffmpeg {
-    /// Finds `ffmpeg` on the search path, and an encoder of H.264 in it.
+    /// Finds `ffmpeg` on the search path, and checks that it has an encoder for H.264.
     ///
     /// # Errors
-    /// A message that states what is missing and what to do.
+    /// A message that states what is missing, and how to proceed.
     pub(super) fn find() -> Result<Self, String> {
         let output = match Command::new("ffmpeg").arg("-encoders").stdin(Stdio::null()).output() {
             Ok(output) => output,
@@ -59,7 +59,7 @@ impl Ffmpeg {
         Ok(Self { version })
     }
 
-    /// Writes a film as MP4. ffmpeg writes to a temporary file that replaces `path` once it is complete.
+    /// Writes the frames as MP4. ffmpeg writes to a temporary file, which replaces `path` when it is complete.
     pub(super) fn write(
         &self,
         path: &Path,
@@ -74,7 +74,7 @@ impl Ffmpeg {
         let reader = std::thread::spawn(move || {
             let mut text = Vec::new();
             if let Some(mut messages) = messages {
-                // Everything is read, since ffmpeg would wait otherwise.
+                // All messages must be read, since ffmpeg would block otherwise.
                 let _ = messages.by_ref().take(MESSAGE as u64).read_to_end(&mut text);
                 let _ = io::copy(&mut messages, &mut io::sink());
             }
@@ -94,7 +94,7 @@ impl Ffmpeg {
         pending.publish()
     }
 
-    /// Returns the command that encodes raw frames from its input.
+    /// Returns the command that encodes raw frames from its standard input.
     fn command(path: &Path, options: &FilmOptions) -> Command {
         let [width, height] = even(options.size);
         let mut command = Command::new("ffmpeg");
@@ -113,17 +113,17 @@ impl Ffmpeg {
     }
 }
 
-/// Returns the version in the first line of ffmpeg's output, such as 7.1.
+/// Returns the version, such as 7.1, from the first line of ffmpeg's output.
 fn version(text: &str) -> Option<&str> {
     text.lines().next()?.strip_prefix("ffmpeg version ")?.split_whitespace().next()
 }
 
-/// Returns a size with even sides, at least as large.
+/// Returns a size with both sides rounded up to even numbers.
 fn even(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.next_multiple_of(2))
 }
 
-/// Writes all frames to the program's input.
+/// Writes all frames to the standard input of ffmpeg.
 fn feed(program: &Program, size: [u32; 2], frames: &Frames) -> io::Result<()> {
     let mut pipe = BufWriter::with_capacity(1 << 18, program.stdin().ok_or(io::ErrorKind::BrokenPipe)?);
     let mut bytes = Vec::new();
@@ -135,7 +135,7 @@ fn feed(program: &Program, size: [u32; 2], frames: &Frames) -> io::Result<()> {
     pipe.flush()
 }
 
-/// Appends the pixels of a frame without alpha, with even sides.
+/// Appends the RGB levels of a frame. The last column and row are repeated if necessary, so that both sides are even.
 fn put_rgb(bytes: &mut Vec<u8>, pixels: &Pixels, [width, height]: [u32; 2]) {
     let (width, height) = (width as usize, height as usize);
     let rgb = |[r, g, b, _]: &[u8; 4]| [*r, *g, *b];

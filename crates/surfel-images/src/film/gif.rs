@@ -1,13 +1,13 @@
-//! Writing of GIF: 256 colours per frame, dithered, played forever.
+//! Writing of GIF films: frames with 256 colours, dithered, repeated forever.
 
 use super::palette::Quantiser;
 use super::{FilmOptions, Frames};
 use std::io::{self, Write};
 
-/// Units of a GIF's delays in a second.
+/// Number of units per second in which a GIF states delays.
 const UNITS: u64 = 100;
 
-/// Writes a film as GIF. Its frames are opaque.
+/// Writes the frames as a GIF. The pixels must be opaque.
 pub(super) fn write(out: &mut dyn Write, options: &FilmOptions, frames: &Frames) -> io::Result<()> {
     let too_large = |_| io::Error::new(io::ErrorKind::InvalidInput, "the frames are too large for a GIF");
     let [width, height] = options.size;
@@ -17,7 +17,7 @@ pub(super) fn write(out: &mut dyn Write, options: &FilmOptions, frames: &Frames)
     let mut quantiser = Quantiser::default();
     let mut number = 0;
     while let Some(pixels) = frames.next()? {
-        // Delays are whole units, whose rounding doesn't add up.
+        // Delays are whole units. They are differences of rounded times, so that rounding errors don't accumulate.
         let delay = options.rate.time(number + 1, UNITS) - options.rate.time(number, UNITS);
         number += 1;
         let indices = quantiser.indices(&pixels, width as usize);

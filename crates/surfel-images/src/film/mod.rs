@@ -1,10 +1,10 @@
-//! Films: frames as animated PNG, GIF or MP4.
+//! Films: sequences of frames as animated PNG, GIF or MP4.
 //!
-//! A [`FilmWriter`] encodes the frames on a thread of its own while the next ones are drawn. Only a few frames are in
-//! memory at a time, and the file appears once it is complete. Animated PNG and GIF are encoded here. MP4 is encoded by
-//! `ffmpeg`, which is started as a program of its own and gets the frames through a pipe.
+//! A [`FilmWriter`] encodes frames on its own thread, while further frames are drawn. Only a few frames are in memory
+//! at a time. The file appears when it is complete. Animated PNG and GIF are encoded in this module. MP4 is encoded by
+//! the program `ffmpeg`, which is started as a child process and receives the frames through a pipe.
 //!
-//! Animated PNG alone has alpha; frames of the other formats are blended onto a background.
+//! Only animated PNG has alpha. In other formats, frames are blended onto a background.
 
 mod apng;
 mod ffmpeg;
@@ -26,7 +26,7 @@ use std::thread::JoinHandle;
 use surfel_files::error::{IoError, WRITE};
 use surfel_math::srgb::nearest_8_bit;
 
-/// Number of drawn frames that wait for the encoder.
+/// Maximum number of drawn frames that wait for the encoder.
 const WAITING: usize = 2;
 
 /// File format of a film.
@@ -42,7 +42,7 @@ pub enum FilmFormat {
 }
 
 impl FilmFormat {
-    /// Returns the format that a file's name states; `None` for other names. A `.png` is a still image.
+    /// Returns the format for the extension of a file's name; `None` for other extensions. A `.png` is a still image.
     pub fn of(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_string_lossy().to_ascii_lowercase();
         match extension.as_str() {
@@ -59,72 +59,73 @@ impl FilmFormat {
     }
 }
 
-/// Number of frames a second, in hundredths.
+/// Frame rate, in hundredths of a frame per second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameRate(u32);
 
 impl FrameRate {
-    /// Largest rate in frames a second.
+    /// Largest rate in frames per second.
     pub const MOST: f64 = 240.0;
-    /// Largest rate of a GIF, whose delays are hundredths of a second. Browsers slow down shorter delays than two.
+    /// Largest rate of a GIF in frames per second. A GIF states delays in hundredths of a second, and browsers slow
+    /// down delays of less than two.
     pub const MOST_OF_GIF: f64 = 50.0;
 
-    /// Returns a rate in frames a second, rounded to hundredths; `None` if it isn't from 0.01 to [`Self::MOST`].
+    /// Creates a rate from frames per second, rounded to hundredths; `None` if it isn't from 0.01 to [`Self::MOST`].
     pub fn new(per_second: f64) -> Option<Self> {
         (0.01..=Self::MOST).contains(&per_second).then(|| Self((100.0 * per_second).round() as u32))
     }
 
-    /// Returns the number of frames in 100 seconds.
+    /// Returns the rate in hundredths of a frame per second.
     pub fn hundredths(self) -> u32 {
         self.0
     }
 
-    /// Returns the number of frames a second.
+    /// Returns the rate in frames per second.
     pub fn per_second(self) -> f64 {
         f64::from(self.0) / 100.0
     }
 
     #[cfg(any(feature = "gif", test))]
-    /// Returns the time of a frame, by its number, in units of 1/`unit` seconds, rounded.
+    /// Returns the time at which a frame begins, by its number, in units of 1/`unit` seconds, rounded.
     fn time(self, frame: u64, unit: u64) -> u64 {
         let rate = u64::from(self.0);
         (2 * 100 * unit * frame + rate) / (2 * rate)
     }
 }
 
-/// The rate of films for which none is stated: a delay of exactly four hundredths of a second in a GIF.
+/// The default rate is 25 frames per second: a delay of exactly four hundredths of a second in a GIF.
 impl Default for FrameRate {
     fn default() -> Self {
         Self(2500)
     }
 }
 
-/// Frames a second, without trailing zeros.
+/// Formats the number of frames per second, without trailing zeros.
 impl fmt::Display for FrameRate {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.per_second())
     }
 }
 
-/// Program part that encodes a film.
+/// Encoder of a film.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FilmEncoder {
-    /// The encoder of animated PNG.
+    /// Surfel's encoder for animated PNG.
     Apng,
-    /// The encoder of GIF.
+    /// Surfel's encoder for GIF.
     #[cfg(feature = "gif")]
     Gif,
-    /// The installed ffmpeg.
+    /// The installed program ffmpeg.
     Mp4(Ffmpeg),
 }
 
 impl FilmEncoder {
-    /// Finds the encoder of the film at `path`, before any frame is drawn.
+    /// Finds the encoder for the film at `path`, before frames are drawn.
     ///
     /// # Errors
-    /// [`IoError::System`] if the name is of no film, for MP4 without a suitable `ffmpeg`, and for a format that isn't
-    /// built in.
+    /// [`IoError::System`] for an extension other than those of films, for MP4 without a suitable `ffmpeg`, and for a
+    /// format whose feature is disabled.
     pub fn find(path: &Path) -> Result<Self, IoError> {
         let refused = |what: String| cannot_write(path, io::Error::other(what));
         match FilmFormat::of(path) {
@@ -138,7 +139,7 @@ impl FilmEncoder {
         }
     }
 
-    /// Returns the format of the film.
+    /// Returns the format that the encoder writes.
     pub fn format(&self) -> FilmFormat {
         match self {
             Self::Apng => FilmFormat::Apng,
@@ -149,7 +150,7 @@ impl FilmEncoder {
     }
 }
 
-/// The encoder's name, as in a note.
+/// Formats the encoder's name for a note.
 impl fmt::Display for FilmEncoder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -168,22 +169,22 @@ pub struct FilmOptions {
     pub size: [u32; 2],
     /// Number of frames, at least 1.
     pub frames: u32,
-    /// Number of frames a second.
+    /// Frame rate of the film.
     pub rate: FrameRate,
-    /// Background in linear RGB, for formats without alpha.
+    /// Background in linear RGB, onto which frames are blended in formats without alpha.
     pub background: [f32; 3],
 }
 
-/// Pixels of a frame: sRGB-encoded, with straight alpha, row by row from the top.
+/// Pixels of a frame: sRGB-encoded with straight alpha, in rows from the top.
 type Pixels = Vec<[u8; 4]>;
 
-/// Frames on their way to the encoder.
+/// Receiving end of the channel from the writer to the encoder's thread.
 struct Frames(Receiver<Option<Pixels>>);
 
 impl Frames {
-    /// Returns the next frame; `None` after the last.
+    /// Returns the next frame, or `None` after the last one.
     fn next(&self) -> io::Result<Option<Pixels>> {
-        // Without the message for the end, the writer was dropped: nothing may appear.
+        // If the channel closes without the final message, the writer was dropped, and no file may appear.
         self.0.recv().map_err(|_| io::Error::other("the film is incomplete"))
     }
 }
@@ -192,25 +193,25 @@ fn cannot_write(path: &Path, source: io::Error) -> IoError {
     IoError::System { path: path.to_path_buf(), action: WRITE, source }
 }
 
-/// A film that is being written. The file appears when [`FilmWriter::finish`] succeeds; dropping the writer before
-/// leaves nothing behind.
+/// Writer of a film. The file appears when [`FilmWriter::finish`] succeeds. If the writer is dropped earlier, no file
+/// remains.
 #[derive(Debug)]
 pub struct FilmWriter {
     path: PathBuf,
     options: FilmOptions,
     has_alpha: bool,
     pushed: u32,
-    /// Channel to the encoder's thread; `None` once it has ended.
+    /// Channel to the encoder's thread; `None` after the thread has ended.
     frames: Option<SyncSender<Option<Pixels>>>,
     thread: Option<JoinHandle<Result<(), IoError>>>,
 }
 
 impl FilmWriter {
-    /// Starts the encoder of a film. An existing file is replaced only if `overwrite` is true.
+    /// Starts encoding a film. An existing file is replaced only if `overwrite` is true.
     ///
     /// # Errors
-    /// [`IoError::Exists`], and [`IoError::System`] if the format can't hold such frames, or the system starts no
-    /// thread.
+    /// [`IoError::Exists`] if the file exists. [`IoError::System`] if the format doesn't support such frames, or no
+    /// thread can be started.
     pub fn create(path: &Path, overwrite: bool, encoder: &FilmEncoder, options: &FilmOptions) -> Result<Self, IoError> {
         check(encoder.format(), options).map_err(|what| cannot_write(path, io::Error::other(what)))?;
         if path.is_file() && !overwrite {
@@ -225,11 +226,11 @@ impl FilmWriter {
         Ok(Self { path: path.to_path_buf(), options, has_alpha, pushed: 0, frames: Some(sender), thread })
     }
 
-    /// Adds a frame: the encoded plane (`rgba8`) if it exists, else the colour plane.
+    /// Adds a frame: the encoded plane (`rgba8`) if there is one, or else the colour plane.
     ///
     /// # Errors
-    /// [`IoError::System`] if the frame has another size or the film has enough frames; and errors of writing earlier
-    /// frames.
+    /// [`IoError::System`] if the frame has another size, or if the film already has all of its frames. Also errors of
+    /// writing earlier frames.
     pub fn push(&mut self, planes: &PlanesView<'_>) -> Result<(), IoError> {
         let invalid = |what: String| cannot_write(&self.path, io::Error::new(io::ErrorKind::InvalidInput, what));
         let count = planes.pixels().map_err(|source| cannot_write(&self.path, source))?;
@@ -251,22 +252,22 @@ impl FilmWriter {
         if sent { Ok(()) } else { self.end() }
     }
 
-    /// Completes the film.
+    /// Completes the film, and waits until it is written.
     ///
     /// # Errors
-    /// [`IoError::System`] if frames are missing or the file can't be written; [`IoError::Exists`] if it appeared
-    /// meanwhile.
+    /// [`IoError::System`] if frames are missing or the file can't be written; [`IoError::Exists`] if another program
+    /// created the file in the meantime.
     pub fn finish(mut self) -> Result<(), IoError> {
         if self.pushed == self.options.frames
             && let Some(frames) = &self.frames
         {
-            // The thread's result tells if it has ended early.
+            // If the thread has already ended, its result states the reason.
             let _ = frames.send(None);
         }
         self.end()
     }
 
-    /// Waits for the encoder.
+    /// Closes the channel, waits for the encoder's thread, and returns its result.
     fn end(&mut self) -> Result<(), IoError> {
         self.frames = None;
         let ended = self.thread.take().map(JoinHandle::join);
@@ -283,7 +284,7 @@ impl Drop for FilmWriter {
     }
 }
 
-/// Refuses frames that a format can't hold.
+/// Returns an error for frames that a format doesn't support.
 fn check(format: FilmFormat, options: &FilmOptions) -> Result<(), String> {
     let [width, height] = options.size;
     if options.frames == 0 || width == 0 || height == 0 {
@@ -299,7 +300,7 @@ fn check(format: FilmFormat, options: &FilmOptions) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes a film of all frames of a channel.
+/// Encodes all frames of a channel, and writes the file.
 fn encode(
     path: &Path,
     overwrite: bool,
@@ -315,7 +316,7 @@ fn encode(
     }
 }
 
-/// Blends pixels with straight alpha onto a background in linear RGB, in linear light.
+/// Blends pixels with straight alpha onto a background in linear RGB. The blend is computed in linear light.
 fn blend(pixels: &mut [[u8; 4]], background: [f32; 3]) {
     let linear = linear_of_8_bit();
     let opaque = background.map(nearest_8_bit);

@@ -1,31 +1,32 @@
-//! Reduction of frames to 256 colours.
+//! Reduction of frames to palettes of 256 colours, with ordered dithering.
 //!
-//! The colours of a frame are divided where their squared error is largest, and refined once by the means of what is
-//! nearest to each. A colour of a large area, such as the background, is in the palette exactly. A palette is used
-//! for later frames, too, as long as a new one would hardly be better. Still parts of a film then don't flicker.
+//! The colours of a frame are divided into groups: the group with the largest squared error is divided repeatedly. The
+//! groups' means are then refined by one step of Lloyd's algorithm. A colour of a large area, such as the background,
+//! is in the palette exactly. A palette is used for later frames, too, as long as a new one would hardly be better. So
+//! static parts of a film don't flicker.
 //!
-//! A colour between two of the palette becomes a mixture of both, in a fixed pattern (ordered dithering). The pattern
-//! stands still, unlike one that diffuses errors, and a colour of the palette itself is never mixed.
+//! A colour between two palette colours becomes a mixture of both in a fixed pattern (ordered dithering). Unlike error
+//! diffusion, the pattern doesn't move from frame to frame. Colours of the palette aren't mixed.
 
 use std::collections::HashMap;
 
-/// Largest number of colours of a GIF's frame.
+/// Maximum number of colours of a GIF frame.
 const COLORS: usize = 256;
-/// Number of bits of a colour's levels in the histogram.
+/// Number of leading bits per channel that distinguish colours in the histogram.
 const BITS: u32 = 6;
-/// Mean squared error in levels above which a palette isn't used for another frame, relative to that of a new palette,
-/// and in addition to it.
+/// Limits on the mean squared error, in squared levels, up to which a palette is used for a further frame. The first
+/// one is a factor on the error of a new palette, the second one is added.
 const WORSE: (f32, f32) = (1.25, 0.5);
-/// Share of the pixels from which on a colour is in the palette exactly: 1/50.
+/// Reciprocal of the fraction of pixels above which a colour is in the palette exactly: 1/50.
 const LARGE: usize = 50;
 /// Weight of the squared error of single pixels in a mixture, relative to that of their mean.
 const ROUGHNESS: f32 = 0.15;
-/// Largest number of colours whose mixtures are remembered.
+/// Maximum number of colours whose mixtures are cached.
 const KNOWN: usize = 1 << 20;
 
-/// Side of the pattern of thresholds.
+/// Side of the dither pattern in pixels.
 const SIDE: usize = 8;
-/// Thresholds in 64ths, in the order that Bayer (1973) found.
+/// Dither thresholds in 64ths: the ordered pattern of Bayer (1973).
 const PATTERN: [[u8; SIDE]; SIDE] = [
     [0, 32, 8, 40, 2, 34, 10, 42],
     [48, 16, 56, 24, 50, 18, 58, 26],
@@ -39,36 +40,37 @@ const PATTERN: [[u8; SIDE]; SIDE] = [
 
 type Rgb = [f32; 3];
 
-/// Distinct colours of a frame, or nearly: the mean of equal leading bits, and the number of its pixels.
+/// Colours of a frame with equal leading bits: their mean, and the number of pixels.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     color: Rgb,
     count: f32,
 }
 
-/// Mixture of two colours of the palette.
+/// Mixture of two palette colours.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
     colors: [u8; 2],
-    /// Share of the second colour in 64ths, at most half.
+    /// Fraction of the second colour in 64ths, at most half.
     share: u8,
 }
 
-/// Palette of a film's frames so far.
+/// Quantiser that maps frames to a palette, which successive frames share if possible.
 #[derive(Debug, Default)]
 pub(super) struct Quantiser {
     palette: Vec<[u8; 3]>,
-    /// Mixtures for colours of earlier frames with this palette.
+    /// Cache of the mixtures for colours of frames with this palette.
     known: HashMap<[u8; 3], Mixture>,
 }
 
 impl Quantiser {
-    /// Returns the palette of the last frame.
+    /// Returns the palette of the last frame that was quantised.
     pub(super) fn palette(&self) -> &[[u8; 3]] {
         &self.palette
     }
 
-    /// Returns the index of each pixel's colour in the palette. `width` is the length of a row; alpha is ignored.
+    /// Returns the palette index of each pixel, and replaces the palette if a new one is clearly better. `width` is the
+    /// length of a row. Alpha is ignored.
     pub(super) fn indices(&mut self, pixels: &[[u8; 4]], width: usize) -> Vec<u8> {
         let samples = samples(pixels);
         let fresh = palette(&samples, &counted(pixels), pixels.len());
@@ -83,7 +85,7 @@ impl Quantiser {
         let Self { palette, known } = self;
         let colors: Vec<Rgb> = palette.iter().map(|color| color.map(f32::from)).collect();
         let mut indices = Vec::with_capacity(pixels.len());
-        // Neighbours often have the same colour.
+        // Neighbouring pixels often have the same colour.
         let mut last: Option<([u8; 3], Mixture)> = None;
         for (i, [r, g, b, _]) in pixels.iter().enumerate() {
             let color = [*r, *g, *b];
@@ -104,7 +106,7 @@ fn squared(a: Rgb, b: Rgb) -> f32 {
     x * x + y * y + z * z
 }
 
-/// Returns the index of the nearest colour, and its squared distance.
+/// Returns the index of the nearest colour, and the squared distance to it.
 fn nearest(color: Rgb, colors: &[Rgb]) -> (usize, f32) {
     let mut best = (0, f32::INFINITY);
     for (i, other) in colors.iter().enumerate() {
@@ -116,7 +118,7 @@ fn nearest(color: Rgb, colors: &[Rgb]) -> (usize, f32) {
     best
 }
 
-/// Returns the mixture of two colours with the least error.
+/// Returns the mixture of two of the colours that approximates a colour with the smallest error.
 fn mixture(color: Rgb, colors: &[Rgb]) -> Mixture {
     let (first, mut least) = nearest(color, colors);
     let mut best = Mixture { colors: [first as u8; 2], share: 0 };
@@ -143,7 +145,7 @@ fn mixture(color: Rgb, colors: &[Rgb]) -> Mixture {
     best
 }
 
-/// Returns the number of pixels of each colour.
+/// Returns the number of pixels for each colour.
 fn counted(pixels: &[[u8; 4]]) -> HashMap<[u8; 3], usize> {
     let mut counts = HashMap::new();
     for run in pixels.chunk_by(|a, b| a[..3] == b[..3]) {
@@ -154,7 +156,7 @@ fn counted(pixels: &[[u8; 4]]) -> HashMap<[u8; 3], usize> {
     counts
 }
 
-/// Returns the colours of a frame, with equal leading bits merged.
+/// Returns the colours of a frame. Colours with equal leading bits are merged.
 fn samples(pixels: &[[u8; 4]]) -> Vec<Sample> {
     let mut sums = vec![[0_u64; 4]; 1 << (3 * BITS)];
     let lead = |level: u8| usize::from(level >> (8 - BITS));
@@ -173,7 +175,7 @@ fn samples(pixels: &[[u8; 4]]) -> Vec<Sample> {
     used.map(sample).collect()
 }
 
-/// Returns the mean squared error of a palette.
+/// Returns the mean squared error of a palette, in squared levels.
 fn mean_error(samples: &[Sample], palette: &[[u8; 3]]) -> f32 {
     let colors: Vec<Rgb> = palette.iter().map(|color| color.map(f32::from)).collect();
     let (mut error, mut count) = (0.0_f64, 0.0_f64);
@@ -184,11 +186,11 @@ fn mean_error(samples: &[Sample], palette: &[[u8; 3]]) -> f32 {
     (error / count.max(1.0)) as f32
 }
 
-/// A group of colours that one colour of the palette represents.
+/// Group of colours that is represented by one colour of the palette.
 struct Group {
     samples: Vec<Sample>,
     mean: Rgb,
-    /// Channel with the largest squared error, and the squared error of all channels.
+    /// Channel with the largest squared error, along which the group is divided.
     axis: usize,
     error: f32,
 }
@@ -204,7 +206,7 @@ impl Group {
         Self { samples, mean, axis, error: errors.iter().sum() }
     }
 
-    /// Divides the group at its mean; `None` if all its colours are alike.
+    /// Divides the group at its mean along one channel; `None` if all of its colours are equal.
     fn divided(&self) -> Option<[Self; 2]> {
         let at = self.mean[self.axis];
         let (low, high): (Vec<Sample>, Vec<Sample>) = self.samples.iter().partition(|s| s.color[self.axis] <= at);
@@ -212,8 +214,8 @@ impl Group {
     }
 }
 
-/// Returns at most 256 colours that represent the samples. `counts` has the number of pixels of each colour, of `all`
-/// pixels.
+/// Returns at most 256 colours that represent the samples. `counts` has the number of pixels of each colour, and `all`
+/// is the number of all pixels.
 fn palette(samples: &[Sample], counts: &HashMap<[u8; 3], usize>, all: usize) -> Vec<[u8; 3]> {
     if counts.len() <= COLORS {
         return sorted(counts.keys().copied());
@@ -226,7 +228,7 @@ fn palette(samples: &[Sample], counts: &HashMap<[u8; 3], usize>, all: usize) -> 
         groups.push(high);
     }
     let colors: Vec<Rgb> = groups.iter().map(|group| group.mean).collect();
-    // Means of what is nearest to each colour: one step of Lloyd's algorithm.
+    // One step of Lloyd's algorithm: each colour is replaced by the mean of the samples nearest to it.
     let mut sums = vec![[0.0_f64; 4]; colors.len()];
     for sample in samples {
         let sum = &mut sums[nearest(sample.color, &colors).0];

@@ -11,7 +11,8 @@ pub(super) struct Intrinsics {
     lens: Lens,
 }
 
-/// Cameras by COLMAP's id, or the reason why one can't be used, which matters only if an image uses the camera.
+/// Cameras by COLMAP's id. A camera that can't be used is stored as its problem, which is reported only if an image
+/// uses the camera.
 pub(super) type Lenses = BTreeMap<u32, Result<Intrinsics, Problem>>;
 
 /// COLMAP's camera models in the order of their ids: name and number of parameters.
@@ -141,7 +142,7 @@ pub(super) fn images_bin(bytes: &[u8], lenses: &Lenses) -> Result<Vec<NamedCamer
         let (q, t) = (bytes.f64s::<4>()?, bytes.f64s::<3>()?);
         let camera = bytes.u32()?;
         let name = bytes.text()?;
-        // Points: x and y, and the id of the 3D point.
+        // Skips the image's points: x, y and the id of the 3D point.
         let points = bytes.u64()?;
         bytes.take(points.saturating_mul(24))?;
         push(&mut images, image(&name, q, t, camera, lenses)?)?;

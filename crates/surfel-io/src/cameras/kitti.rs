@@ -45,7 +45,7 @@ fn square(entries: &Entries, name: &str) -> Result<Option<DMat3>, Problem> {
 }
 
 /// Parses the cameras of a calibration file: `P0`… of the benchmarks, `P_rect_00`… of the raw recordings. `scanner`
-/// returns the contents of `calib_velo_to_cam.txt`, which raw recordings have beside the file.
+/// returns the contents of `calib_velo_to_cam.txt`, which raw recordings have in the same folder.
 pub(super) fn parse(bytes: &[u8], scanner: impl FnOnce() -> Option<Vec<u8>>) -> Result<Vec<NamedCamera>, Fault> {
     let own = entries(bytes)?;
     let is_raw = own.contains_key("P_rect_00");

@@ -27,7 +27,8 @@ const NEAR: f64 = 0.01;
 /// A camera of another program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// Name of the image, without extension. Folders that not all images share are part of the name, joined by `_`.
+    /// Name of the image, without extension. Folder names that aren't common to all images are part of it, joined by
+    /// `_`.
     pub name: String,
     /// Width and height in pixels, if the file states them.
     pub size: Option<[u32; 2]>,
@@ -74,7 +75,8 @@ impl NamedCamera {
     }
 }
 
-/// Returns a distance, at least 1, at which a point in front of the eye preserves its direction to 10⁻¹⁵ in f64.
+/// Returns the distance from the eye at which a camera's target is placed, in world units. The distance is at least the
+/// largest coordinate of the eye, so that rounding of the target changes the direction by about 10⁻¹⁵ only.
 fn reach(eye: DVec3) -> f64 {
     eye.abs().max_element().max(1.0)
 }
@@ -141,7 +143,7 @@ enum Kind {
     Kitti,
 }
 
-/// Returns the main file of a path, and its format.
+/// Returns the path and the format of the file to read first. `path` is a file or a folder.
 fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     if !path.is_dir() {
         let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();

@@ -4,7 +4,7 @@ use crate::strided::{Strided, block_rows, read_rows};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Number of consecutive rows in a run of the sample, and number of runs, which are spread evenly over the file.
+/// Size of the sample of rows: `RUNS` runs, spread evenly over the file, of `RUN_ROWS` consecutive rows each.
 pub(super) const RUN_ROWS: usize = 32;
 const RUNS: usize = 64;
 /// Maximum number of distinct values that are counted.
@@ -22,7 +22,7 @@ pub(super) struct Column {
     pub(super) is_whole: bool,
     /// Difference between successive rows, if it is the same in all rows and a whole number.
     pub(super) step: Option<f64>,
-    /// True if no value is less than the one before, and true if each value is larger.
+    /// True if the values ascend: `is_sorted` allows equal neighbours, `is_increasing` doesn't.
     pub(super) is_sorted: bool,
     pub(super) is_increasing: bool,
     /// Number of distinct values in the sample.
@@ -37,7 +37,7 @@ impl Column {
         self.least >= self.most
     }
 
-    /// True if the column counts rows: each value exceeds the one before by the same whole number.
+    /// True if the column counts rows: each value differs from the one before by the same whole number.
     pub(super) fn counts(&self) -> bool {
         self.step.is_some_and(|step| step != 0.0)
     }
@@ -63,8 +63,8 @@ impl Column {
         self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
     }
 
-    /// True if no step between successive values is more than three times the mean step. Identifiers are assigned with
-    /// even steps; sorted coordinates have uneven ones.
+    /// True if no step between successive values is more than three times the mean step. Identifiers ascend in even
+    /// steps, sorted coordinates in uneven ones.
     pub(super) fn has_even_gaps(&self) -> bool {
         let gaps: Vec<f64> = self.successive().map(|(before, after)| (after - before).abs()).collect();
         let usual = gaps.iter().sum::<f64>() / gaps.len().max(1) as f64;
@@ -169,7 +169,7 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     parts.map(column).collect()
 }
 
-/// Returns the values of runs of rows, spread over the columns.
+/// Returns the sampled values of each column: those of runs of rows that are spread evenly over the file.
 fn sample(columns: &[Strided<'_>]) -> Vec<Vec<f64>> {
     let rows = columns[0].len();
     let starts: Vec<usize> = match rows {
@@ -243,7 +243,7 @@ impl<'a> Triple<'a> {
         unit > 0 && unit >= 19 * other
     }
 
-    /// Returns the scale that the values would have as colours; `None` if they can't be colours.
+    /// Returns the scale of the values if they are colours; `None` if they can't be colours.
     pub(super) fn color_scale(&self) -> Option<Scale> {
         let [least, most] = self
             .columns
@@ -261,7 +261,7 @@ impl<'a> Triple<'a> {
         }
     }
 
-    /// Returns a score for colours: larger if the three columns are more similar to colours.
+    /// Returns a score for colours: the larger, the more the three columns resemble colours.
     pub(super) fn color(&self) -> Option<f64> {
         let scale = self.color_scale()?;
         let c = &self.columns;
@@ -297,7 +297,7 @@ impl<'a> Triple<'a> {
         } else if scale == Scale::Words {
             score -= 2.0;
         } else if scale == Scale::Bytes && is_whole && labels == 0 && constant < 3 && most >= 100.0 {
-            // The few distinct values of a palette.
+            // A palette has few distinct values.
             score += 1.0;
         }
         match (scale, is_whole) {
@@ -332,5 +332,5 @@ impl<'a> Triple<'a> {
     }
 }
 
-/// Largest value that a colour's 1 can have after rounding.
+/// Largest value that counts as a rounded 1 in colours from 0 to 1.
 pub(crate) const ROUNDED_ONE: f64 = 1.001;

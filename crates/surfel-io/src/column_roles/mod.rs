@@ -1,9 +1,9 @@
 //! Detection of the roles of columns without names.
 //!
-//! The method has three steps: evidence, score, choice. First, many rows of each column are measured ([`evidence`]). A
-//! layout divides the columns, from first to last, into roles of one, two or three columns. Each role has a score that
-//! depends on the statistics of its columns and on the previous role. The layout with the largest sum of scores is
-//! chosen, and the decisive reasons are returned as text.
+//! The method has three steps. First, statistics of each column are measured over many rows ([`evidence`]). Second,
+//! layouts are scored. A layout divides the columns, from first to last, into roles of one, two or three columns. The
+//! score of a role depends on the statistics of its columns and on the previous role. Third, the layout with the
+//! largest sum of scores is chosen, and the decisive reasons are returned as text.
 
 #![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
 
@@ -36,7 +36,7 @@ pub(crate) enum Role {
     /// Classes or instance ids.
     Label,
     ReturnNumber,
-    /// Return number and number of returns; [`Self::ReturnsReversed`] in the other order.
+    /// Two columns: return number, then number of returns. [`Self::ReturnsReversed`] has them in the other order.
     Returns,
     ReturnsReversed,
     Unknown,
@@ -76,7 +76,7 @@ impl Role {
         }
     }
 
-    /// True if columns can have the role only once.
+    /// True if only one column, or group of columns, can have the role.
     fn is_single(self) -> bool {
         !matches!(self, Self::Index | Self::Label | Self::Unknown)
     }
@@ -98,7 +98,7 @@ pub(crate) struct Layout {
 }
 
 /// Chooses the roles of at least three columns with at least one row. `numbers` are the columns' numbers in their file,
-/// from 1.
+/// from 1, for messages.
 ///
 /// # Errors
 /// [`Problem`] for columns that aren't points.
@@ -110,7 +110,7 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
     let mut choice = Choice { columns: &measured, best: HashMap::new() };
     choice.score(State::default());
     let mut parts = choice.parts();
-    // If another column has no known role, a column isn't assumed to be intensity.
+    // Columns that may be intensities count as unknown if any other column's role is unknown.
     let is_unknown = |part: &Part| part.role == Role::Unknown && !choice.says_nothing(part.first);
     if parts.iter().any(is_unknown) {
         let intensity = parts.iter_mut().filter(|part| part.role == Role::Intensity);
@@ -124,7 +124,7 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
     Ok(Layout { parts, reasons })
 }
 
-/// Returns a note with the decisive reasons, and how to choose other roles.
+/// Returns a note that combines `what` with the decisive reasons, and with advice for choosing other roles.
 pub(crate) fn as_note(what: &str, reasons: &[String]) -> String {
     let reasons: String = reasons.iter().map(|reason| format!(", {reason}")).collect();
     format!("{what}{reasons}; `columns` names them otherwise")
@@ -136,7 +136,7 @@ pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
     Choice { columns: &measured, best: HashMap::new() }.index(State::default()).is_some()
 }
 
-/// Roles chosen for the columns before the current one.
+/// State of the search: the next column, and the roles chosen for the columns before it.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 struct State {
     next: usize,
@@ -156,7 +156,7 @@ impl State {
     }
 }
 
-/// True if at least 99 % of the sampled rows differ in x and y.
+/// True if at least 99 % of the sampled pairs of x and y are distinct, as those of a raster's cells are.
 fn are_cells(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
@@ -165,7 +165,7 @@ fn are_cells(x: &Column, y: &Column) -> bool {
 /// The search for the layout with the largest score.
 struct Choice<'a> {
     columns: &'a [Column],
-    /// Best role of the next columns, with the score of this role and all after it.
+    /// Best role of the columns at each state, with the sum of scores from there to the last column.
     best: HashMap<State, (f64, Role)>,
 }
 
@@ -173,7 +173,7 @@ struct Choice<'a> {
 const NEVER: f64 = -1e9;
 
 impl Choice<'_> {
-    /// Returns the largest score of all columns after a state.
+    /// Returns the largest sum of scores for the columns that follow a state.
     fn score(&mut self, state: State) -> f64 {
         if state.next == self.columns.len() {
             return if state.has(Role::Position) { 0.0 } else { NEVER };
@@ -268,7 +268,7 @@ impl Choice<'_> {
         }
     }
 
-    /// Returns a score for a column that counts rows or contains identifiers: before all others, or at the end.
+    /// Returns a score for a column of row numbers or identifiers, which is before all others or at the end.
     fn index(&self, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -286,7 +286,7 @@ impl Choice<'_> {
         if rows < MANY_ROWS {
             return (column.numbers_rows() && fractional == 3).then_some(6.0);
         }
-        // If several columns count rows, none of them is an index.
+        // If several columns count rows with the same step, none of them is an index.
         if next.iter().any(Column::counts) && next.iter().any(|c| c.step == column.step) {
             return None;
         }
@@ -300,7 +300,7 @@ impl Choice<'_> {
         (is_distinct && fractional == 3).then_some(3.0)
     }
 
-    /// Returns a score for ascending times: seconds, or fractions of them, since 1970 or 1980.
+    /// Returns a score for ascending times since 1970 or 1980, in seconds or smaller units.
     fn time(&self, state: State) -> Option<f64> {
         const LEAST: f64 = 1e8;
         let column = &self.columns[state.next];
@@ -330,7 +330,7 @@ impl Choice<'_> {
         if x.is_whole && !y.is_whole && !z.is_whole {
             score -= 4.0;
         }
-        // Two whole numbers before three fractions aren't x and y, unless they are the cells of a raster.
+        // Two columns of whole numbers before three of fractions aren't x and y, unless they are the cells of a raster.
         let next = self.columns.get(i + 3..i + 5).unwrap_or_default();
         let are_fractions_next = next.len() == 2 && next.iter().all(|c| !c.is_whole);
         if x.is_whole && y.is_whole && !z.is_whole && are_fractions_next && !are_cells(x, y) {
@@ -355,7 +355,7 @@ impl Choice<'_> {
         is_small && self.rows() >= 2 * MANY_ROWS && f64::from(ordered) >= 0.9 * f64::from(all)
     }
 
-    /// True if one column is the return number, and the other the number of returns.
+    /// True if the first column is a return number, and the second the number of returns of the same pulse.
     fn are_pairs_of_returns(&self, number: usize, count: usize) -> bool {
         let [number, count] = [number, count].map(|i| &self.columns[i]);
         let is_small = |c: &Column| c.is_whole && c.least >= 1.0 && c.most <= 15.0;
@@ -364,7 +364,7 @@ impl Choice<'_> {
         self.rows() >= MANY_ROWS && is_small(number) && is_small(count) && !count.is_constant() && is_within
     }
 
-    /// Returns the reason of a role, for the note; `None` if the role needs none.
+    /// Returns the reason for a role as text; `None` if the role needs no explanation.
     fn reason(&self, part: Part, numbers: &[usize]) -> Option<String> {
         let Part { role, first } = part;
         let last = first + role.names().len() - 1;

@@ -10,11 +10,11 @@ const ROUNDING: f64 = 2e-3;
 /// Minimum number of rows and columns of an image.
 #[cfg(feature = "npy")]
 const IMAGE_SIDE: usize = 8;
-/// Number of columns from which a table of similar columns is assumed to be an image.
+/// Minimum number of similar columns of a table that is assumed to be an image.
 #[cfg(feature = "npy")]
 const WIDE: usize = 20;
 
-/// Returns a problem if each row contains a camera's pose: the 12 or 16 numbers of a matrix.
+/// Returns a problem if each row contains a camera pose: a matrix of 12 or 16 numbers.
 pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     let width = columns.len();
     if !matches!(width, 12 | 16) {
@@ -88,7 +88,8 @@ pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
     triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
 }
 
-/// True if an array of rows is an image: neighbouring columns have the same range, and are many or nearly equal.
+/// True if an array of rows is an image: most neighbouring columns have similar ranges, and there are many columns or
+/// their values are nearly equal.
 #[cfg(feature = "npy")]
 pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());

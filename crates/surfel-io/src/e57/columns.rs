@@ -15,7 +15,7 @@ use std::io::Write;
 /// Maximum number of columns of a file.
 const MAX_COLUMNS: usize = 100;
 
-/// Description of the rows written. Coordinates are as exact as those of the scans, with poses applied.
+/// Description of the rows that [`unpack`] writes. Coordinates are as exact as those of the scans, with poses applied.
 pub(crate) struct Table {
     names: Vec<String>,
     kinds: Vec<NumberType>,
@@ -55,7 +55,7 @@ impl Table {
     }
 }
 
-/// Returns the number of points that a file states.
+/// Returns the number of points that a file states, limited by the file's size.
 pub(crate) fn survey(source: &mut dyn Source) -> Result<u64, Fault> {
     guarded(|| {
         let mut file = File::open(source, false)?;

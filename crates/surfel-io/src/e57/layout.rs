@@ -4,7 +4,7 @@ use crate::survey::{NORMAL_NAMES, plain_name};
 use ::e57::{PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-/// Returns the column name of an attribute; `None` for attributes with another use.
+/// Returns the column name of an attribute; `None` for attributes that aren't read as a column.
 fn column_name(name: &RecordName) -> Option<String> {
     Some(match name {
         RecordName::Intensity => "intensity".into(),
@@ -76,7 +76,7 @@ pub(super) struct FurtherColumn {
     invalid: Option<usize>,
 }
 
-/// Conversion of a scan's values to points.
+/// Record indices and pose of a scan, by which its values are converted to points.
 pub(super) struct Layout<'a> {
     pub(super) scan: &'a Scan,
     pub(super) index: u32,
@@ -206,10 +206,10 @@ impl<'a> Layout<'a> {
         if self.is_flagged(row, column.invalid) { 0.0 } else { self.value(row, column.record) }
     }
 
-    /// Returns the position of the scanner, if the scan comes from a single position.
+    /// Returns the position of the scanner, if the scan was recorded from a single position.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         let stands = self.spherical || self.scan.has_spherical() || self.scan.has_row_column();
-        // Rows and columns, or angles, show that it does.
+        // Angles, or rows and columns, show that the scanner didn't move.
         Some(self.translation).filter(|at| stands && at.is_finite())
     }
 }

@@ -30,16 +30,16 @@ use surfel_model::{Column3, ExtraColumn, PointCloud};
 const BATCH_POINTS: usize = 8192;
 const BATCH_VALUES: usize = 1 << 18;
 const BATCHES_AHEAD: usize = 4;
-/// Maximum number of bytes of points in memory: a base, plus a multiple of the file's size.
+/// Maximum number of bytes of points in memory: the first number plus the second times the file's size.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
 /// Maximum number of fields of a point, and of columns of all scans; real scanners write about 20.
 const MAX_FIELDS: usize = 1000;
-/// Accuracy of positions, in metres; finer than that of any scanner. The remainder of f32 rounding is stored if it
-/// could exceed a quarter of this at the farthest point.
+/// Accuracy of positions, in metres; finer than that of any scanner. The remainder of f32 rounding is stored too if it
+/// could exceed a quarter of this accuracy at the farthest point.
 const CERTAIN_M: f64 = 1e-4;
 
-/// A reader that seeks within its buffer: the crate seeks before it reads each page. With repair, the end is that of
-/// the last complete page.
+/// A reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. With `repair`, the
+/// last complete page ends the file.
 struct Pages<R> {
     reader: BufReader<R>,
     end: Option<u64>,
@@ -218,7 +218,7 @@ impl Points {
     }
 }
 
-/// Returns the function that converts a level to linear light; a table for ranges up to 255 or 65535.
+/// Returns the function that converts a colour level in `range` to linear light. Ranges up to 255 or 65535 use a table.
 fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     if range == (0.0, 255.0) {
         |v, _| linear_of_8_bit()[v.round().clamp(0.0, 255.0) as usize]
@@ -273,8 +273,8 @@ impl<'a> File<'a> {
         layout.scan.records.min(self.bytes * 8 / layout.bits_per_point())
     }
 
-    /// Returns an error if points need much more memory than the file's size justifies: fields with a single value take
-    /// no bits in the file.
+    /// Returns an error if the points need much more memory than the file's size justifies. This is possible because a
+    /// field with a single value takes no bits in the file.
     fn check_decoded(&self, layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>) -> Result<(), Problem> {
         let points = layouts.iter().map(|layout| self.most_points(layout)).fold(0, u64::saturating_add);
         let point_bytes = 24 + columns.values().map(|kind| kind.bytes() as u64).sum::<u64>();
@@ -332,7 +332,7 @@ impl<'a> File<'a> {
     }
 }
 
-/// Returns an error for more fields than any real file has: each would take memory for every point.
+/// Returns an error for more fields than any scanner writes: each field takes memory for every point.
 fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     if fields <= MAX_FIELDS {
         return Ok(());
@@ -341,7 +341,7 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     Err(problem.help("the file is damaged, or made to fill the memory"))
 }
 
-/// Returns the names of all scans' columns, each with the smallest type for all values.
+/// Returns the names of all scans' columns, each with the smallest number type for its values in all scans.
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
@@ -361,7 +361,7 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
     Ok(columns)
 }
 
-/// Notes columns that some scans lack, whose points get zeros in them.
+/// Adds a note for each column that some scans lack; their points have the value 0 in it.
 fn note_missing(layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>, notes: &mut Vec<String>) {
     let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.name == name);
     for name in columns.keys() {
@@ -379,7 +379,7 @@ fn none_valid(invalid: u64) -> Problem {
     Problem::new(format!("holds no point but {invalid} that are flagged as invalid")).expected("at least one")
 }
 
-/// Runs a reader and catches panics: the crate makes assumptions that a damaged file may violate.
+/// Runs a reader and converts panics to an error: damaged files may violate assumptions of the crate `e57`.
 fn guarded<T>(read: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let problem = Problem::new("is damaged: its packets or its XML make no sense");
@@ -435,8 +435,8 @@ fn crs_of(text: &str) -> Crs {
     Crs { wkt: (code.is_none() && text.contains('[')).then_some(text), code, ..Crs::default() }
 }
 
-/// Reads a scan as far as possible, in batches of values. Reading has its own thread, because the crate's decoding
-/// takes as long as the processing here.
+/// Reads a scan as far as possible, and passes its values to `each` in batches. Reading has its own thread, because the
+/// crate's decoding takes as long as the processing here. The inner result is the error that ended the reading early.
 ///
 /// # Errors
 /// [`Problem`] if `each` returns one.

@@ -13,7 +13,7 @@ const ASCII: u16 = 2;
 const DOUBLE: u16 = 12;
 const LONG8: u16 = 16;
 
-/// Offsets and lengths of a level's tiles in the file, row by row.
+/// Byte offsets and lengths in the file of the tiles of the image or of an overview, row by row.
 pub(super) struct TileList {
     pub(super) offsets: Vec<u64>,
     pub(super) lengths: Vec<u32>,
@@ -25,7 +25,7 @@ impl TileList {
     }
 }
 
-/// Everything before the tiles.
+/// The part of a GeoTIFF before its tiles: header and directories.
 pub(super) struct Head<'a> {
     pub(super) image: &'a GeoImage,
     /// Sizes of the image and its overviews.
@@ -33,7 +33,7 @@ pub(super) struct Head<'a> {
     pub(super) is_big: bool,
 }
 
-/// A directory entry. Tile lists are stored after all directories.
+/// An entry of a directory. The values of tile lists (`is_list`) are stored after all directories.
 struct Entry {
     tag: u16,
     kind: u16,
@@ -92,8 +92,8 @@ impl Head<'_> {
         Ok(out)
     }
 
-    /// Appends a directory and the values that don't fit into its entries; returns the position of the link to the next
-    /// directory.
+    /// Appends a directory and the values that don't fit into its entries. Returns the position at which the offset of
+    /// the next directory is stored.
     fn directory(&self, entries: Vec<Entry>, out: &mut Vec<u8>, late: &mut Vec<(usize, Vec<u8>)>) -> io::Result<usize> {
         let room = if self.is_big { 8 } else { 4 };
         let mut values = Vec::new();
@@ -141,7 +141,7 @@ impl Head<'_> {
         Ok(())
     }
 
-    /// Returns the entries of a level's directory, sorted by tag.
+    /// Returns the directory entries of the image (level 0) or of an overview, sorted by tag.
     fn entries(&self, level: usize, list: &TileList) -> io::Result<Vec<Entry>> {
         let (image, size) = (self.image, self.sizes[level]);
         let count = image.count();

@@ -3,8 +3,8 @@
 //! written are no data.
 //!
 //! A cloud-optimised file begins with its directories. The tiles of the smallest overview follow, then those of the
-//! next larger one, and so on; the tiles of the image itself are last. Tiles are finished in another order, so that
-//! they wait, compressed, in an unnamed file beside the output.
+//! next larger one, and so on; the tiles of the image itself are last. Tiles are completed in another order. Until the
+//! end they are stored, compressed, in an unnamed file in the output's folder.
 
 mod head;
 mod reduce;
@@ -28,7 +28,8 @@ use surfel_math::srgb::nearest_8_bit;
 const TILE: u32 = 256;
 /// Deflate level: level 3 makes heights 6 % smaller and takes 1.7 times as long.
 const LEVEL: u32 = 1;
-/// Raw bytes, with overviews, from which a file is a BigTIFF; deflate adds less than 0.1 %.
+/// Size of the uncompressed image with its overviews, in bytes, from which a file is a BigTIFF. Deflate makes
+/// incompressible data less than 0.1 % larger.
 const BIG_FROM: u64 = 4_200_000_000;
 
 /// Pixel format.
@@ -41,7 +42,7 @@ pub enum GeoSamples {
 }
 
 impl GeoSamples {
-    /// Value of no data in f32 images.
+    /// Value that marks pixels without data in f32 images.
     pub const NODATA: f32 = -9999.0;
 }
 
@@ -100,7 +101,7 @@ impl GeoImage {
 /// An open image that rectangles are written to.
 pub struct GeoTiles<'a> {
     image: &'a GeoImage,
-    /// The image and its overviews.
+    /// The image, then its overviews by decreasing size.
     levels: Vec<Level>,
     /// Compressed tiles in order of completion.
     waiting: BufWriter<File>,
@@ -110,7 +111,7 @@ pub struct GeoTiles<'a> {
 /// The image or one of its overviews.
 struct Level {
     size: [u32; 2],
-    /// Incomplete tiles by row and column, with the number of pixels written.
+    /// Incomplete tiles by row and column, with the number of pixels written to each.
     begun: BTreeMap<(u32, u32), (Vec<u8>, usize)>,
     /// Offset and length of each tile in the temporary file, row by row; length 0 until the tile is finished.
     places: Vec<(u64, u32)>,

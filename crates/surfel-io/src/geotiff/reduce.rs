@@ -1,7 +1,7 @@
 //! Overviews: a pixel is the mean of up to four pixels of the level below.
 //!
-//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that have data.
-//! Triples are normals, whose means are normalised.
+//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that have data. Images
+//! with three numbers per pixel contain normals, whose means are normalised.
 
 use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;
@@ -54,7 +54,7 @@ fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
 
 /// Appends the mean of the pixels that have data.
 fn mean_numbers<'a>(pixels: impl Iterator<Item = &'a [u8]>, are_normals: bool, out: &mut Vec<u8>) {
-    // At most a normal and a mark, or any number of heights.
+    // The bands are one or more heights, or a normal; a mark may follow.
     let (mut sums, mut count, mut bands) = (Vec::<f64>::new(), 0.0, 0);
     for pixel in pixels {
         let numbers = pixel.as_chunks::<4>().0.iter().map(|bytes| f32::from_be_bytes(*bytes));

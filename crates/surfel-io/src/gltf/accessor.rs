@@ -65,8 +65,8 @@ impl Asset<'_> {
         let mut values: Vec<[f32; N]> = match accessor.view() {
             Some(view) => self.elements(&view, accessor.offset(), count, size)?.iter().map(decode).collect(),
             None => {
-                // An accessor without a buffer view is all zeros. No data limit its count, so that the size of the
-                // whole file does.
+                // An accessor without a buffer view is all zeros. Its count, which no data limit, is limited by the
+                // size of all buffers.
                 if count > self.total_bytes() {
                     let what = format!("accessor {index} has {count} elements and no data");
                     return Err(Problem::new(what).expected("a bufferView"));

@@ -93,8 +93,8 @@ impl Asset<'_> {
         })
     }
 
-    /// Counts decompressed bytes against a file's limit: any number of views and meshes can refer to the same few
-    /// bytes.
+    /// Adds to the file's number of decompressed bytes; returns an error beyond [`MAX_DECOMPRESSED`]. The limit is
+    /// necessary because any number of views and meshes can refer to the same few bytes.
     pub(super) fn spend_decompressed(&self, bytes: usize) -> Result<(), Problem> {
         let total = self.decompressed_bytes.get().saturating_add(bytes);
         if total > MAX_DECOMPRESSED {

@@ -1,7 +1,8 @@
 //! The document: JSON parsed to the types of the crate `gltf`, and checked so that traversal can't panic.
 //!
-//! The crate gets only the parts that are read, so that errors in animations, cameras, samplers or most of a material
-//! don't prevent loading. Extensions and attributes that the crate has no types for are read from the JSON itself.
+//! The crate gets only the parts of the JSON that are read. Errors in animations, cameras, samplers or most of a
+//! material therefore don't prevent loading. Extensions and attributes that the crate has no types for are read from
+//! the JSON itself.
 
 use crate::error::{Problem, quote};
 use crate::scene_file::json_problem;
@@ -11,9 +12,9 @@ use gltf::json::validation::Error;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
-/// Supported extensions that a file may require.
+/// Supported extensions that a file may list as required.
 const READ: [&str; 4] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_gaussian_splatting", INSTANCES];
-/// Unsupported extensions that a file may require: shape and base colour are right without them.
+/// Unsupported extensions that a file may list as required: shape and base colour don't depend on them.
 const HARMLESS: [&str; 6] = [
     "KHR_animation_pointer",
     "KHR_xmp_json_ld",
@@ -22,8 +23,9 @@ const HARMLESS: [&str; 6] = [
     "EXT_structural_metadata",
     "KHR_techniques_webgl",
 ];
-/// Name parts of other unsupported extensions that a file may require. Material extensions leave the base colour valid,
-/// and lights aren't needed. A texture in an unsupported format has a fallback, or a note reports it as missing.
+/// Name parts of other unsupported extensions that a file may list as required. Material extensions leave the base
+/// colour valid, and lights aren't needed. A texture in an unsupported format has a fallback, or a note reports it as
+/// missing.
 const HARMLESS_PARTS: [&str; 3] = [MATERIAL, "_lights_", "_texture_"];
 /// Name part of material extensions.
 const MATERIAL: &str = "_materials_";
@@ -128,7 +130,7 @@ fn not_valid(error: &serde_json::Error) -> Problem {
     Problem { what: format!("is not a valid glTF document: {}", problem.what), ..problem }
 }
 
-/// Returns an error if the file requires an extension without which it would look wrong.
+/// Returns an error if the file requires an unsupported extension on which shape or base colour depends.
 fn check_required(raw: &Value) -> Result<(), Problem> {
     for name in items(raw, "extensionsRequired").filter_map(Value::as_str) {
         let feature = match name {
@@ -172,7 +174,8 @@ fn keep(object: &mut Map<String, Value>, keys: &[&str]) {
     object.retain(|key, _| keys.contains(&key.as_str()));
 }
 
-/// Removes what isn't read, or not by the crate; returns notes about removed parts that change the image.
+/// Removes the parts of a document that aren't read, or not by the crate `gltf`. Returns notes about removed parts that
+/// change the image.
 fn strip(raw: &mut Value) -> Vec<String> {
     let Some(root) = raw.as_object_mut() else { return Vec::new() };
     keep(
@@ -298,7 +301,7 @@ fn is_harmless(path: &str, error: Error) -> bool {
     }
 }
 
-/// Converts a validation error of the crate to a problem.
+/// Converts a validation error of the crate `gltf` to a problem.
 fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     let keys: Vec<&str> = path.split(['.', '[', ']', '"']).filter(|key| !key.is_empty()).collect();
     let value = keys.iter().try_fold(raw, |value, key| match value {
@@ -307,7 +310,7 @@ fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     });
     let place = quote(path);
     if error == Error::IndexOutOfBounds {
-        // The last key that isn't a number names what is referred to.
+        // The last key that isn't a number states what the index refers to.
         let key = keys.iter().rev().find(|key| key.parse::<usize>().is_err()).copied().unwrap_or_default();
         let (what, array) = match key {
             "mesh" => ("mesh", "meshes"),

@@ -5,8 +5,8 @@ use super::document::{INSTANCES, out_of_range};
 use crate::error::Problem;
 use glam::{DAffine3, DQuat, DVec3};
 
-/// Returns the placements of a node's instances: each one's translation, rotation and scale, followed by the node's
-/// placement. Returns `None` for a node without instancing.
+/// Returns the world-from-instance transform of each instance of a node: the instance's scale, rotation and
+/// translation, followed by the node's transform `world`. Returns `None` for a node without instancing.
 pub(super) fn of_node(asset: &Asset<'_>, node: usize, world: DAffine3) -> Result<Option<Vec<DAffine3>>, Problem> {
     let Some(attributes) = asset.document.instancing(node) else { return Ok(None) };
     let accessors = asset.document.gltf.accessors().len();

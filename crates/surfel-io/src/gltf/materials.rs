@@ -21,7 +21,7 @@ pub(super) struct Materials {
     pub(super) textures: Vec<Arc<Texture>>,
 }
 
-/// A material, and the texture coordinates that it uses.
+/// A material, and the texture coordinates that its textures use.
 pub(super) struct BaseColor {
     pub(super) material: Material,
     pub(super) transform: Option<TextureTransform>,
@@ -148,8 +148,8 @@ impl Materials {
 }
 
 impl BaseColor {
-    /// True if a further texture has the same coordinates as the material's other textures. If there is no other one
-    /// yet, the material adopts the coordinates of this texture.
+    /// True if `map` has the same texture coordinates as the material's other textures. If there are no others yet, the
+    /// material adopts the coordinates of `map`.
     fn may_show(&mut self, map: &MapTexture) -> bool {
         if self.material.texture.is_none() && self.material.emission_map.is_none() {
             (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
@@ -175,7 +175,7 @@ fn emission(material: &Value) -> [f32; 3] {
     [0, 1, 2].map(|k| factor(k) * strength).map(|c| if c.is_finite() { c.clamp(0.0, 1e6) as f32 } else { 0.0 })
 }
 
-/// A texture of a material other than that of the base colour.
+/// A normal map or emission texture of a material.
 struct MapTexture {
     images: Vec<usize>,
     scale: f32,
@@ -210,7 +210,7 @@ fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
     all.map(|(i, image)| *known.entry((&image.uri, image.buffer_view.map(|view| view.value()))).or_insert(i)).collect()
 }
 
-/// Returns the indices of a texture's images, best one first.
+/// Returns the indices of a texture's images in order of preference: a WebP image, then the fallback.
 fn images_of(asset: &Asset<'_>, texture: &gltf::Texture<'_>) -> Vec<usize> {
     let images = asset.document.gltf.as_json().images.len();
     let webp = asset.document.texture_extension(texture.index(), WEBP).and_then(|e| e.get("source")?.as_u64());

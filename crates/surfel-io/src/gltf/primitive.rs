@@ -56,7 +56,8 @@ impl Attributes<'_> {
         self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
     }
 
-    /// Returns the primitive's scalar application-specific attributes, and the names of those that aren't read.
+    /// Returns the primitive's scalar application-specific attributes as columns, and the names of such attributes that
+    /// aren't read.
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());
@@ -95,7 +96,8 @@ impl Attributes<'_> {
         }
     }
 
-    /// Adds morph targets, with their weights, to the stored positions and normals. Returns the normals.
+    /// Adds the morph targets, multiplied by their weights, to `positions` and to the stored normals. Returns the
+    /// normals.
     pub(super) fn at_rest(&self, positions: &mut [[f32; 3]], weights: &[f32]) -> Result<Option<Normals>, Problem> {
         let mut normals = self.floats::<3>(&Semantic::Normals)?;
         let targets = self.primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0);

@@ -1,4 +1,4 @@
-//! The rest pose: morph targets at their default weights, and skins with joints at their nodes.
+//! The rest pose: morph targets at their default weights, and skins with their joints at the nodes' default transforms.
 
 use super::buffers::Asset;
 use super::nodes::Nodes;
@@ -16,17 +16,17 @@ pub(super) enum Pose {
     Skinned(SkinnedPose),
 }
 
-/// Joints, and the joint sets that refer to them with four weights each.
+/// Joint transforms of a skin, and the joint indices and weights of a primitive's vertices.
 pub(super) struct SkinnedPose {
     /// World-from-bind-pose transform of each joint.
     pub(super) joints: Rc<Vec<DAffine3>>,
-    /// Joint indices and weights of each vertex, by set.
+    /// Joint indices and weights of each vertex; each set has four per vertex.
     pub(super) sets: Vec<JointSet>,
     /// World transform of vertices without joints.
     pub(super) world: DAffine3,
 }
 
-/// Attributes `JOINTS_n` and `WEIGHTS_n`.
+/// One set of joints per vertex: the attributes `JOINTS_n` and `WEIGHTS_n`.
 pub(super) struct JointSet {
     pub(super) indices: Vec<[f32; 4]>,
     pub(super) weights: Vec<[f32; 4]>,

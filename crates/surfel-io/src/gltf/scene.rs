@@ -25,8 +25,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use surfel_model::{AlphaMode, ExtraColumn, ExtraValues};
 
-/// Maximum number of vertices or indices of a scene, with those of morph targets and joints: instances multiply the
-/// file's vertices.
+/// Maximum number of vertices or indices of a scene, including those of morph targets, joints and instances.
 const MAX_VERTICES: usize = 1 << 26;
 
 /// Geometry collected from a scene.
@@ -38,9 +37,9 @@ struct Gathered {
     vertices: usize,
     lines: usize,
     skinned: usize,
-    /// Largest rounding step, in world space, of the file's 32-bit coordinates.
+    /// Largest rounding step of the file's 32-bit coordinates, in world units.
     step: f64,
-    /// True if a vertex colour isn't fully transparent; `None` without vertex colours.
+    /// True if some vertex colour isn't fully transparent; `None` without vertex colours.
     has_alpha: Option<bool>,
     /// Names of the primitives' application-specific attributes: those read, and those not read.
     columns: BTreeSet<String>,
@@ -53,7 +52,7 @@ struct Gathered {
     compressed: HashMap<(usize, usize), Rc<Option<DracoMesh>>>,
 }
 
-/// Reads everything that the default scene draws.
+/// Reads all geometry of the default scene.
 pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let all = gather(asset, context)?;
     if all.skinned > 0 {
@@ -108,7 +107,7 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
 }
 
 impl Gathered {
-    /// Counts vertices against a scene's limit.
+    /// Adds to the scene's number of vertices; returns an error beyond [`MAX_VERTICES`].
     fn spend(&mut self, vertices: usize) -> Result<(), Problem> {
         self.vertices = self.vertices.saturating_add(vertices);
         if self.vertices > MAX_VERTICES {
@@ -188,8 +187,9 @@ impl Gathered {
         Ok(())
     }
 
-    /// Returns the primitive's application-specific attributes, unless the file has too many. Their values count as
-    /// vertices, as do those that fill a column where other primitives lack it.
+    /// Returns the primitive's application-specific attributes as columns, without new ones beyond
+    /// [`MOST_OWN_COLUMNS`]. Their values count as vertices, including the values that fill a new column for earlier
+    /// primitives.
     fn own_columns(
         &mut self,
         attributes: &Attributes<'_>,
@@ -210,7 +210,7 @@ impl Gathered {
         Ok(extras)
     }
 
-    /// Returns the poses of a primitive: that of its node, one per instance, or that of its skin.
+    /// Returns the poses of a primitive: one per instance of its node, or the single pose of the node or of its skin.
     fn poses(
         &mut self,
         attributes: &Attributes<'_>,

@@ -22,7 +22,7 @@ pub(super) struct GatheredSplats {
     is_linear: Option<bool>,
     /// True if there are spherical harmonics, which the nodes' rotations would have to rotate.
     harmonics: bool,
-    /// True if a node's scale isn't uniform.
+    /// True if a node's scale isn't uniform, or mirrors.
     sheared: bool,
 }
 
@@ -70,7 +70,7 @@ impl GatheredSplats {
         if self.sheared {
             context.note("a node scales its Gaussian splats unevenly or mirrors them: their size is an average".into());
         }
-        // If the third axis is zero everywhere, the splats were flat already.
+        // Splats whose third axis is zero are flat.
         let flat = self.sigmas.iter().all(|s| s.z == 0.0);
         let (origin, centers) = measured_positions(&self.positions);
         context.gaussians(Gaussians {

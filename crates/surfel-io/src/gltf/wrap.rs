@@ -43,7 +43,8 @@ enum Change {
     #[default]
     Nothing,
     Mirrored,
-    /// Texels `first..end` replace the texture's `of` texels; the range may exceed the edges.
+    /// The texture is replaced by its texels `first..end`. `of` is the original number of texels; the range may exceed
+    /// the edges.
     Shown {
         first: i64,
         end: i64,
@@ -67,7 +68,7 @@ impl Change {
         if least.abs().max(largest.abs()) * texels > FEW_TEXELS as f64 {
             return None;
         }
-        // The range has a whole number of the other texture's texels, too, and one more texel for interpolation.
+        // The range also spans a whole number of the other texture's texels, and has one more texel for interpolation.
         let step = (size / gcd(size, other)) as i64;
         let first = ((least * texels).floor() as i64 - 1).div_euclid(step) * step;
         let end = -((-(largest * texels).ceil() as i64 - 1).div_euclid(step) * step);

@@ -13,7 +13,7 @@ use glam::DVec3;
 use std::io::SeekFrom;
 use surfel_model::PointCloud;
 
-/// Facts about all points of a file that was read in blocks.
+/// Properties of all points of a file that was read in blocks.
 pub(crate) struct Blocks {
     /// An empty cloud with the properties that apply to all points of the file.
     pub(crate) cloud: PointCloud,
@@ -63,7 +63,7 @@ impl Sink for BlockSink<'_> {
     }
 }
 
-/// Passes all points to `each`, without colours and rows.
+/// Passes all points of a file to `each`, block by block, without colours and row numbers.
 pub(crate) fn read(
     source: &mut dyn Source,
     format: Format,

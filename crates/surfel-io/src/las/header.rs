@@ -1,5 +1,5 @@
 //! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15). Versions 1.0 to 1.3 have fewer
-//! fields. The fields that 1.5 adds after byte 375 don't affect where points are.
+//! fields. Version 1.5 adds fields after byte 375, which aren't needed to find the points.
 
 use crate::crs::{Crs, GeoKeys};
 use crate::error::{Location, Problem};
@@ -35,7 +35,7 @@ pub(super) struct Header {
     /// Data of LASzip's record.
     pub(super) laszip: Option<Vec<u8>>,
     pub(super) notes: Vec<String>,
-    /// Number of a point's extra bytes that a record describes.
+    /// Number of extra bytes of a point that the record of extra bytes describes.
     pub(super) described: usize,
     /// True if points flagged as withheld are read, too.
     pub(super) reads_withheld: bool,
@@ -103,7 +103,7 @@ fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
 }
 
 impl Header {
-    /// Returns the comments that the point cloud gets.
+    /// Returns the comments of the point cloud: coordinate reference system, scale and offset.
     pub(super) fn comments(&self) -> Vec<String> {
         let triple = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
         let mut comments = self.crs.comments();
@@ -211,7 +211,7 @@ impl Header {
     }
 
     /// Reads variable length records, or extended ones, and extracts the supported ones. Returns the number of records
-    /// found.
+    /// found, supported or not.
     fn read_records(
         &mut self,
         source: &mut dyn Source,
@@ -298,7 +298,7 @@ impl Header {
         self.described = at;
     }
 
-    /// Returns the number of a point's extra bytes that no record describes.
+    /// Returns the number of extra bytes of a point that no record describes.
     pub(super) fn undescribed_bytes(&self) -> usize {
         self.record_bytes.saturating_sub(POINT_BYTES[usize::from(self.format)] + self.described)
     }

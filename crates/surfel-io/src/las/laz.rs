@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::ops::Range;
 
-/// Maximum number of bytes of decoded points: a base, plus a multiple of the file's size. Real scans expand some 4 to
-/// 20 times, grids of equal points up to thousands of times.
+/// Maximum number of bytes of decoded points: the first number plus the second times the file's size. Ordinary scans
+/// expand 4 to 20 times, grids of equal points up to thousands of times.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
-/// Maximum number of points and bytes that are decoded at a time; a single larger chunk is still decoded.
+/// Maximum number of points and bytes that are decoded at a time. A single larger chunk is decoded alone.
 const MAX_GROUP: (u64, u64) = (1 << 20, 24 << 20);
 
 fn damaged(error: &LasZipError) -> Problem {
@@ -29,7 +29,7 @@ struct Chunk {
     points: u64,
 }
 
-/// Passes all points to `sink`. With `repair`, reads a truncated file as far as its chunks are complete.
+/// Passes all points to `sink`. With `repair`, reads the complete chunks of a truncated file.
 pub(super) fn read(
     source: &mut dyn Source,
     header: &mut Header,
@@ -158,7 +158,8 @@ pub(super) fn first_points(
     Some(records)
 }
 
-/// Reads a file of LASzip's compressor 1: a single piece, whose end follows only from the header's count.
+/// Reads a file of LASzip's compressor 1: a single piece without chunks, whose end is known only from the header's
+/// count.
 fn read_in_one_piece(
     source: &mut dyn Source,
     header: &mut Header,
@@ -233,7 +234,7 @@ fn read_table(
     let mut total = 0_u64;
     let mut chunks = Vec::with_capacity(entries.len());
     for entry in &entries {
-        // Writers that end a chunk early leave an empty one.
+        // Writers that end a chunk early write an empty chunk.
         if entry.byte_count == 0 {
             continue;
         }
@@ -347,7 +348,7 @@ fn whole_chunks(
     Ok(chunks)
 }
 
-/// A source that can't seek: with it the crate reads no chunk table.
+/// A source that refuses to seek, so that the crate `laz` reads no chunk table.
 struct Forward<'a>(BufReader<&'a mut dyn Source>);
 
 impl Read for Forward<'_> {
@@ -362,7 +363,7 @@ impl Seek for Forward<'_> {
     }
 }
 
-/// Reads fixed-size chunks one after another, as far as they are complete.
+/// Reads the complete fixed-size chunks of a truncated file, one after another.
 fn read_without_table(
     source: &mut dyn Source,
     header: &mut Header,
@@ -439,9 +440,9 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
-/// Removes layers from the last chunk, which begins at `start`, so that they aren't decoded: colours if `colors`, and
-/// the marked extra bytes. All points of the chunk get zeros for removed layers. [`chunk_points`] must have checked the
-/// chunk.
+/// Removes layers from the chunk at the end of `packed`, which begins at `start`, so that they aren't decoded. Removed
+/// are the colours, if `colors` is true, and the extra bytes that are true in `extra`. All points of the chunk get
+/// zeros for removed layers. [`chunk_points`] must have checked the chunk.
 pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
     if !is_layered(vlr) {
         return;
@@ -481,18 +482,18 @@ pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors
     packed.truncate(to);
 }
 
-/// Selects the fields that splats are made of; other fields of layered chunks needn't be decoded.
+/// Returns the selection of the fields that splats are made of. Other fields of layered chunks aren't decoded.
 pub(super) fn of_splats() -> DecompressionSelection {
     let base = DecompressionSelection::base();
     base.decompress_z().decompress_flags().decompress_rgb().decompress_extra_bytes()
 }
 
-/// Decodes chunks, given by number of points and bytes.
+/// Decodes consecutive chunks, given by their numbers of points and bytes.
 pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
     decode_some(packed, points, vlr, chunks, DecompressionSelection::all())
 }
 
-/// Decodes selected fields of chunks.
+/// Decodes selected fields of consecutive chunks.
 pub(super) fn decode_some(
     packed: &[u8],
     points: &mut [u8],

@@ -68,8 +68,7 @@ impl Sink for Option<Columns> {
     }
 }
 
-/// Passes all points of a file to `sink`. With `repair`, a truncated compressed file is read as far as its chunks are
-/// complete.
+/// Passes all points of a file to `sink`. With `repair`, reads the complete chunks of a truncated compressed file.
 fn read_records(
     source: &mut dyn Source,
     header: &mut Header,
@@ -93,13 +92,14 @@ fn read_records(
     Err(Problem::not_built("LAZ", "laz"))
 }
 
-/// Number of points at the start of a file of which the memory per point is estimated. Columns that are zero everywhere
-/// take no memory, but no header states them.
+/// Number of points at the start of a file from which the memory per point is estimated. Columns that are zero
+/// everywhere take no memory, and the header doesn't state which these are.
 const EXAMINED_POINTS: u64 = 4096;
-/// Bytes per point of positions in 32 bits, and of their low part, which wide or fine grids need.
+/// Bytes per point of 32-bit positions. The low part of positions, which wide or fine grids need, takes as many again.
 const POSITION_BYTES: u64 = 12;
-/// Bytes per point that reading takes besides the columns. With it the estimates for LAS are within 6 % of measured
-/// peaks of 2 million points. LAZ of few columns takes up to half more, which the heap of the C library keeps.
+/// Bytes per point that reading takes in addition to the columns. Measured peaks for 2 million points of LAS are within
+/// 6 % of the estimate. LAZ files with few columns take up to half more, since the C library's allocator doesn't return
+/// all memory.
 const READING_BYTES: u64 = 12;
 
 /// Reads the first points of a file, at most [`EXAMINED_POINTS`], as whole records; `None` if they can't be read.
@@ -122,8 +122,8 @@ fn first_records(source: &mut dyn Source, header: &mut Header, file_bytes: u64) 
     None
 }
 
-/// Counts the points of a file that can be converted to COPC, from the start of the file. Returns `None` for other
-/// files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
+/// Estimates the number of points and the memory per point of a file that can be converted to COPC, from the start of
+/// the file. Returns `None` for other files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
 #[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
 pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<PointCount> {
     let mut file = RegularFile::open(path).ok()??;
@@ -149,7 +149,7 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<Poin
         columns.append(&mut records);
     }
     let has = |name: &str| header.extra.iter().any(|e| e.name == name);
-    // Bounds in the header: largest x, least x, largest y, and so on.
+    // Bounds in the header, in this order: largest x, smallest x, largest y, smallest y, largest z, smallest z.
     let bound = |k: usize| head.get(179 + 8 * k..187 + 8 * k).map_or(0.0, |bytes| f64::from_le_bytes(field(bytes, 0)));
     let [max, min] = [0, 1].map(|k| DVec3::new(bound(k), bound(2 + k), bound(4 + k)));
     let low_bytes = if records::needs_low_part(min, max, header.scale) { POSITION_BYTES } else { 0 };
@@ -193,7 +193,7 @@ fn finish(
     context.points(points)
 }
 
-/// Facts about the points read, for notes.
+/// Properties of the points read, for notes.
 #[derive(Default)]
 struct Told {
     count: usize,

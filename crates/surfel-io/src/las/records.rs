@@ -1,4 +1,5 @@
-//! Conversion of point records of any format to columns: block by block, with the columns in parallel.
+//! Conversion of point records of any format to columns. Records are converted in blocks, the columns of a block in
+//! parallel.
 
 use super::field;
 use super::header::{ExtraField, Header, POINT_BYTES};
@@ -13,7 +14,7 @@ pub(super) fn has_colors(format: u8) -> bool {
     matches!(format, 2 | 3 | 5 | 7 | 8 | 10)
 }
 
-/// A column that blocks of records are appended to.
+/// A column to which blocks of records are appended.
 trait Gather: Send {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
     /// Returns the bytes per point; 0 while all values are zero.
@@ -72,7 +73,7 @@ impl Columns {
         columns
     }
 
-    /// Returns columns for only what splats are made of: positions, colours and extra bytes. Scaled extra bytes are
+    /// Creates only the columns that splats are made of: positions, colours and extra bytes. Scaled extra bytes are
     /// f32.
     pub(super) fn of_splats(header: &Header, expected: usize) -> Self {
         let format = header.format;
@@ -180,7 +181,7 @@ impl Columns {
         self.extras.iter().map(|extra| extra.value_bytes()).sum()
     }
 
-    /// True if some point so far has a colour other than black.
+    /// True if some point read so far has a colour other than black.
     pub(super) fn any_color(&self) -> bool {
         self.colors.as_ref().is_some_and(|(_, colors)| colors.any())
     }
@@ -216,7 +217,7 @@ impl Columns {
         );
     }
 
-    /// Appends the records that pass `keeps`; colours of the rejected ones still count for the colour range
+    /// Appends the records that pass `keeps`. The colours of rejected records still count for the colour range
     /// ([`WideColors::see`]).
     pub(super) fn append_kept(&mut self, records: &mut [u8], keeps: impl Fn(&[u8]) -> bool + Sync + Send) {
         let (size, bit) = (self.record_bytes, self.withheld_bit);
@@ -279,7 +280,7 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
-/// True if f32 rounds away more than a quarter of a step of coordinates in these bounds.
+/// True if f32 rounds coordinates in these bounds by more than a quarter of the grid step `scale`.
 pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     let origin = Column3::origin_of(min, max);
     // f32 rounds by at most 2⁻²⁴ of a number.
@@ -287,8 +288,9 @@ pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     lost.cmpgt(scale.abs() * 0.25).any()
 }
 
-/// Converts grid points i·scale + offset to positions relative to an origin, in the memory of the grid. The part that
-/// f32 rounds away is stored if it exceeds a quarter of a step, where the step would be ambiguous.
+/// Converts grid points i·scale + offset to positions relative to an origin, in the memory of the grid. The remainder
+/// of f32 rounding is stored if it exceeds a quarter of a grid step, because the grid point would otherwise be
+/// ambiguous.
 pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
     let ends = |(low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])| {
         ([0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k])))

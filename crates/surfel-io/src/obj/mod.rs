@@ -234,7 +234,7 @@ impl Obj {
         if has_uvs {
             self.leave_out_textures(&mut materials);
         }
-        // Equal materials need no separate vertices.
+        // If there are no materials to distinguish, corners needn't be separate vertices.
         if materials.is_empty() {
             self.corners.iter_mut().for_each(|c| c[3] = 0);
         }

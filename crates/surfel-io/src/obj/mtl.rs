@@ -38,10 +38,10 @@ impl Default for Entry {
     }
 }
 
-/// A bump map: normals, or possibly heights.
+/// A bump map of a material, which contains normals or heights.
 struct Bumps {
     map: String,
-    /// Factor of the option `-bm`.
+    /// Factor of the bumps, from the option `-bm`.
     scale: f32,
     /// True if the keyword states that the map contains normals.
     are_normals: bool,
@@ -68,7 +68,7 @@ impl Maps<'_> {
             result.map_err(|why| context.note(texture::missing(map, &why))).ok()
         };
         let color = decode(self.color);
-        // Many materials state the same image for both, meaning its alpha.
+        // Many materials state the same image for both. The opacity is then that image's alpha.
         let opacity = if self.opacity == self.color { None } else { decode(self.opacity) };
         match (color, opacity) {
             (Some(color), Some(opacity)) => Some(with_opacity(color, &opacity)),
@@ -91,7 +91,7 @@ fn shows_normals(image: &Texture) -> bool {
     image.srgba8.iter().map(blue).sum::<f64>() > NORMALS_BLUE * image.srgba8.len() as f64
 }
 
-/// Returns a texture whose opacity is the alpha of another one, or its grey if that one is opaque.
+/// Returns `color` with the opacity of another texture: its alpha or, if it is opaque, its grey.
 fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
     let has_alpha = opacity.srgba8.iter().any(|t| t[3] < 255);
     let of = |[r, g, b, a]: [u8; 4]| {
@@ -174,7 +174,7 @@ pub(super) fn resolve(
             (Some(_), Some(_)) => entry.emission.unwrap_or([1.0; 3]),
             (None, _) => entry.emission.unwrap_or_default(),
         };
-        // Many exporters write a black Kd beside a texture that should be visible.
+        // Many exporters write a black Kd together with a texture that should be visible.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
             let factor = [r, g, b, entry.alpha];

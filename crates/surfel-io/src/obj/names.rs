@@ -3,8 +3,8 @@
 
 use crate::files::Siblings;
 
-/// Maximum number of words at the start or end of a statement at which a name may begin or end. Then the maximum number
-/// of libraries of a statement.
+/// Limits of the search for names in a statement. A name begins within the first `MOST_WORDS` words or ends within the
+/// last. A statement names at most `MOST_LIBRARIES` libraries.
 const MOST_WORDS: usize = 12;
 const MOST_LIBRARIES: usize = 64;
 
@@ -28,7 +28,7 @@ const OPTIONS: [(&str, usize); 15] = [
     ("-type", 1),
 ];
 
-/// The file of a texture statement.
+/// File name of a texture statement, and the options that are ignored.
 #[derive(Debug, PartialEq)]
 pub(super) struct Map<'a> {
     pub(super) name: &'a str,
@@ -90,7 +90,7 @@ pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     Map { name, moved: moved(&options.collect::<Vec<_>>()) }
 }
 
-/// Returns the number of words that are options and their arguments.
+/// Returns the number of words at the start of a statement that are options and their arguments.
 fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
     let word = |i: usize| words.get(i).map_or("", |range| &statement[range.clone()]);
     let mut next = 0;

@@ -118,7 +118,7 @@ macro_rules! each {
     };
 }
 
-/// The reading position, with what messages need to describe it.
+/// Reading position, with the element, row and property that messages name.
 struct Cursor<'a> {
     /// The file's bytes, if they are in memory.
     bytes: &'a [u8],
@@ -278,7 +278,7 @@ fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     Ok((count as usize, least))
 }
 
-/// Properties that become one column together, and are therefore not copied first.
+/// Sets of properties that become one column of vectors or colours. They are read in place instead of copied.
 const TOGETHER: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
@@ -337,7 +337,7 @@ fn read_rows<'a>(
     Ok(())
 }
 
-/// Converts to the number type of columns.
+/// Converts a PLY scalar type to the number type of columns.
 pub(super) fn number_type(kind: ScalarType) -> NumberType {
     match kind {
         ScalarType::I8 => NumberType::I8,
@@ -406,7 +406,8 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
     Ok(())
 }
 
-/// Returns the next word. The first word of a row must be the first of a line, else rows and header disagree.
+/// Returns the next word of text data. The first word of a row must be the first of a line; otherwise rows and header
+/// disagree.
 fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
     let bytes = cursor.bytes;
     let mut start = cursor.position;

@@ -1,4 +1,4 @@
-//! Colours of vertices and faces: their range, and whether they are linear.
+//! Colours of vertices and faces: detection of their range and encoding, and conversion to linear light.
 
 use super::table::{Table, take, take_set};
 use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_level};
@@ -9,11 +9,11 @@ use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Largest float value that can be light, or a displayed colour that a computation raised above 1. Larger floats are
-/// levels.
+/// Largest float value that counts as a colour of range 1: computations can raise light or displayed colours above 1.
+/// Larger floats are levels of the range 255 or 65535.
 pub(crate) const BRIGHTEST: f64 = 8.0;
 
-/// Meaning of float colours, unless the file states otherwise.
+/// Encoding of float colours that the file doesn't state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FloatColors {
     /// Linear light: colours of the splat profile, and of files with the comment `colors linear`.
@@ -83,7 +83,7 @@ impl ColorScale {
         }
     }
 
-    /// Returns the note about a scale that the type alone doesn't determine.
+    /// Returns a note about the scale if the number type alone doesn't determine it.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
             (ColorType::Byte, _) | (_, Self::Linear) => None,
@@ -129,7 +129,7 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
         _ => ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1)),
     };
     let is_whole = |row: [f64; 3]| row.iter().all(|c| !c.is_finite() || c.fract() == 0.0);
-    // In other cases the largest value decides.
+    // In other cases the largest value alone determines the scale.
     let matters = kind == ColorType::Float && largest > 1.0 && largest <= BRIGHTEST;
     let scale = ColorScale::of(kind, largest, matters && combined(columns, is_whole).iter().all(|w| *w), floats);
     scale.note(kind, largest).into_iter().for_each(|note| context.note(note));

@@ -25,7 +25,7 @@ fn fraction(value: u32, shift: u32, bits: u32) -> f64 {
     f64::from(value >> shift & most) / f64::from(most)
 }
 
-/// Minimum and maximum of each chunk.
+/// Minimum and maximum of each chunk, per axis.
 struct Bounds([Vec<f64>; 3], [Vec<f64>; 3]);
 
 impl Bounds {

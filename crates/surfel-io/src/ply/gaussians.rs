@@ -12,8 +12,8 @@ use glam::{DQuat, DVec3};
 
 const REQUIRED: [&str; 7] = ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"];
 const CONSTANT: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
-/// Property with the standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF store beside the
-/// scales.
+/// Property with the standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF store in addition to
+/// the scales.
 const FILTER: &str = "filter_3D";
 
 /// True for a Gaussian-splat file; an error if required properties are missing. A file with a radius or half-axes is in

@@ -23,7 +23,7 @@ pub(crate) struct Header {
 /// An element: name, number of rows and properties of a table.
 #[derive(Debug)]
 pub(crate) struct ElementDef {
-    /// Canonical name of the profile, if the file uses a synonym.
+    /// Name of the element: the profile's canonical name if the file uses a synonym, else the name in the file.
     pub(crate) name: String,
     /// Name in the file, for messages.
     pub(crate) in_file: String,
@@ -41,7 +41,7 @@ impl ElementDef {
 
 #[derive(Debug)]
 pub(crate) struct PropertyDef {
-    /// Canonical name of the profile, if the file uses a synonym.
+    /// Name of the property: the profile's canonical name if the file uses a synonym, else the name in the file.
     pub(crate) name: String,
     /// Name in the file, for messages.
     pub(crate) in_file: String,

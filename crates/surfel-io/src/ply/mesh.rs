@@ -187,7 +187,8 @@ pub(super) fn place(positions: &Column3, i: u32) -> Option<DVec3> {
     ((i as usize) < positions.len()).then(|| positions.get(i as usize))
 }
 
-/// Converts strips to triangles; −1 begins a new strip. Degenerate triangles only steer a strip.
+/// Converts strips to triangles; −1 begins a new strip. Degenerate triangles, which connect parts of a strip, are
+/// dropped.
 fn unroll(strips: &Lists<u32>, triangles: &mut Vec<[u32; 3]>) {
     triangles.reserve(strips.items.len());
     for strip in strips.iter() {

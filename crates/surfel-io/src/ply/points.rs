@@ -16,7 +16,7 @@ use surfel_model::Up;
 /// Properties of splats, which aren't plain points.
 const OF_SPLATS: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
 
-/// The header and the vertices of a file.
+/// The header of a PLY file of points, and the position of the vertices in the file.
 pub(crate) struct Vertices {
     header: Header,
     /// Index of the vertex element.
@@ -83,7 +83,7 @@ impl Vertices {
         interpret_comments(&self.header.comments).ok()?.0
     }
 
-    /// Returns the meaning of float colours.
+    /// Returns the encoding of float colours.
     pub(crate) fn float_colors(&self) -> FloatColors {
         FloatColors::of_comments(&self.header.comments)
     }
@@ -144,7 +144,7 @@ impl Vertices {
             columns.push(Named { name: property.name.clone(), values });
             offset += kind.bytes();
         }
-        // Exact names, as where the whole file is read at once.
+        // Names must match exactly, as they must when the whole file is read at once.
         let find = |name: &str| columns.iter().position(|c| c.name == name);
         let set = |[a, b, c]: [&str; 3]| Some([find(a)?, find(b)?, find(c)?]);
         let is_packed = |i: &usize| {

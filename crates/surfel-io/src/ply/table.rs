@@ -8,7 +8,7 @@ use crate::strided::NumberType;
 use glam::DVec3;
 use surfel_model::Column3;
 
-/// The columns of one element.
+/// The columns of a PLY element that were read, by name.
 #[derive(Debug, Default)]
 pub(crate) struct Table<'a> {
     pub(crate) scalars: Vec<(String, Numbers<'a>)>,

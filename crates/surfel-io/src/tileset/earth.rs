@@ -22,8 +22,8 @@ pub(super) struct Horizon {
 }
 
 impl Horizon {
-    /// Returns the horizon at the middle of the points' bounding box, if that is on Earth and the box is at most 500 km
-    /// large.
+    /// Returns the local axes at the middle of the points' bounding box. Returns `None` if the middle isn't on Earth or
+    /// the box's diagonal exceeds 500 km.
     pub(super) fn of(points: &[DVec3]) -> Option<Self> {
         let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let finite = points.iter().filter(|p| p.is_finite());

@@ -62,7 +62,7 @@ struct Reference {
     uri: String,
 }
 
-/// Properties that every tileset has.
+/// Properties that every tileset has, by which a tileset is recognised.
 #[derive(Deserialize)]
 struct Sketch {
     #[serde(rename = "asset")]

@@ -41,7 +41,7 @@ pub(super) fn read(bytes: &[u8], world_from_tile: DAffine3) -> Result<PointsPart
     let mut part = features.points()?;
     if let (Some(batch), Some(body)) = (batch, batch_body) {
         let table = Table { json: parse(batch)?, body };
-        // With ids, rows of the batch table belong to groups of points.
+        // If points have batch ids, rows of the batch table belong to groups of points.
         if features.json.get("BATCH_ID").is_none() {
             part.extras = table.columns(part.positions.len());
         }

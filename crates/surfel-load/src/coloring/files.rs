@@ -1,4 +1,4 @@
-//! Files of colours: colour maps, and names of categories.
+//! Files that users supply for colouring: colour maps, and names of categories.
 
 use super::short;
 use std::path::Path;
@@ -6,17 +6,17 @@ use std::sync::Arc;
 use surfel_io::IoError;
 use surfel_model::Color;
 
-/// Largest size of such a file in bytes.
+/// Maximum size of a file in bytes.
 const MOST_BYTES: u64 = 1 << 20;
-/// Number of colours that a colour map of a file is interpolated to.
+/// Number of colours of a colour map, after interpolation of the file's colours.
 const LEVELS: usize = 256;
 
-/// Colour map of a file.
+/// Colour map that was read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FileColors {
     /// Name of the file.
     pub name: String,
-    /// sRGB levels from the least value to the largest.
+    /// Colours as 8-bit sRGB levels, for values from the minimum to the maximum.
     pub levels: Vec<[u8; 3]>,
 }
 
@@ -27,7 +27,7 @@ pub struct Labels {
     entries: Vec<(f64, Arc<str>, Option<[u8; 3]>)>,
 }
 
-/// Returns the lines of a text file that aren't empty, with their numbers.
+/// Returns the lines of a text file with their numbers, without empty lines.
 fn lines(path: &Path) -> Result<Vec<(usize, String)>, IoError> {
     let bytes = surfel_io::input::read(path, MOST_BYTES)?;
     let text = String::from_utf8_lossy(&bytes).into_owned();
@@ -48,11 +48,13 @@ fn words(line: &str) -> Vec<&str> {
 }
 
 impl FileColors {
-    /// Reads a colour map: two or more lines, each with `#rrggbb`, a name of CSS, or three numbers r g b: 0 to 255, or
-    /// 0 to 1 if no number of the file is larger. Lines that begin with `#` and are no colour are comments.
+    /// Reads a colour map. Each line has one colour: `#rrggbb`, a CSS name, or three numbers r g b. The numbers are
+    /// from 0 to 255, or from 0 to 1 if no number of the file is larger. Lines that begin with `#` and aren't colours
+    /// are comments.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for lines that are no colours.
+    /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for other lines and fewer than
+    /// two colours.
     pub(crate) fn read(path: &Path) -> Result<Self, crate::Error> {
         let expected = "a colour: #rrggbb, a name of CSS, or three numbers r g b from 0 to 255 or from 0 to 1";
         let mut colors: Vec<[f64; 3]> = Vec::new();
@@ -87,7 +89,7 @@ impl FileColors {
     }
 }
 
-/// Returns the colours at evenly spaced places between the first and the last colour.
+/// Returns [`LEVELS`] colours at even intervals from the first to the last colour, by linear interpolation.
 fn interpolated(colors: &[[f64; 3]]) -> Vec<[u8; 3]> {
     let last = colors.len() - 1;
     let at = |i: usize| {
@@ -100,8 +102,8 @@ fn interpolated(colors: &[[f64; 3]]) -> Vec<[u8; 3]> {
 }
 
 impl Labels {
-    /// Reads names of categories: lines `VALUE NAME`, or `VALUE NAME COLOUR` with a colour as `#rrggbb`. Value and name
-    /// may also be separated by a comma, a semicolon, a colon or an equals sign. Lines that begin with `#` are
+    /// Reads names of categories, one per line: `VALUE NAME` or `VALUE NAME COLOUR`, with a colour as `#rrggbb`. A
+    /// comma, a semicolon, a colon or an equals sign may also separate value and name. Lines that begin with `#` are
     /// comments.
     ///
     /// # Errors
@@ -145,7 +147,7 @@ impl Labels {
         Ok(Self { entries })
     }
 
-    /// Returns name and colour of a value.
+    /// Returns the name and the colour of a value, if the file has the value.
     pub(crate) fn of(&self, value: f64) -> Option<(Arc<str>, Option<[u8; 3]>)> {
         let at = self.entries.binary_search_by(|(known, ..)| known.total_cmp(&value)).ok()?;
         self.entries.get(at).map(|(_, name, color)| (name.clone(), *color))

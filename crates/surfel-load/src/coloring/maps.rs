@@ -1,25 +1,30 @@
-//! Colour maps as tables of sRGB levels.
+//! Built-in colour maps as tables of 8-bit sRGB levels.
 //!
-//! The tables are those that matplotlib 3.11 publishes (`_cm_listed.py`, CC0): viridis by Smith, van der Walt 2015,
-//! cividis by Nuñez, Anderton, Renslow 2018, turbo by Mikhailov 2019; coolwarm is the diverging map of Moreland 2009,
-//! tab10 and tab20 are Tableau's. magma, inferno and plasma are by Smith, van der Walt 2015; RdBu and Set1 are of
-//! ColorBrewer (Harrower, Brewer 2003), jet is MATLAB's.
+//! The tables are those of matplotlib 3.11 (`_cm_listed.py`, CC0). Their sources:
+//!
+//! - viridis, magma, inferno, plasma: Smith, van der Walt 2015
+//! - cividis: Nuñez, Anderton, Renslow 2018
+//! - turbo: Mikhailov 2019
+//! - coolwarm: the diverging map of Moreland 2009
+//! - tab10, tab20: Tableau
+//! - RdBu, Set1: ColorBrewer (Harrower, Brewer 2003)
+//! - jet: MATLAB
 
 use super::FileColors;
 use std::sync::Arc;
 use surfel_model::Colormap;
 
-/// Colour map: colours for a range of values, or for categories.
+/// Colour map for a range of values or for categories.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColorMap {
     /// A built-in colour map.
     Named(Colormap),
-    /// A colour map of a file.
+    /// A colour map from a file.
     File(Arc<FileColors>),
 }
 
 impl ColorMap {
-    /// Returns the map's name, or that of its file.
+    /// Returns the name of the colour map, or of its file.
     pub fn name(&self) -> &str {
         match self {
             Self::Named(map) => map.name(),
@@ -27,7 +32,7 @@ impl ColorMap {
         }
     }
 
-    /// Returns the colours as sRGB levels, from the least value to the largest.
+    /// Returns the colours as 8-bit sRGB levels, for values from the minimum to the maximum.
     pub fn levels(&self) -> Vec<[u8; 3]> {
         match self {
             Self::Named(map) => levels(*map),
@@ -35,7 +40,7 @@ impl ColorMap {
         }
     }
 
-    /// True for a map of colours for categories.
+    /// True if the colours are meant for categories, not for a range of values.
     pub(crate) fn is_of_categories(&self) -> bool {
         matches!(self, Self::Named(map) if map.categories().is_some())
     }
@@ -218,7 +223,7 @@ const TAB10: [&str; 1] = ["1f77b4ff7f0e2ca02cd627289467bd8c564be377c27f7f7fbcbd2
 
 const SET1: [&str; 1] = ["e41a1c377eb84daf4a984ea3ff7f00ffff33a65628f781bf999999"];
 
-/// Returns the map's colours as sRGB levels: 256 from the least value to the largest, or the colours for categories.
+/// Returns a map's colours as 8-bit sRGB levels: 256 colours for a range of values, or the colours for categories.
 pub(super) fn levels(map: Colormap) -> Vec<[u8; 3]> {
     match map {
         Colormap::Viridis => table(&VIRIDIS),
@@ -244,7 +249,8 @@ fn table(lines: &[&str]) -> Vec<[u8; 3]> {
     digits.chunks_exact(6).map(|c| [level(&c[..2]), level(&c[2..4]), level(&c[4..])]).collect()
 }
 
-/// Returns name and colour of a class of ASPRS's LAS 1.4 R15, table 17. The colours are Surfel's: ASPRS defines none.
+/// Returns the name and the colour of an ASPRS class (LAS 1.4 R15, table 17). The colours are Surfel's own, since ASPRS
+/// doesn't define any.
 pub(super) fn class(number: f64) -> Option<(&'static str, [u8; 3])> {
     let classes: [(&str, [u8; 3]); 23] = [
         ("never classified", [186, 186, 186]),

@@ -1,8 +1,8 @@
 //! Colouring of splats by an attribute: a column of the file, their height, or their normals.
 //!
-//! Splats are coloured after conversion, when points, meshes and splats alike have heights and normals. Everything
-//! drawn together shares one scale per attribute: a `tally::Tally` of the values of all files determines it, and
-//! `together` applies it.
+//! Splats are coloured after conversion, when points, meshes and splats alike have heights and normals. All objects
+//! that are drawn together share one scale per attribute. `tally` collects the values of all files and derives the
+//! scale; `together` applies it.
 
 mod files;
 mod maps;
@@ -20,7 +20,7 @@ use std::sync::Arc;
 use surfel_math::srgb;
 use surfel_model::{CloudData, ExtraColumn, ExtraValues, ModelError, OnInvalid, SplatCloud};
 
-/// sRGB level of splats without a value.
+/// sRGB level of the grey for splats without a value.
 const GREY: u8 = 128;
 
 /// An attribute and the colours of its values.
@@ -35,20 +35,20 @@ pub struct Coloring {
 /// Mapping from values to colours.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColorScale {
-    /// Colours that aren't derived from values: those of the file, or those of normals.
+    /// Colours that aren't derived from a scale: the file's colours, or normals as colours.
     Direct,
     /// A colour map over a range of values.
     Range {
         /// The colour map.
         map: ColorMap,
-        /// Values at the ends of the map, in the attribute's units.
+        /// Minimum and maximum of the map's range, in the attribute's units.
         range: [f64; 2],
     },
-    /// One colour per value, in ascending order of values.
+    /// One colour for each distinct value, in ascending order of values.
     Categories(Vec<Category>),
 }
 
-/// A value that represents a category, such as a class.
+/// Value that stands for a category, such as a class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Category {
     /// The value.
@@ -62,7 +62,7 @@ pub struct Category {
 }
 
 impl Category {
-    /// Returns the category's name, or else its value.
+    /// Returns the category's name, or its value if it has no name.
     pub fn label(&self) -> String {
         self.name.as_ref().map_or_else(|| short(self.value), ToString::to_string)
     }
@@ -71,22 +71,22 @@ impl Category {
 /// Source of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
-    /// A column, by its index among the extra columns.
+    /// A column of the file, by its index among the extra columns.
     Column(usize),
-    /// Position along the up axis.
+    /// The position along the up axis.
     Height,
-    /// Normal, whose components become colours.
+    /// The normal, whose components become colours.
     Normal,
-    /// Colours of the file.
+    /// The file's own colours.
     Rgb,
 }
 
 impl Attribute {
-    /// Returns the attribute with this name. `has_colors` is true if the file has colours, so that "rgb" is an
-    /// attribute.
+    /// Returns the attribute with this name. `has_colors` is true if the file has colours; "rgb" is an attribute only
+    /// then.
     ///
     /// # Errors
-    /// The names of the attributes that exist.
+    /// The names of the file's attributes.
     pub fn of(extras: &[ExtraColumn], has_colors: bool, name: &str) -> Result<Self, Vec<String>> {
         if let Some(column) = ExtraColumn::find(extras, name) {
             let index = extras.iter().position(|extra| std::ptr::eq(extra, column));
@@ -103,7 +103,7 @@ impl Attribute {
         }
     }
 
-    /// Returns the attribute's name as spelled in the file.
+    /// Returns the attribute's name, as the file spells it.
     pub(crate) fn name(self, extras: &[ExtraColumn]) -> String {
         match self {
             Self::Column(index) => extras.get(index).map_or_else(String::new, |column| column.name.clone()),
@@ -113,7 +113,7 @@ impl Attribute {
         }
     }
 
-    /// Returns the scale of an attribute without numbers, and a note that explains its colours.
+    /// Returns the scale of an attribute that isn't a number, and a note that explains its colours; `None` for numbers.
     pub(crate) fn direct(self) -> Option<(ColorScale, &'static str)> {
         let note = match self {
             Self::Column(_) | Self::Height => return None,
@@ -123,7 +123,7 @@ impl Attribute {
         Some((ColorScale::Direct, note))
     }
 
-    /// Returns the value for a splat; NaN if the attribute has no numbers.
+    /// Returns the attribute's value for a splat; NaN if the attribute isn't a number.
     fn value(self, cloud: &SplatCloud, up: DVec3, i: usize) -> f64 {
         match self {
             Self::Column(index) => cloud.data().extras.get(index).map_or(f64::NAN, |column| column.values.get(i)),
@@ -132,14 +132,15 @@ impl Attribute {
         }
     }
 
-    /// Returns the values of all splats.
+    /// Returns the attribute's values for all splats.
     pub(crate) fn values(self, cloud: &SplatCloud, up: DVec3) -> impl Iterator<Item = f64> + '_ {
         (0..cloud.len()).map(move |i| self.value(cloud, up, i))
     }
 }
 
 impl ColorScale {
-    /// Returns a function from values to linear colours; grey for a value that isn't finite or has no colour.
+    /// Returns a function that maps a value to a linear colour. Values that aren't finite or have no colour become
+    /// grey.
     pub fn painter(&self) -> Box<dyn Fn(f64) -> [f32; 3] + '_> {
         let light = |levels: [u8; 3]| levels.map(|level| linear(f64::from(level) / 255.0));
         let grey = light([GREY; 3]);
@@ -162,7 +163,7 @@ impl ColorScale {
     }
 }
 
-/// Colours splats by an attribute; `None` makes them grey. `up` is the unit axis along which heights are measured.
+/// Colours splats by an attribute; `None` colours them grey. `up` is the unit vector along which heights are measured.
 pub fn paint(
     cloud: &mut SplatCloud,
     attribute: Option<Attribute>,
@@ -200,13 +201,13 @@ pub fn recolor(cloud: &mut SplatCloud, colors: Vec<[f32; 3]>) -> Result<(), Mode
     Ok(())
 }
 
-/// True for the name of a column of ASPRS classes.
+/// True if a column of this name contains ASPRS classes.
 pub(crate) fn is_class(name: &str) -> bool {
     let named = ExtraColumn { name: "classification".into(), values: ExtraValues::U8(Vec::new()) };
     ExtraColumn::find(&[named], name).is_some()
 }
 
-/// Formats a value with about four digits, to distinguish numbers of a range.
+/// Formats a value with about four significant digits, for the ends of a range.
 pub(crate) fn short(value: f64) -> String {
     match value.abs() {
         a if a != 0.0 && !(1e-3..1e7).contains(&a) => format!("{value:.3e}"),
@@ -216,7 +217,7 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
-/// Converts an sRGB-encoded value from 0 to 1 to linear.
+/// Converts an sRGB-encoded value in [0, 1] to a linear one.
 pub(crate) fn linear(encoded: f64) -> f32 {
     srgb::decode(encoded.clamp(0.0, 1.0)) as f32
 }

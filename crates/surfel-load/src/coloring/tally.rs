@@ -1,31 +1,33 @@
-//! Statistics of an attribute's values over everything drawn together, and the colour scale derived from them.
+//! Statistics of an attribute's values over all objects that are drawn together, and the colour scale derived from
+//! them.
 
 use super::together::Colors;
 use super::{Category, ColorMap, ColorScale, GREY, maps, short};
 use std::collections::HashMap;
 use surfel_model::Colormap;
 
-/// Largest number of categories that are distinguished by default.
+/// Largest number of distinct integers that are coloured as categories by default.
 const CATEGORIES: usize = 20;
-/// Largest number of categories that are distinguished at all.
+/// Largest number of categories if the user or the attribute's name requests categories.
 const MOST_CATEGORIES: usize = 1 << 16;
-/// Percentiles at the ends of the colour map, if no range is given.
+/// Percentiles at the ends of the colour map's range, if the user gives no range.
 const PERCENTILES: [f64; 2] = [2.0, 98.0];
-/// Number of values stored exactly. Beyond it, each run of [`RUN`] sorted values is represented by its middle.
+/// Number of values that are stored exactly. When it is reached, each run of [`RUN`] sorted values is replaced by its
+/// middle one.
 const HELD: usize = 1 << 24;
 const RUN: usize = 1 << 8;
 
-/// Statistics of the values of one attribute.
+/// Statistics of the values of one attribute, collected from several files.
 pub(crate) struct Tally {
     colors: Colors,
     is_class: bool,
-    /// True if the name is that of an intensity, which is usually shown in grey.
+    /// True if the attribute's name is "intensity". Intensities are shown in grey by default.
     is_intensity: bool,
-    /// Number of occurrences of each integer, by its bits; empty if the values aren't categories.
+    /// Number of occurrences of each integer, by the bits of its f64; empty if the values aren't categories.
     counts: HashMap<u64, usize>,
     are_categories: bool,
     spread: Spread,
-    /// Number of values that aren't finite.
+    /// Number of values that aren't finite, which get no colour.
     pub(crate) missing: usize,
 }
 
@@ -49,7 +51,7 @@ impl Tally {
         }
     }
 
-    /// True if integers are categories regardless of how many there are.
+    /// True if all integers are categories, regardless of their number.
     fn tells_all_apart(&self) -> bool {
         match &self.colors.map {
             _ if self.colors.labels.is_some() => true,
@@ -89,8 +91,8 @@ impl Tally {
         *self.counts.entry(bits).or_default() += 1;
     }
 
-    /// Returns the scale for all values. A scale that is `known` from before is preserved; new categories are added to
-    /// it.
+    /// Returns the scale for all values. A scale `known` from an earlier call is preserved, and new categories are
+    /// added to it.
     pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
         match known {
             Some(ColorScale::Range { map, range }) => ColorScale::Range { map: map.clone(), range: *range },
@@ -114,7 +116,7 @@ impl Tally {
         }
     }
 
-    /// Returns the distinct integers, in ascending order.
+    /// Returns the distinct integers as categories, in ascending order.
     fn categories(&self) -> Vec<Category> {
         let of_categories = self.colors.map.as_ref().filter(|map| map.is_of_categories());
         let colors = of_categories.map_or_else(|| maps::levels(Colormap::Tab20), ColorMap::levels);
@@ -138,7 +140,7 @@ impl Tally {
     }
 }
 
-/// Describes a scale in a note, for `files` files with `missing` values that have no colour.
+/// Describes a scale in a note. `files` is the number of files; `missing` is the number of values without a colour.
 pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize, missing: usize) -> String {
     let mut note = format!("coloured by {}", name.escape_debug());
     match scale {
@@ -173,12 +175,12 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
     note
 }
 
-/// Finite values from which percentiles are computed: exactly for up to [`HELD`] values, to within 2⁻¹⁶ of them for
-/// more.
+/// Finite values for computing percentiles. For up to [`HELD`] values, percentiles are exact. For more, their ranks are
+/// exact to within a fraction of 2⁻¹⁶ of the number of values.
 #[derive(Default)]
 struct Spread {
     held: Vec<f64>,
-    /// Representative values, and how many values each represents.
+    /// Representative values, each with the number of values that it stands for.
     runs: Vec<(f64, u64)>,
 }
 
@@ -190,14 +192,14 @@ impl Spread {
         }
     }
 
-    /// Replaces the exact values by representative ones.
+    /// Replaces the exact values by representatives, each the middle of a run of sorted values.
     fn reduce(&mut self) {
         self.held.sort_unstable_by(f64::total_cmp);
         self.runs.extend(self.held.chunks(RUN).map(|run| (run[run.len() / 2], run.len() as u64)));
         self.held.clear();
     }
 
-    /// Returns the percentiles; if they are equal, they are moved to a distance of 1.
+    /// Returns the two percentiles. If they are equal, returns a range of length 1 around them.
     fn percentiles(mut self) -> [f64; 2] {
         let [lo, hi] = if self.runs.is_empty() {
             let Some(last) = self.held.len().checked_sub(1) else { return [0.0, 1.0] };

@@ -1,4 +1,4 @@
-//! Shared colour scales: everything drawn together has one scale per attribute.
+//! Colour scales that are shared by all objects drawn together, one scale per attribute.
 
 use super::tally::{Tally, words};
 use super::{Attribute, ColorMap, ColorScale, Coloring, FileColors, Labels, paint};
@@ -14,21 +14,21 @@ use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object
 /// Options for colouring by an attribute: colour map, names of categories, and range of values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Colors {
-    /// The colour map; `None`: chosen by the values.
+    /// Colour map; `None` chooses one by the attribute and its values.
     pub(crate) map: Option<ColorMap>,
     /// Names and colours of categories.
     pub(crate) labels: Option<Arc<Labels>>,
-    /// Values at the ends of the colour map; `None`: from the values.
+    /// Minimum and maximum of the colour map's range; `None` uses percentiles of the values.
     pub(crate) range: Option<[f64; 2]>,
 }
 
 impl Colors {
-    /// True if the options are for categories: they have names of categories, or a colour map for categories.
+    /// True if the options are meant for categories: names of categories, or a colour map for categories.
     pub(crate) fn are_categories(&self) -> bool {
         self.labels.is_some() || self.map.as_ref().is_some_and(ColorMap::is_of_categories)
     }
 
-    /// Returns the colouring options among the loading options, and reads the files that they name.
+    /// Returns the colouring options among loading options. Reads the files that they name.
     pub fn of(options: &LoadOptions) -> Result<Self, Error> {
         let file = options.colormap_file.as_ref().map(|path| FileColors::read(path)).transpose()?;
         let named = options.colormap.map(ColorMap::from);
@@ -38,49 +38,49 @@ impl Colors {
     }
 }
 
-/// Colouring request for the splats of one file.
+/// Request for colouring the splats of one file by an attribute.
 #[derive(Clone, Debug)]
 pub struct ColorJob {
     /// The file.
     pub path: PathBuf,
-    /// Attribute that gives the colours.
+    /// Attribute by which splats are coloured.
     pub attribute: String,
-    /// Colour map, names of categories and range.
+    /// Colour map, names of categories, and range of values.
     pub colors: Colors,
-    /// Axis along which heights are measured; `None` if it isn't certain.
+    /// Axis along which heights are measured; `None` if the file's up axis isn't certain.
     pub up: Option<Up>,
-    /// Conventional up axis for files of this kind.
+    /// Conventional up axis of files of this kind, for an estimate.
     pub convention: UpConvention,
-    /// Names of the mesh's attributes that may not have been transferred to the splats, for messages.
+    /// Names of the mesh's attributes that may not have been transferred to splats, for messages.
     pub others: Vec<String>,
 }
 
 impl ColorJob {
-    /// True if both requests share one scale.
+    /// True if both requests have the same attribute and options, so that they share one scale.
     fn shares_scale(&self, other: &Self) -> bool {
         self.attribute.eq_ignore_ascii_case(&other.attribute) && self.colors == other.colors
     }
 }
 
-/// A colour scale and the files that use it.
+/// Colour scale, and the files that use it.
 #[derive(Clone, Debug)]
 struct Scale {
     job: ColorJob,
     coloring: Coloring,
     note: String,
-    /// Files coloured by the scale, in order.
+    /// Files that are coloured by the scale, in order.
     paths: Vec<PathBuf>,
 }
 
-/// Colour scales of everything drawn together.
+/// Colour scales of all objects that are drawn together.
 #[derive(Clone, Debug, Default)]
 pub struct Colorings {
     scales: Vec<Scale>,
-    /// Axis of height for files that don't state one.
+    /// Axis along which heights are measured for files that state no up axis.
     axis: Option<Up>,
 }
 
-/// Splats of one file that share a colour scale with other files.
+/// Splats of one file that take part in a shared colour scale.
 pub struct Member<'a> {
     /// The request.
     pub job: &'a ColorJob,
@@ -90,7 +90,7 @@ pub struct Member<'a> {
     pub is_colored: bool,
 }
 
-/// Member whose file lacks the requested attribute; its splats become grey.
+/// Member whose file doesn't have the requested attribute. Its splats become grey.
 pub struct Lacking {
     /// Index of the member.
     pub member: usize,
@@ -104,12 +104,12 @@ impl Colorings {
         self.scales.iter().flat_map(|scale| scale.paths.iter().map(|path| (path.as_path(), &scale.coloring)))
     }
 
-    /// Returns the note on each scale, with the path of the first file that the scale colours.
+    /// Returns the note about each scale, with the path of the first file that uses the scale.
     pub fn notes(&self) -> impl Iterator<Item = (&Path, &str)> {
         self.scales.iter().filter_map(|scale| Some((scale.paths.first()?.as_path(), scale.note.as_str())))
     }
 
-    /// Determines one scale per attribute and colours the members. Scales that exist already are preserved; new
+    /// Determines one scale per attribute, and colours the members. Scales from earlier calls are preserved, and new
     /// categories are added to them.
     pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<Lacking>, ModelError> {
         let mut tallies = Tallies { axis: self.axis, ..Tallies::default() };
@@ -132,13 +132,13 @@ impl Colorings {
     }
 }
 
-/// Returns the unit axis along which heights are measured; zero if it is unknown and no heights are needed.
+/// Returns the unit vector along which heights are measured; zero if no axis is determined.
 fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
     // If neither axis is known, no heights are needed.
     job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
 }
 
-/// Values of attributes, collected from files that needn't be in memory together.
+/// Attribute values that are collected from files one after another, which needn't be in memory together.
 #[derive(Default)]
 pub struct Tallies {
     all: Vec<(ColorJob, Entry)>,
@@ -149,13 +149,13 @@ struct Entry {
     tally: Tally,
     name: String,
     direct: Option<(ColorScale, &'static str)>,
-    /// Files in order, each once.
+    /// Files that contributed values, in order, each once.
     paths: Vec<PathBuf>,
     known: HashSet<PathBuf>,
 }
 
 impl Tallies {
-    /// Adds the values of splats that are drawn together.
+    /// Adds the values of splats that are drawn together. Returns the members whose files lack the attribute.
     pub fn add(&mut self, members: &mut [Member<'_>]) -> Vec<Lacking> {
         self.settle_axis(members);
         let mut lacking = Vec::new();
@@ -176,10 +176,10 @@ impl Tallies {
         lacking
     }
 
-    /// Adds the values of one file's points.
+    /// Adds the attribute's values of the points of one file.
     ///
     /// # Errors
-    /// The names of the attributes that exist.
+    /// The names of the file's attributes, if it lacks the requested one.
     pub fn add_points(&mut self, job: &ColorJob, points: &PointCloud) -> Result<(), Vec<String>> {
         let attribute = Attribute::of(&points.extras, points.colors.is_some(), &job.attribute)?;
         let up = axis_of(job, self.axis);
@@ -203,7 +203,7 @@ impl Tallies {
             |(other, entry): &(ColorJob, Entry)| other.shares_scale(job) && entry.direct.is_some() == direct.is_some();
         let at = self.all.iter().position(is_own).unwrap_or_else(|| {
             let name = attribute.name(extras);
-            // Heights are measurements even if there are few distinct ones.
+            // Heights are measurements, not categories, even if few of them are distinct.
             let mut colors = job.colors.clone();
             if attribute == Attribute::Height && colors.labels.is_none() {
                 colors.map.get_or_insert(Colormap::Viridis.into());
@@ -221,8 +221,8 @@ impl Tallies {
         }
     }
 
-    /// Determines one axis for the heights of all files that don't state one: the axis of another file that does, or
-    /// else the one estimated from their common shape.
+    /// Determines one axis for the heights of all files that state no up axis. The axis is that of another file, or
+    /// else an estimate from the common shape.
     fn settle_axis(&mut self, members: &mut [Member<'_>]) {
         let is_open = |member: &Member<'_>| {
             let data = member.cloud.data();
@@ -242,7 +242,7 @@ impl Tallies {
         });
     }
 
-    /// Returns the scales of all values, preserving those that are `known`.
+    /// Returns the scales for all values. Scales in `known` are preserved.
     fn scales(self, known: &[Scale]) -> Vec<Scale> {
         let of = |(job, entry): (ColorJob, Entry)| {
             let Entry { tally, name, direct, paths, .. } = entry;
@@ -262,7 +262,7 @@ impl Tallies {
         self.all.into_iter().map(of).collect()
     }
 
-    /// Returns the colouring for the attribute `attribute` and a note about it; `None` if no file has the attribute.
+    /// Returns the colouring for an attribute and a note about it; `None` if no file has the attribute.
     pub fn coloring(self, attribute: &str) -> Option<(Coloring, String)> {
         let mut scales = self.scales(&[]);
         let named = |scale: &Scale| scale.job.attribute.eq_ignore_ascii_case(attribute);

@@ -1,18 +1,18 @@
 //! Simulation of colour blindness, to find categories whose colours can't be distinguished.
 //!
-//! The matrices are those of Machado, Oliveira, Fernandes, "A physiologically-based model for simulation of color
-//! vision deficiency", IEEE TVCG 15(6), 2009, for severity 1.0; they apply to linear RGB. Distances are ΔE of CIE 1976
+//! The matrices, which apply to linear RGB, are those of Machado, Oliveira, Fernandes, "A physiologically-based model
+//! for simulation of color vision deficiency", IEEE TVCG 15(6), 2009, for severity 1.0. Distances are ΔE of CIE 1976
 //! L*a*b* for the white point D65.
 
 use super::{Category, linear};
 
-/// Distance below which two colours are easily confused: patches in a legend and points of an image are apart and
-/// shaded, where even 10 is hard to see.
+/// Distance ΔE below which two colours are easily confused. Patches in a legend and shaded points in an image aren't
+/// adjacent, so that even a distance of 10 is hard to see.
 const CONFUSED: f64 = 10.0;
 /// Largest number of pairs that a note names.
 const NAMED: usize = 4;
 
-/// A kind of colour vision, and its matrix by rows for linear RGB.
+/// Kinds of colour blindness, each with its name and its matrix for linear RGB, row by row.
 const KINDS: [(&str, [[f64; 3]; 3]); 3] = [
     (
         "deuteranopia",
@@ -53,8 +53,8 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Returns a note on categories that occur and whose colours people with normal vision or with a colour blindness can't
-/// distinguish; `None` if there are none.
+/// Returns a note on categories with splats whose colours look alike, to people with normal vision or with a kind of
+/// colour blindness. Returns `None` if there are none.
 pub fn confusions(categories: &[Category]) -> Option<String> {
     let present: Vec<&Category> = categories.iter().filter(|category| category.count > 0).collect();
     let normal = ("normal vision", [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);

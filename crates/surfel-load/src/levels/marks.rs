@@ -1,4 +1,5 @@
-//! Sizes of the splats of each level: marks of points where finer ones are missing or fade in, and stored radii.
+//! Drawing parameters of LOD points: splat sizes where finer points are missing or fade in, and radii stored in the
+//! file.
 
 use super::selection::{CLOSING, Selection};
 use glam::Vec3;
@@ -8,35 +9,36 @@ use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Poin
 use surfel_render::FADE_OCTAVES;
 use surfel_sample::PointReport;
 
-/// Largest factor by which an estimated radius grows to cover a level. Where points are denser than the level's spacing
-/// suggests, the spacing is meaningless. Radii stated in the file aren't limited, since they were estimated from all
-/// points.
+/// Largest factor by which an estimated radius is enlarged so that a level's splats cover the surface. Where points are
+/// denser than the level's spacing suggests, the spacing is meaningless. Radii that the file states aren't limited,
+/// since they were estimated from all points.
 const MOST_GROWN: f32 = 4.0;
 
-/// Radius of a splat that starts to fade in, relative to its final radius: 1/400 of the area.
+/// Radius of a splat at the start of its fade-in, relative to its final radius. The splat then has 1/400 of its area.
 const LEAST_GROWN: f64 = 0.05;
 
-/// Internal column with the spacing of points where finer points are missing, else 0. It exists until splats are made.
+/// Internal column: point spacing of the level where finer points are missing, else 0. It is removed when splats are
+/// made.
 const SPACING: &str = "surfel_level_spacing";
-/// Internal column with the fade-in radius of each point relative to its final radius. It exists if the file states no
-/// radii, until splats are made.
+/// Internal column: fade-in radius of each point, relative to its final radius. It is added only if the file states no
+/// radii, and removed when splats are made.
 const GROWTH: &str = "surfel_level_growth";
 
-/// Drawing parameters of a point that depend on its level.
+/// Drawing parameters of a point, which depend on the levels that are selected around it.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Mark {
-    /// Point spacing where finer points are missing, else 0.
+    /// Point spacing of the deepest selected level, in file units, where finer points are missing; 0 elsewhere.
     spacing: f32,
-    /// Fraction of the level's averages in the point's colour and normal, for the finer points that are missing.
-    /// Negative if the point isn't drawn.
+    /// Weight, from 0 to 1, by which the level's average colour and normal are blended into the point's own. The
+    /// averages represent the finer points that are missing. Negative if the point isn't drawn.
     share: f32,
-    /// Radius relative to the final radius.
+    /// Current radius during the fade-in, relative to the final radius.
     growth: f32,
 }
 
-/// Computes the drawing parameters of a point of `level`, where the selected nodes end at level `deepest`; `is_missing`
-/// if the file has finer points there. If levels fade, a splat that covers a level with point spacing 1 measures
-/// `errors` times the error.
+/// Computes the drawing parameters of a point of level `level`. `deepest` is the finest selected level at the point,
+/// and `is_missing` is true if the file has finer points there. `errors` is the projected radius of a splat that covers
+/// a level with point spacing 1, relative to the tolerated error; `None` if levels don't fade.
 pub(super) fn mark_of(
     level: u32,
     (mut deepest, mut is_missing): (u32, bool),
@@ -44,11 +46,11 @@ pub(super) fn mark_of(
     spacing: impl Fn(u32) -> f64,
 ) -> Mark {
     let above = |of: u32| errors.map_or(f64::INFINITY, |errors| errors * spacing(of - 1));
-    // A node is selected by its nearest place, so elsewhere it may be finer than needed.
+    // A node is selected by its nearest point to the camera. Elsewhere in the node, its level may be finer than needed.
     while deepest > 0 && above(deepest) <= 1.0 {
         (deepest, is_missing) = (deepest - 1, true);
     }
-    // 0 where a level begins to fade in, 1 where its splats have their own areas.
+    // Progress of the fade-in: 0 where a level begins to appear, 1 where its splats have their final areas.
     let fading = if deepest == 0 { 1.0 } else { (above(deepest).log2() / FADE_OCTAVES).min(1.0) };
     let is_new = level == deepest && fading < 1.0;
     let share = match deepest.checked_sub(level) {
@@ -62,14 +64,15 @@ pub(super) fn mark_of(
     let spacing = match deepest {
         0 => own,
         _ if is_new => own * growth,
-        // The areas approach the level's own linearly; at the last level, 0.
+        // During the fade-in, areas approach those of the new level linearly. At the file's last level, they approach
+        // 0.
         _ => (own * own * fading + spacing(deepest - 1).powi(2) * (1.0 - fading)).sqrt(),
     };
     Mark { spacing: spacing as f32, share: share as f32, growth: growth as f32 }
 }
 
-/// Marks points with the point spacing where finer points are missing, and blends their colours and normals with their
-/// level's averages if the file has these. Removes points that haven't begun to fade in.
+/// Computes the drawing parameters of all points, and stores them in internal columns. Blends colours and normals with
+/// the averages of their level, if the file has averages. Removes points whose fade-in hasn't begun.
 pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &mut PointCloud) {
     let Selection { nodes, cut, fade, .. } = selection;
     let all = copc.nodes();
@@ -80,7 +83,7 @@ pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &
     let mut parts = Vec::new();
     for (node, end) in nodes.iter().zip(ends) {
         let (own, others) = rest.split_at_mut(end - start);
-        // Complete nodes lack no finer points.
+        // In complete nodes, no finer points are missing.
         if !cut.is_complete[*node as usize] {
             parts.push((*node as usize, start, own));
         }
@@ -95,7 +98,7 @@ pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &
                 let cell = Copc::cell_above(finest, all[deepest].level + 1);
                 let mut children = all[deepest].children.clone();
                 match children.find(|c| all[*c as usize].cell == cell) {
-                    // No finer point is near.
+                    // The file has no finer points nearby.
                     None => break false,
                     Some(child) if cut.is_chosen[child as usize] => deepest = child as usize,
                     Some(_) => break true,
@@ -104,7 +107,7 @@ pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &
             let errors = fade.as_ref().map(|fade| fade.errors(fade.magnification.at(at)));
             let end = (all[deepest].level, is_missing);
             *mark = mark_of(all[node].level, end, errors, |level| spacings[level as usize]);
-            // Where no finer points are missing, the average is the point's own value.
+            // Without missing points, the average equals the point's own value.
             if cut.values[node] == LevelValues::Alone && mark.share == 0.0 {
                 mark.share = 1.0;
             }
@@ -121,7 +124,7 @@ pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &
         points.retain(&marks.iter().map(|mark| mark.share >= 0.0).collect::<Vec<_>>());
         marks.retain(|mark| mark.share >= 0.0);
     }
-    // A column of zeros may be omitted.
+    // The file may omit a column that is zero everywhere.
     let column = |names: [&str; 3]| {
         let found = names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
         found.iter().any(Option::is_some).then_some(found)
@@ -148,34 +151,34 @@ pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &
     }
 }
 
-/// Returns the columns of a file's points, without those that [`mark`] adds after them.
+/// Returns the columns that the file's points had, without the internal columns that [`mark`] appends.
 pub(crate) fn own_columns(extras: &[ExtraColumn]) -> &[ExtraColumn] {
     let first_added = extras.iter().position(|e| e.name == SPACING || e.name == GROWTH);
     &extras[..first_added.unwrap_or(extras.len())]
 }
 
-/// Radii that Surfel stored in a file's points.
+/// Splat radii that Surfel stored as a column of a COPC file; `None` if the file has no such column.
 pub(crate) struct Radii(Option<Vec<f32>>);
 
 impl Radii {
-    /// Removes the columns that Surfel added from a cloud, and returns its radii.
+    /// Removes all columns from a cloud that Surfel added to the file, and returns the radii.
     pub(crate) fn take(points: &mut PointCloud) -> Self {
         let radii = take_f32(&mut points.extras, RADIUS);
         points.extras.retain(|e| !LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name));
         Self(radii)
     }
 
-    /// True if the points have stored normals and radii, so that neighbours aren't needed to make splats.
+    /// True if the points have stored normals and radii. Splats are then made without searching for neighbours.
     pub(crate) fn are_stated(points: &PointCloud) -> bool {
         points.normals.is_some() && points.extras.iter().any(|e| e.name == RADIUS)
     }
 
-    /// True if the file has normals and at least one valid radius.
+    /// True if the points have normals, and at least one radius is valid.
     pub(crate) fn are_known(&self, points: &PointCloud) -> bool {
         points.normals.is_some() && self.0.iter().flatten().any(is_known)
     }
 
-    /// Makes splats with the stored radii and normals, reusing the points' memory.
+    /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Reuses the points' memory.
     pub(crate) fn splats(
         self,
         points: PointCloud,
@@ -203,7 +206,7 @@ impl Radii {
         let mut report = PointReport::default();
         (report.splats, report.normals_given) = (splats.len(), splats.len());
         report.median_radius = f64::from(median) * scale;
-        // Splats of levels are enlarged first.
+        // Splats of a level are enlarged later, so that their interior weight is estimated then.
         let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
         report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
         if let Some(weight) = report.interior_weight {
@@ -213,7 +216,7 @@ impl Radii {
     }
 }
 
-/// True for a valid radius: positive and finite.
+/// True if a radius is valid: positive and finite.
 pub(super) fn is_known(radius: &f32) -> bool {
     *radius > 0.0 && radius.is_finite()
 }
@@ -226,8 +229,8 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Enlarges splats so that they cover the surface at their level without gaps. `weighed`: the interior weight is
-/// needed; `stated`: the file states the radii.
+/// Enlarges splats so that each level covers the surface without gaps. `weighed` is true if the interior weight must be
+/// estimated. `stated` is true if the file states the radii.
 pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {

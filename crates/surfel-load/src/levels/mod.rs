@@ -1,7 +1,8 @@
-//! Levels of detail for points: reading what a view needs of a COPC file, and writing COPC files.
+//! Levels of detail of point files: reads the nodes of a COPC file that a view needs, and writes COPC files.
 //!
-//! `read` selects nodes (`selection.rs`), loads them, and marks the points where finer ones are missing (`marks.rs`).
-//! Once the points are splats, `close` enlarges those at their level. `write.rs` writes COPC files.
+//! `read` selects nodes (`selection.rs`), loads them, and computes drawing parameters of points where finer ones are
+//! missing (`marks.rs`). When points have become splats, `close` enlarges the splats so that each level covers the
+//! surface. `write.rs` writes COPC files.
 
 mod marks;
 mod selection;
@@ -25,21 +26,21 @@ use surfel_io::{Content, Loaded};
 use surfel_model::PointCloud;
 use surfel_render::{LevelEnd, View};
 
-/// Largest number of points drawn for a view, unless the options state another.
+/// Default of the point limit: largest number of points that are read for a view.
 pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
 
-/// Report of what was read from a COPC file.
+/// Statistics of the nodes that were read from a COPC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LevelReport {
-    /// Points read, and points in the file.
+    /// Number of points that were read, and number in the file.
     pub points: [u64; 2],
-    /// Nodes read, and nodes in the file.
+    /// Number of nodes that were read, and number in the file.
     pub nodes: [usize; 2],
-    /// Compressed bytes read, and in the file.
+    /// Number of compressed bytes that were read, and number in the file.
     pub bytes: [u64; 2],
-    /// Largest splat radius in pixels where finer visible points are missing; 0 for an overview.
+    /// Largest projected splat radius, in pixels, where finer visible points are missing; 0 for an overview.
     pub error_px: f64,
-    /// Stop reason of the selection.
+    /// Reason why the selection of nodes stopped.
     pub end: LevelEnd,
 }
 
@@ -60,8 +61,8 @@ pub fn has_levels(path: &Path) -> bool {
     matches!(Copc::open(path), Ok(Some(_)))
 }
 
-/// Reads the selected nodes of the COPC file at `copc_path`, which is `path` itself or a copy of it. Returns `None` if
-/// the options ask for all points, or the file isn't COPC.
+/// Reads the selected nodes of a COPC file. `copc_path` is `path` itself, or the path of a COPC copy of it. Returns
+/// `None` if the options request all points, or the file isn't COPC.
 pub(crate) fn read(
     path: &Path,
     copc_path: &Path,
@@ -70,7 +71,7 @@ pub(crate) fn read(
     let Some(levels) = chosen(path, options) else { return Ok(None) };
     let opened = Copc::open(copc_path).or_else(|error| if is_file(copc_path) { Err(error) } else { Ok(None) });
     let Some(copc) = opened? else { return Ok(None) };
-    // The allocator still holds memory from writing the file.
+    // After a COPC copy was written, the allocator still retains memory.
     let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.left_bytes());
     let budget = options.memory.or_else(memory::default_budget).map(|bytes| bytes.saturating_sub(left));
     let point_bytes = if copc.has_colors() { memory::KNOWN_COLORED_BYTES } else { memory::KNOWN_BYTES };
@@ -81,7 +82,7 @@ pub(crate) fn read(
     memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
     let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
-    // A copy names the columns of its source itself.
+    // A COPC copy already has the column names of its source.
     let names = options.columns.clone().filter(|_| path == copc_path);
     let io_options = surfel_io::LoadOptions { columns: names, ..io_options(options) };
     let is_partial = selection.is_partial(levels);
@@ -105,7 +106,7 @@ pub(crate) fn read(
     Ok(Some((found.loaded, report)))
 }
 
-/// Loads the selected nodes: the columns that the options need, of points that the views may show.
+/// Loads the selected nodes. Reads only the columns that the options need, and only points that the views may show.
 fn load_nodes(
     copc: &Copc,
     selection: &Selection,
@@ -113,19 +114,19 @@ fn load_nodes(
     options: &LoadOptions,
     io_options: &surfel_io::LoadOptions,
 ) -> Result<NodePoints, Error> {
-    // Any column may be part of a condition.
+    // A condition may refer to any column.
     let has_choice = options.chooses_classes() || options.returns.is_some() || options.condition.is_some();
-    // An overview reads all columns: it must classify noise, which may not influence the camera.
+    // An overview reads all columns, because noise is recognised by its class and must not influence the camera.
     let has_values = options.color_by.is_some() || options.label.is_some() || *levels == Levels::Overview;
     let columns = match has_choice || has_values {
         true => NodeColumns::All,
         false => NodeColumns::Splats(if selection.is_partial(levels) { &selection.cut.values } else { &[] }),
     };
-    // With more points than `max_points`, some are dropped evenly.
+    // If nodes have more points than `max_points`, the excess is dropped evenly.
     let is_thinned = options.max_points.is_some_and(|most| selection.report.points[0] > most as u64);
     let sight = sight(levels, copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
     let shows = |level: u32, center: DVec3, radius: f64| {
-        // Finer points may be missing.
+        // If finer points are missing, the splat is enlarged to this radius.
         let reach = (radius * options.radius_scale).max(f64::from(CLOSING) * copc.spacing(level));
         !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
@@ -133,10 +134,10 @@ fn load_nodes(
     Ok(copc.kept_points_of(&selection.nodes, (columns, keeps), io_options)?)
 }
 
-/// Returns each point's row in the file, for points read from these nodes. `read.rows` holds the rows among all points
-/// that were decoded.
+/// Returns the row in the file of each point that was read from `nodes`. `read.rows`, if present, has the rows of the
+/// points among all decoded points.
 fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Vec<u32>, Error> {
-    // Row 4294967295 means that there is no splat.
+    // The plane `index` uses 4294967295 for pixels without a splat.
     if copc.points() >= u64::from(u32::MAX) {
         let problem = format!(
             "has {} points, and rows of a plane end at 4294967294: leave out the planes index and label",
@@ -158,7 +159,7 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
     })
 }
 
-/// Describes which nodes a selection omits, why, and the option that changes it.
+/// Returns a note that describes which nodes weren't read, the reason, and the option that changes it.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "`lod_error` draws finer ones");
@@ -173,8 +174,8 @@ fn note(report: &LevelReport, limit: &str) -> String {
     )
 }
 
-/// Returns a selection of levels for views of an object with this transformation. Projected splats are at most
-/// `error_px` pixels large.
+/// Returns a selection of LOD nodes for views of an object with the transformation `world_from_object`. Projected splat
+/// radii are at most `error_px` pixels.
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     Seen { views, error_px, sight_px: None }.levels(world_from_object)
 }

@@ -1,4 +1,4 @@
-//! Selection of the nodes of a COPC file that a view needs.
+//! Selection of the nodes of a COPC file for an overview or for views.
 
 use super::{LevelReport, Levels};
 use crate::LoadOptions;
@@ -10,39 +10,39 @@ use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, sel
 /// Largest number of points in an overview.
 const OVERVIEW_POINTS: u64 = 100_000;
 
-/// Ratio of splat radius to point spacing at which a level's splats cover the surface without gaps. A level's points
-/// are those nearest to the centres of grid cells, so no place is farther from the nearest point than the diagonal of a
-/// cell's face.
+/// Ratio of splat radius to point spacing at which the splats of a level cover the surface without gaps. The points of
+/// a level are those nearest to the centres of grid cells. So no position is farther from the nearest point than the
+/// diagonal of a cell's face.
 pub(super) const CLOSING: f32 = std::f32::consts::SQRT_2;
 
-/// Nodes selected from a COPC file.
+/// Nodes selected from a COPC file, and how their points are drawn.
 pub(super) struct Selection {
-    /// Indices of the nodes.
+    /// Indices of the selected nodes.
     pub(super) nodes: Vec<u32>,
     pub(super) cut: Cut,
-    /// Fading between levels, for a single view.
+    /// Fading between levels; `None` for an overview and for several views.
     pub(super) fade: Option<Fade>,
     pub(super) report: LevelReport,
 }
 
 impl Selection {
-    /// True if a view lacks some points of the file, or shows some that fade in.
+    /// True if a view lacks some of the file's points, or if some of its points are fading in.
     pub(super) fn is_partial(&self, levels: &Levels) -> bool {
         *levels != Levels::Overview && (!self.report.is_whole() || self.cut.fades)
     }
 }
 
-/// Selects the nodes that an overview or views need, with at most `most` points.
+/// Selects the nodes for an overview or for views, with at most `most` points.
 pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: u64) -> Selection {
     let mut fade = None;
     let (nodes, error_px, end) = match levels {
         Levels::Overview => (overview(copc.nodes()), 0.0, LevelEnd::Error),
         Levels::Views { views, world_from_object, error_px, .. } => {
             let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(copc, node)).collect();
-            // A level begins to fade in before its error is reached, and finishes as much later.
+            // Levels fade in over an interval of errors whose geometric mean is `error_px`.
             let from_px = if views.len() == 1 { error_px * (-0.5 * FADE_OCTAVES).exp2() } else { *error_px };
             let found = select_levels(&nodes, world_from_object, views, from_px, most);
-            // Images that share a selection never switch to another, so they don't fade.
+            // Images that share one selection never switch to another, so that no fading is needed.
             if let [view] = &views[..] {
                 let magnification = Magnification::new(world_from_object, view);
                 fade = Some(Fade { magnification, error_px: from_px.max(found.error_px) });
@@ -69,15 +69,15 @@ pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: 
     Selection { nodes, cut, fade, report }
 }
 
-/// Returns the selection that the options state for a file; `None` reads all points.
+/// Returns the selection of levels that the options request for a file; `None` to read all points.
 pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
-    // Without its finer neighbours, a coarse level's points would count as isolated.
+    // Isolated points can't be detected in a coarse level, whose points lack their finer neighbours.
     let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
     options.levels.as_ref().filter(|_| is_by_levels)
 }
 
-/// Returns the visibility test for points, if skipping points outside the frustum changes neither the estimates for
-/// other points nor the row numbers.
+/// Returns the visibility test by which points outside of the frustum are skipped. Returns `None` if skipping points
+/// would change estimates for other points, or row numbers.
 pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
     let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
     let is_of_all = options.interior_weight || options.sharp || options.colors != PointColors::AsIs;
@@ -86,12 +86,12 @@ pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) 
     is_alone.then(|| Sight::new(world_from_object, views, *margin_px))
 }
 
-/// Selects whole levels from the root down, as many as fit [`OVERVIEW_POINTS`].
+/// Selects whole levels from the root down, with at most [`OVERVIEW_POINTS`] points.
 fn overview(nodes: &[CopcNode]) -> Vec<u32> {
     let (mut chosen, mut points) = (0, 0);
     for level in nodes.chunk_by(|a, b| a.level == b.level) {
         points += level.iter().map(|node| node.points).sum::<u64>();
-        // At least the first level with points is selected.
+        // The first level that has points is always selected.
         if points > OVERVIEW_POINTS && nodes[..chosen].iter().any(|node| node.points > 0) {
             break;
         }
@@ -106,24 +106,26 @@ fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
 }
 
-/// Fading between levels while a view approaches, so that nothing pops.
+/// Fading between levels while a camera approaches, so that nothing pops.
 ///
-/// The fade begins where splats of the level above measure the error, and ends where they measure √2 of it. Meanwhile
-/// the area of each new splat grows linearly from 0 to its own, and the areas of the existing splats shrink linearly to
-/// the new level's, a quarter. On a surface a level has three times as many points as all levels above it together.
-/// Hence the covered area stays constant, and the new splats' fraction of it grows linearly too.
+/// A level begins to fade in where the projected splat radius of the level above equals the tolerated error. It has
+/// faded in where this radius is √2 times the error. In between, the area of each new splat grows linearly from 0. The
+/// areas of the existing splats shrink linearly to those of the new level, a quarter. On a surface, a level has three
+/// times as many points as all levels above it together. So the covered area stays constant, and the new splats'
+/// fraction of it grows linearly.
 pub(super) struct Fade {
     pub(super) magnification: Magnification,
     error_px: f64,
 }
 
 impl Fade {
-    /// Returns the radius of splats that cover a level with point spacing 1, in units of the error.
+    /// Returns the projected radius of splats that cover a level with point spacing 1, in units of the tolerated error.
+    /// `pixels` is the magnification in pixels per unit of length.
     pub(super) fn errors(&self, pixels: f64) -> f64 {
         f64::from(CLOSING) * pixels / self.error_px
     }
 
-    /// True if all points of a node have faded in, and the level above is no longer drawn.
+    /// True if all points of a node have faded in, so that the level above no longer replaces them.
     fn is_done(&self, copc: &Copc, node: &CopcNode) -> bool {
         let (center, half) = copc.cube(node);
         let above = node.level.checked_sub(1).map(|above| copc.spacing(above));
@@ -131,22 +133,22 @@ impl Fade {
     }
 }
 
-/// Boundary of a selection of nodes; the lists have an entry per node of the file.
+/// State of each node of the file relative to a selection. The lists have one entry per node of the file.
 #[derive(Default)]
 pub(super) struct Cut {
     pub(super) is_chosen: Vec<bool>,
-    /// Values of each node's points: their own, averages for unselected children, or both. Averages are needed where
-    /// children are missing or fade in; both, where only some are.
+    /// Values that are read for each node's points: their own, averages for children that aren't selected, or both.
+    /// Averages are needed where children are missing or fade in; both kinds, where this holds for some children only.
     pub(super) values: Vec<LevelValues>,
-    /// True if the node and all nodes below it are drawn as if there were no levels.
+    /// True if the node and all of its descendants are drawn like ordinary points, without enlargement or fading.
     pub(super) is_complete: Vec<bool>,
-    /// True if some selected nodes fade in.
+    /// True if some selected nodes are still fading in.
     fades: bool,
 }
 
 impl Cut {
-    /// Computes the boundary of a selection. With `keeps`, nodes that stay cached have all values that later selections
-    /// may need.
+    /// Computes the states for the selected nodes `chosen`. `keeps` is true if nodes are cached; they then get all
+    /// values that later selections may need.
     fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
         let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];
@@ -156,7 +158,7 @@ impl Cut {
         chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
         let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
         let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
-        // The first nodes with points decide whether the cloud has colours and normals at all.
+        // The first selected node with points determines whether the cloud has colours and normals.
         let first = chosen.iter().map(|i| &all[*i as usize]).find(|node| node.points > 0).map_or(0, |node| node.level);
         let value =
             |node: &CopcNode| match (missing(node), node.children.clone().any(|child| is_chosen[child as usize])) {

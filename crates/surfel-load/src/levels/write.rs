@@ -1,4 +1,4 @@
-//! Writing of COPC files and of shards of them.
+//! Writing of COPC files and of shards for them.
 
 use crate::words::counted;
 use crate::{Error, memory};
@@ -9,15 +9,15 @@ use surfel_io::copc::{CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, save_te
 use surfel_model::{PointCloud, TableColumns};
 use surfel_sample::{PointOptions, Progress};
 
-/// Fewest points from which splats are estimated.
+/// Minimum number of points from which splats are estimated.
 const LEAST_POINTS: usize = 16;
 
-/// True if the name is that of a COPC file ([`save_copc`]): it ends in .copc.laz.
+/// True if a file's name ends in .copc.laz, so that [`save_copc`] writes a COPC file.
 pub fn is_copc(output: &Path) -> bool {
     output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
 }
 
-/// True if the name is that of a COPC file's shard ([`CopcRequest::shard`]): it ends in .shard.
+/// True if a file's name ends in .shard, so that [`save_copc`] writes a shard of a COPC file ([`CopcRequest::shard`]).
 pub fn is_shard(output: &Path) -> bool {
     output.extension().is_some_and(|e| e.eq_ignore_ascii_case("shard"))
 }
@@ -27,18 +27,18 @@ pub fn is_shard(output: &Path) -> bool {
 pub struct CopcRequest {
     /// True if an existing file is replaced.
     pub overwrite: bool,
-    /// Memory budget in bytes, approximately; `None`: [`memory::default_budget`].
+    /// Approximate memory budget in bytes; `None` uses [`memory::default_budget`].
     pub memory: Option<u64>,
-    /// True if progress is saved in the folder [`resume_folder`], and continued from there.
+    /// True if progress is saved in the folder [`resume_folder`], so that an interrupted run continues from there.
     pub resume: bool,
-    /// Shard to write, as its index and the number of shards, to a file that ends in .shard; the complete file is made
+    /// Shard to write, as its index and the number of shards, to a file that ends in .shard. The COPC file is merged
     /// from all shards.
     pub shard: Option<[u32; 2]>,
-    /// Names of the columns of tables among the inputs ([`crate::LoadOptions::columns`]).
+    /// Column names for tables among the inputs ([`crate::LoadOptions::columns`]).
     pub columns: Option<TableColumns>,
 }
 
-/// Formats the numbers of points, nodes and levels of a written COPC file for a message.
+/// Returns the numbers of points, nodes and levels of a COPC file as text for a message.
 pub fn summary(report: &CopcReport) -> String {
     let [points, nodes, levels] =
         [(report.points, "points"), (report.nodes as u64, "nodes"), (report.levels as u64, "levels")]
@@ -46,11 +46,11 @@ pub fn summary(report: &CopcReport) -> String {
     format!("{points} in {nodes} of {levels}")
 }
 
-/// Writes files of points as one COPC file ([`surfel_io::copc::save_copc`]), or a shard of it, or merges shards. The
-/// points get normals and radii, so that views can be drawn without estimating them again.
+/// Writes point files as one COPC file ([`surfel_io::copc::save_copc`]), writes a shard of it, or merges shards.
+/// Normals and radii are estimated and stored, so that views needn't estimate them.
 ///
 /// # Errors
-/// [`Error::Usage`] for less memory than [`surfel_io::copc::LEAST_MEMORY`]; otherwise as
+/// [`Error::Usage`] for a memory budget below [`surfel_io::copc::LEAST_MEMORY`]; otherwise as
 /// [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
@@ -75,8 +75,8 @@ pub fn save_copc(
     Ok(by_stages(progress, written)?)
 }
 
-/// Writes a temporary COPC file in `folder` as [`save_copc`] does, with the given column names. The file exists until
-/// the returned value is dropped.
+/// Writes a temporary COPC file in `folder` like [`save_copc`]. `columns` are the column names of the input. The file
+/// is deleted when the returned value is dropped.
 pub(crate) fn save_temporary(
     (input, columns): (&Path, Option<&TableColumns>),
     folder: &Path,
@@ -89,7 +89,7 @@ pub(crate) fn save_temporary(
     Ok(by_stages(progress, written)?.0)
 }
 
-/// Estimates normals and radii of points that are a chunk of a cloud.
+/// Estimates normals and radii for the points of one chunk of a cloud.
 fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     if points.len() < LEAST_POINTS {
         return Ok(vec![PointSplat::default(); points.len()]);
@@ -104,7 +104,7 @@ fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     Ok((0..cloud.len()).map(splat).collect())
 }
 
-/// Translates progress by stage name, amount done and total into calls of `progress`.
+/// Runs `write`, and forwards its progress (stage name, amount done, total) to `progress`.
 fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str, u64, u64)) -> T) -> T {
     let stage = std::cell::RefCell::new(("", 0));
     let tell = |name: &'static str, done: u64, all: u64| {

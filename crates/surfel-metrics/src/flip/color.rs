@@ -29,7 +29,8 @@ fn transform(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// Converts to luma and the two opponent channels, linear in light: Y in [−16, 100], Cx red-green, Cz blue-yellow.
+/// Converts linear RGB to luma and two opponent channels, all linear in light: Y in [−16, 100], Cx red-green, Cz
+/// blue-yellow.
 pub(super) fn ycxcz_from_linear([r, g, b]: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = transform(&RELATIVE_XYZ_FROM_RGB, [r, g, b]);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
@@ -40,13 +41,14 @@ pub(super) fn luminance_from_y(y: f64) -> f64 {
     (y + 16.0) / 116.0
 }
 
-/// Inverts [`ycxcz_from_linear`], clamped to [0, 1].
+/// Converts YCxCz back to linear RGB, clamped to [0, 1].
 fn clamped_linear_from_ycxcz([y, cx, cz]: [f64; 3]) -> [f64; 3] {
     let y = luminance_from_y(y);
     transform(&RGB_FROM_RELATIVE_XYZ, [y + cx / 500.0, y, y - cz / 200.0]).map(|v| v.clamp(0.0, 1.0))
 }
 
-/// Converts to L*a*b* with a* and b* scaled by L*/100, since colours look less colourful in the dark (the Hunt effect).
+/// Converts linear RGB to L*a*b* with a* and b* scaled by L*/100. Colours look less colourful in the dark (the Hunt
+/// effect).
 fn hunt_lab_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let [x, y, z] = transform(&RELATIVE_XYZ_FROM_RGB, rgb)
@@ -56,22 +58,22 @@ fn hunt_lab_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     [l, colorfulness * 500.0 * (x - y), colorfulness * 200.0 * (y - z)]
 }
 
-/// Returns the distance HyAB: city-block in lightness, Euclidean in the chromatic plane.
+/// Returns the HyAB distance of two colours: city-block in lightness, Euclidean in the chromatic plane.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     let (da, db) = (a[1] - b[1], a[2] - b[2]);
     (a[0] - b[0]).abs() + (da * da + db * db).sqrt()
 }
 
-/// The colour part of the error, with precomputed constants.
+/// Colour part of the error, with precomputed constants.
 pub(super) struct ColorError {
     largest: f64,
 }
 
-/// HyAB's exponent q_c.
+/// Exponent q_c of the HyAB distance.
 const COLOR_EXPONENT: f64 = 0.7;
-/// Fraction p_c of the largest error that is mapped to [0, p_t].
+/// Fraction p_c of the largest colour error that is mapped to the range 0 to p_t ([`KNEE_VALUE`]).
 const KNEE: f64 = 0.4;
-/// Upper end p_t of the range that [`KNEE`] is mapped to.
+/// Error p_t to which [`KNEE`] is mapped.
 const KNEE_VALUE: f64 = 0.95;
 
 impl ColorError {

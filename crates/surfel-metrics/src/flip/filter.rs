@@ -2,36 +2,38 @@
 
 use std::f64::consts::PI;
 
-/// A Gaussian of the contrast sensitivity functions: a·√(π/b)·e^(−π²x²/b), x in degrees.
+/// Gaussian term of a contrast sensitivity function: a·√(π/b)·e^(−π²x²/b), with x in degrees.
 struct CsfTerm {
     a: f64,
     b: f64,
 }
 
-/// Table 1 of the paper: the red-green and achromatic functions have one term each, blue-yellow two.
+/// Term of the achromatic contrast sensitivity function (table 1 of the paper).
 const ACHROMATIC: CsfTerm = CsfTerm { a: 1.0, b: 0.0047 };
+/// Term of the red-green contrast sensitivity function (table 1 of the paper).
 const RED_GREEN: CsfTerm = CsfTerm { a: 1.0, b: 0.0053 };
+/// Terms of the blue-yellow contrast sensitivity function (table 1 of the paper).
 const BLUE_YELLOW: [CsfTerm; 2] = [CsfTerm { a: 34.1, b: 0.04 }, CsfTerm { a: 13.5, b: 0.025 }];
 
-/// Width w of the feature filter in degrees, peak to trough.
+/// Width w of the feature filter from peak to trough, in degrees.
 const FEATURE_WIDTH_DEGREES: f64 = 0.082;
 
-/// Right halves of all one-dimensional kernels: weight `k` is for pixels ±k away.
+/// Right halves of the one-dimensional kernels of all filters: entry `k` is the weight of pixels ±k away.
 pub(super) struct Kernels {
     pub(super) achromatic: Vec<f64>,
     pub(super) red_green: Vec<f64>,
-    /// Terms of the blue-yellow filter, which is the sum of both, each applied in both directions.
+    /// Two terms of the blue-yellow filter. Each is applied in both directions, and the results are added.
     pub(super) blue_yellow: [Vec<f64>; 2],
     pub(super) smooth: Vec<f64>,
-    /// Antisymmetric kernel: pixels on the left have the opposite weight.
+    /// Kernel of the first derivative, which is antisymmetric: pixels on the left have the opposite weight.
     pub(super) first_derivative: Vec<f64>,
     pub(super) second_derivative: Vec<f64>,
 }
 
 impl Kernels {
-    /// Creates the kernels for a density in [1, 1000].
+    /// Computes the kernels for a number of pixels per degree from 1 to 1000.
     pub(super) fn new(pixels_per_degree: f64) -> Self {
-        // Three standard deviations of the widest term, for all terms, as in the paper.
+        // The radius is three standard deviations of the widest term, for all terms, as in the paper.
         let csf_radius = (3.0 * (BLUE_YELLOW[0].b / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
         let term = |t: &CsfTerm| -> Vec<f64> {
             let amplitude = (t.a * (PI / t.b).sqrt()).sqrt();
@@ -65,7 +67,7 @@ impl Kernels {
         }
     }
 
-    /// Returns the number of pixels that the widest kernel reaches to either side.
+    /// Returns the radius of the widest kernel, in pixels.
     pub(super) fn radius(&self) -> usize {
         self.achromatic.len().max(self.smooth.len()) - 1
     }
@@ -101,8 +103,8 @@ pub(super) enum Parity {
     Odd,
 }
 
-/// Computes `out[i]` = Σ over k of the kernel's weight times `at(k)[i]`, where `at` returns the signal shifted by k
-/// pixels.
+/// Convolves a signal with a kernel: `out[i]` = Σ weight(k)·`at(k)[i]`. The function `at` returns the signal shifted by
+/// k pixels.
 pub(super) fn convolve<'a>(out: &mut [f64], half: &[f64], parity: Parity, at: impl Fn(isize) -> &'a [f64]) {
     match parity {
         Parity::Even => out.iter_mut().zip(at(0)).for_each(|(o, v)| *o = half[0] * v),

@@ -3,33 +3,35 @@
 use super::{Encoding, FlipMap, FlipOptions, check, map_without_nan};
 use crate::error::MetricsError;
 
-/// Maximum number of exposures that [`hdr`] compares; a reference that spans more stops is sampled more coarsely.
+/// Maximum number of exposures that [`hdr`] compares. If the reference spans more stops, exposures are more than a stop
+/// apart.
 pub const MAX_EXPOSURES: usize = 32;
 
 /// Result of HDR-FLIP.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HdrFlip {
-    /// The largest error of every pixel over all exposures, and the mean of these errors.
+    /// Largest error of every pixel over all exposures, and the mean of these errors.
     pub map: FlipMap,
-    /// First exposure in stops: the reference's brightest pixel is tone-mapped to 0.85.
+    /// First exposure in stops, at which the reference's brightest pixel is tone-mapped to 0.85.
     pub start_exposure: f64,
-    /// Last exposure in stops: the reference's median luminance is tone-mapped to 0.85.
+    /// Last exposure in stops, at which the reference's median luminance is tone-mapped to 0.85.
     pub stop_exposure: f64,
-    /// Number of exposures, evenly spaced from start to stop.
+    /// Number of exposures, evenly spaced from the first to the last.
     pub exposures: usize,
 }
 
 /// Computes HDR-FLIP (Andersson et al. 2021) between two images of opaque linear RGB pixels, row by row from the top.
-/// The exposure range is the reference's, and the tone mapper is ACES (Narkowicz's fit, pre-exposure 0.6 removed).
+/// The exposure range is the reference's, and the tone mapper is ACES (Narkowicz's fit, without its pre-exposure of
+/// 0.6).
 ///
-/// Negative values count as 0, infinite ones as the largest f32.
+/// Negative values count as 0, and infinite values as the largest f32.
 ///
-/// Deviation from the paper: the median luminance may be 0, if half of the reference is black. This is common for an
-/// object in front of a black background. The median of the pixels that aren't black replaces it; if all are black, the
-/// exposure is 0.
+/// Deviation from the paper: the paper's median luminance is 0 if half of the reference is black. This is common for an
+/// object in front of a black background. The median of the pixels that aren't black then replaces it. If all pixels
+/// are black, the exposure is 0.
 ///
 /// # Errors
-/// The errors of [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
+/// Errors of [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
 pub fn hdr(
     width: u32,
     height: u32,
@@ -59,8 +61,9 @@ pub fn hdr(
     Ok(HdrFlip { map, start_exposure: start, stop_exposure: stop, exposures })
 }
 
-/// Coefficients of (n₂x² + n₁x)/(d₂x² + d₁x + d₀), highest power first.
+/// Numerator coefficients n₂ and n₁ of the ACES fit (n₂x² + n₁x)/(d₂x² + d₁x + d₀).
 const ACES_NUMERATOR: [f64; 2] = [0.6 * 0.6 * 2.51, 0.6 * 0.03];
+/// Denominator coefficients d₂, d₁ and d₀ of the ACES fit.
 const ACES_DENOMINATOR: [f64; 3] = [0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
 fn aces(x: f64) -> f64 {
@@ -69,7 +72,7 @@ fn aces(x: f64) -> f64 {
     (n2 * x + n1) * x / ((d2 * x + d1) * x + d0)
 }
 
-/// Returns the value that [`aces`] maps to `target`, in (0, 1).
+/// Returns the value that [`aces`] maps to `target`, which must be in (0, 1).
 fn aces_inverse(target: f64) -> f64 {
     let [n2, n1] = ACES_NUMERATOR;
     let [d2, d1, d0] = ACES_DENOMINATOR;
@@ -81,7 +84,7 @@ fn finite_light(v: f32) -> f64 {
     f64::from(v.clamp(0.0, f32::MAX))
 }
 
-/// Returns the first and last exposure in stops, from the reference's brightest and median luminance.
+/// Returns the first and last exposure in stops, computed from the reference's brightest and median luminance.
 fn exposure_range(reference: &[[f32; 3]]) -> (f64, f64) {
     let luminance = |p: &[f32; 3]| {
         let [r, g, b] = p.map(|v| if v.is_nan() { 0.0 } else { finite_light(v) });

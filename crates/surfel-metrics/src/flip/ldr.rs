@@ -1,4 +1,4 @@
-//! LDR-FLIP's pipeline, a row at a time.
+//! Pipeline of LDR-FLIP, which computes the error map row by row.
 //!
 //! Every filter is separable, so a row of the result needs only as many horizontally filtered rows as the widest kernel
 //! is tall. A ring buffer stores these rows, so that memory is proportional to the width and fits the cache.
@@ -21,18 +21,18 @@ enum Plane {
 }
 const PLANES: usize = 7;
 
-/// The last rows of one image.
+/// Filter state of one image: a ring buffer with its last rows.
 struct Side<P> {
     pixel: P,
     width: usize,
     radius: usize,
-    /// One row each of Y, Cx, Cz and luminance, with `radius` copies of its end pixels on either side.
+    /// Rows of Y, Cx, Cz and luminance, with `radius` copies of the end pixels on either side.
     padded: [Vec<f64>; 4],
-    /// Ring buffer. Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius + 1))·width.
+    /// Ring buffer of filtered rows. Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius + 1))·width.
     ring: Vec<f64>,
 }
 
-/// Feature strengths and filtered colour of one row.
+/// Filtered colour and feature strengths of one row.
 struct Filtered {
     color: [Vec<f64>; 3],
     edge: Vec<f64>,
@@ -69,7 +69,7 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
         &self.ring[start..start + self.width]
     }
 
-    /// Reads row `y` and filters it horizontally into the ring.
+    /// Reads row `y`, filters it horizontally, and stores the result in the ring buffer.
     fn push(&mut self, y: usize, kernels: &Kernels) {
         let (width, radius) = (self.width, self.radius);
         for i in 0..width {
@@ -103,7 +103,7 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
         }
     }
 
-    /// Filters vertically around row `y`; rows beyond the `height` repeat the border.
+    /// Filters vertically around row `y`. Rows outside of the image repeat the first or the last row.
     fn filter_row(&self, y: usize, height: usize, kernels: &Kernels, out: &mut Filtered) {
         let vertical = |out: &mut [f64], plane: Plane, half: &[f64], parity: Parity| {
             convolve(out, half, parity, |k| self.row(plane, y.saturating_add_signed(k).min(height - 1)));
@@ -127,7 +127,8 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
     }
 }
 
-/// Returns the error of every pixel in [0, 1] between two images, given as linear RGB in [0, 1] by pixel index.
+/// Returns the error in [0, 1] of every pixel between two images. `reference` and `test` return the linear RGB in [0,
+/// 1] of a pixel index.
 pub(super) fn error_map(
     width: usize,
     height: usize,
@@ -156,7 +157,7 @@ pub(super) fn error_map(
             let color = color_error
                 .between([0, 1, 2].map(|channel| fa.color[channel][i]), [0, 1, 2].map(|channel| fb.color[channel][i]));
             let feature = (fa.edge[i] - fb.edge[i]).abs().max((fa.point[i] - fb.point[i]).abs());
-            // The exponent q_f is ½. A feature can't exceed √2, the two directions' maxima together.
+            // The exponent q_f is ½. A feature is at most √2, the combined maxima of the two directions.
             let feature = (feature * FRAC_1_SQRT_2).min(1.0).sqrt();
             error.push(color.powf(1.0 - feature) as f32);
         }

@@ -6,10 +6,10 @@
 //!   Dynamic Range Images*, Eurographics 2021.
 //!
 //! Deviation from the papers: filters run separably, in f64, which yields the same sums. A Gaussian is separable, and
-//! the blue-yellow filter is a sum of two.
+//! the blue-yellow filter is a sum of two Gaussians.
 //!
-//! A pixel that is NaN in either image has error 1. The filters read it as black on both sides, so that it doesn't
-//! spread. Infinities and other values outside [0, 1] are clamped.
+//! A pixel that is NaN in either image has error 1. The filters read such a pixel as black in both images, so that the
+//! error doesn't spread. Infinities and other values outside [0, 1] are clamped.
 
 mod color;
 mod filter;
@@ -19,16 +19,16 @@ mod ldr;
 use crate::error::{MetricsError, check_length, pixel_count};
 pub use hdr::{HdrFlip, MAX_EXPOSURES, hdr};
 
-/// Pixels per degree of the papers' viewer: 0.7 m from a screen 0.7 m wide with 3840 pixels.
+/// Pixels per degree for the papers' viewer, who sits 0.7 m from a screen 0.7 m wide with 3840 pixels.
 pub const DEFAULT_PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (std::f64::consts::PI / 180.0);
 
-/// Encoding of colours.
+/// Encoding of an image's colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// Linear light, Rec. 709 primaries.
     #[default]
     Linear,
-    /// sRGB-encoded.
+    /// sRGB-encoded values.
     Srgb,
 }
 
@@ -47,7 +47,7 @@ impl Default for FlipOptions {
     }
 }
 
-/// Result of FLIP.
+/// Result of FLIP: the error of every pixel, and their mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlipMap {
     /// Width in pixels.
@@ -67,7 +67,7 @@ impl FlipMap {
         Self { width, height, error, mean }
     }
 
-    /// Converts the error map to [`magma`](crate::colormap::magma), sRGB-encoded, row by row from the top.
+    /// Converts the error map to [`magma`](crate::colormap::magma) colours, sRGB-encoded, row by row from the top.
     pub fn to_magma(&self) -> Vec<[u8; 3]> {
         crate::colormap::magma_image(&self.error, 1.0)
     }
@@ -100,8 +100,8 @@ fn decoder(encoding: Encoding) -> fn(f64) -> f64 {
     }
 }
 
-/// Returns the error map of the linear RGB in [0, 1] that `view` returns for pixel `i` of each image, with the module's
-/// rule for NaN.
+/// Returns the error map of two images, with the module's rule for NaN. `view` returns the linear RGB in [0, 1] of
+/// pixel `i` of an image.
 fn map_without_nan(
     width: u32,
     height: u32,

@@ -9,13 +9,14 @@ use std::ops::Range;
 const POINTS_A_PIXEL: u64 = 5;
 /// Number of points below which none are skipped, because so few are read quickly.
 const LEAST_POINTS: u64 = 1_000_000;
-/// Largest error where finer points are skipped, relative to the requested error: one level more.
+/// Largest ratio of the error to the requested error where finer points are skipped. A ratio of 2 is one level of
+/// detail.
 const MOST_ERRORS: f64 = 2.0;
-/// Largest shares of the image in which points may be skipped: if the error there is [`MOST_ERRORS`] times the
-/// requested one, and if it is barely above the requested one. The rest is as fine as requested, or as fine as the
-/// file.
+/// Limits of the fraction of the views in which points may be skipped. The first applies if the error there is
+/// [`MOST_ERRORS`] times the requested one, the second if the error is barely above the requested one. The rest of the
+/// views is as fine as requested, or as fine as the file.
 const LEFT_OUT: [f64; 2] = [0.25, 0.375];
-/// Number of cells along each side of an image, by which the share is measured.
+/// Number of cells along each side of an image, by which the skipped fraction is measured.
 const CELLS: usize = 64;
 
 /// Number of errors tried per octave.
@@ -23,18 +24,18 @@ const STEPS: i32 = 64;
 
 /// Test whether an image has enough points although some of its splats are larger than requested.
 ///
-/// On a slanted surface, such as land toward the horizon, a splat's size says little about the number of points per
-/// pixel: land that appears at 1/16 of its area has 16 times as many. A selection ends once it has [`POINTS_A_PIXEL`]
-/// per pixel of its views, and [`LEAST_POINTS`] in total. Splats must be at most [`MOST_ERRORS`] times too large, in at
-/// most a quarter of the views. In a larger share, the limit decreases so that the error changes evenly ([`LEFT_OUT`]).
-/// The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection, levels fade in
-/// ([`FADE_OCTAVES`]); a node that has not faded in completely counts as skipped.
-///
-/// The decision depends only on the nodes and the views, so an image is the same for any threads and caches. The
-/// constants are measured on land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
+/// On a slanted surface, such as land toward the horizon, a splat's size is a poor measure of the number of points per
+/// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
+/// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. Splats may be up to [`MOST_ERRORS`] times
+/// too large in at most a quarter of the views. If the fraction is larger, the allowed error decreases evenly
+/// ([`LEFT_OUT`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection,
+/// levels fade in ([`FADE_OCTAVES`]). A node that has not faded in completely counts as skipped. The decision depends
+/// only on the nodes and the views, so an image is the same for any threads and caches. The constants are measured on
+/// land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
 pub(super) struct Enough<'a> {
     eyes: &'a [Eye<'a>],
-    /// Required nodes and the splat size in pixels without each, the largest first.
+    /// Nodes required for the requested error, each with the size in pixels of the splats drawn in its place, the
+    /// largest first.
     wanted: &'a [(f64, &'a LevelNode)],
     /// Number of skipped nodes, or nodes not completely faded in, that may be visible in each cell of each view.
     left_out: Vec<u32>,
@@ -91,7 +92,7 @@ impl<'a> Enough<'a> {
         1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
     }
 
-    /// Marks a node as skipped.
+    /// Marks a node as skipped in the cells where it may be visible.
     fn leave_out(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.left_out[cell] += 1;
@@ -117,8 +118,8 @@ fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
     eyes.iter().enumerate().flat_map(of_view)
 }
 
-/// Returns the columns and rows of cells that contain the visible part of a node's cube; all cells if a part of it is
-/// before the near plane.
+/// Returns the columns and rows of cells that contain the visible part of a node's cube. All cells, if a part of the
+/// cube is nearer than the near plane.
 fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
     let projection = &eye.view.projection;
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

@@ -10,7 +10,7 @@ use surfel_model::{Cull, Settings};
 /// sphere is ample.
 const REACH: f64 = 3.0;
 
-/// Visibility of an object in views.
+/// Visibility test of an object's splats in several views.
 pub struct Sight<'a> {
     eyes: Vec<Eye<'a>>,
     margin_px: f64,
@@ -30,7 +30,7 @@ impl<'a> Sight<'a> {
         MARGIN_PX + 1.5 * settings.prefilter_radius_px
     }
 
-    /// False if no part of a splat can be visible in any of the views. Lengths are in object units.
+    /// True if a part of a splat may be visible in any of the views. Lengths are in object units.
     pub fn shows(&self, center: DVec3, radius: f64) -> bool {
         self.eyes.iter().any(|eye| eye.sees_around((center, REACH * radius), self.margin_px, |_| 0.0))
     }

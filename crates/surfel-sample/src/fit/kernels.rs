@@ -1,4 +1,4 @@
-//! Kernels of a cloud's splats on their own surface, as a close view blends them.
+//! Weight functions of a cloud's splats on their own surface, as a close view blends them.
 
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
@@ -7,23 +7,25 @@ use glam::DVec3;
 use surfel_math::{V2, clip::Clip, kernel};
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// Reach of a splat from its centre, in radii: its own radius, and a quarter for a surface that curves away.
+/// Distance from a splat's centre up to which it has weight, in radii: its own radius, and a quarter for a surface that
+/// curves away.
 pub(super) const REACH: f64 = 1.25;
-/// Cosine of 60°: splats whose normals differ more belong to another part of the surface, as for the interior weight.
+/// Smallest cosine (60°) between normals on the same surface; other splats belong to another part, as for the interior
+/// weight.
 const SAME_SURFACE: f64 = 0.5;
 /// Default cutoff of the renderer.
 const CUTOFF: f64 = 2.0;
 
-/// Weight function w of a splat on a surface.
+/// Weight function w of a splat at points of the surface.
 #[derive(Clone, Default)]
 pub(super) struct Kernel {
     /// Centre relative to the cloud's origin.
     center: DVec3,
     /// Unit normal; zero for a splat that was removed.
     normal: DVec3,
-    /// Dual basis: dot products with an offset in the splat's plane give its (u, v).
+    /// Dual basis: dot products with an offset in the splat's plane give the offset's (u, v).
     dual: [DVec3; 2],
-    /// Larger half-axis.
+    /// Larger half-axis, in object units.
     radius: f64,
     clip: Option<Box<Clip<f64>>>,
 }
@@ -47,8 +49,8 @@ impl Kernel {
         Sphere { center: self.center, radius_squared: reach * reach }
     }
 
-    /// Returns w where the line through `point` along the unit `normal` meets the splat's plane. The weight is 0 beyond
-    /// the disk, its clip or [`REACH`], and if the normals differ by more than 60°.
+    /// Returns w at the intersection of the splat's plane with the line through `point` along the unit `normal`. The
+    /// weight is 0 outside of the disk, its clip or [`REACH`], and if the normals differ by more than 60°.
     pub(super) fn weight(&self, point: DVec3, normal: DVec3) -> f64 {
         let d = point - self.center;
         let facing = self.normal.dot(normal);
@@ -64,7 +66,7 @@ impl Kernel {
     }
 }
 
-/// All kernels in the order of a tree over their centres, where neighbours are close together in memory.
+/// Weight functions of all splats, in the order of a tree over their centres, so that neighbours are close in memory.
 pub(super) struct Kernels {
     pub(super) tree: KdTree,
     reach_below: Vec<f64>,
@@ -82,7 +84,7 @@ impl Kernels {
         Self { tree, reach_below, of_slot }
     }
 
-    /// Removes a splat: its weight is 0 everywhere.
+    /// Removes a splat from all queries: its weight becomes 0 everywhere.
     pub(super) fn remove(&mut self, slot: usize) {
         self.of_slot[slot].normal = DVec3::ZERO;
     }
@@ -95,13 +97,13 @@ impl Kernels {
         &self.of_slot[slot]
     }
 
-    /// Returns the median radius of the splats, which determines the size of cells.
+    /// Returns the median radius of the splats, from which the size of sample cells follows.
     pub(super) fn median_radius(&self) -> f64 {
         let mut radii: Vec<f64> = self.of_slot.iter().map(|k| k.radius).collect();
         crate::radii::median(&mut radii).unwrap_or(0.0)
     }
 
-    /// Returns the slots, ascending, of the splats that may have weight within a sphere.
+    /// Returns the slots, ascending, of the splats that may have weight inside a sphere.
     pub(super) fn near(&self, center: DVec3, radius: f64) -> Vec<u32> {
         let mut slots = Vec::new();
         self.tree.near(center, radius, &self.reach_below, &mut |slot| {
@@ -114,13 +116,13 @@ impl Kernels {
         slots
     }
 
-    /// Returns the sphere within which a slot's splat may have weight.
+    /// Returns the sphere that contains all points where a slot's splat may have weight.
     pub(super) fn sphere(&self, slot: u32) -> Sphere {
         self.of_slot[slot as usize].sphere()
     }
 }
 
-/// Sphere within which a splat may have weight.
+/// Sphere that contains all points where a splat may have weight.
 pub(super) struct Sphere {
     center: DVec3,
     radius_squared: f64,

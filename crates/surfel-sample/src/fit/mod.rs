@@ -1,8 +1,9 @@
-//! Texture acquisition (Z01 §5): fits values of splats so that their blend equals the surface's values.
+//! Texture acquisition (Z01 §5): fits the colours and normals of splats so that their blend equals the surface's
+//! values.
 //!
-//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw are the splats' shares in a close view. The fit minimises ∫
-//! (f − Σ r̂_k·c_k)² over the surface, within the bounds of a colour. Z01 eq. 11 has w in place of r̂, and no bounds:
-//! its solutions leave [0, 1] (docs/decisions/020).
+//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw is the normalised weight of splat k in a close view. The fit
+//! minimises ∫ (f − Σ r̂_k·c_k)² over the surface, with colours bounded. Z01 eq. 11 has w in place of r̂, and no
+//! bounds: its solutions leave [0, 1] (docs/decisions/020).
 
 mod kernels;
 mod points;
@@ -27,59 +28,62 @@ pub use points::{PointFitReport, fit_point_colors};
 /// Stop criterion for colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step.
 const STOP: Stop = Stop { residual: 1e-4, steps: 400 };
 
-/// Largest change of a component of a shading normal. Where the mesh's normals vary faster than its splats can
-/// represent, an unbounded solution overshoots.
+/// Largest change of a component of a shading normal. If the mesh's normals vary faster than its splats can represent,
+/// an unbounded solution overshoots.
 const NORMAL_CHANGE: f64 = 0.25;
 
-/// Largest overshoot of a splat's colour beyond the colours under the splat, relative to their range. Sharp peaks need
-/// a quarter to a third. Without this bound, fits ripple in uniform areas some splats away from an edge.
+/// Largest overshoot of a splat's colour beyond the colours under the splat, relative to the range of these colours.
+/// Sharp peaks need a quarter to a third. Without this bound, fits ripple in uniform areas some splats away from an
+/// edge.
 const BEYOND: f64 = 0.35;
-/// Smallest variation of a channel under a splat that counts for [`BEYOND`]: a quarter of 1/255 of linear light.
+/// Smallest variation of a channel under a splat that limits the overshoot ([`BEYOND`]): a quarter of 1/255 of linear
+/// light.
 const VARIES: f64 = 1e-3;
-/// Stop criterion for normals: a thirtieth of a degree.
+/// Stop criterion for normals: no step turns a normal by a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
-/// Smallest error of blended normals (root mean square of their components) that is worth a fit: half a degree.
+/// Smallest error of blended normals (root mean square of their components) at which a fit is made: half a degree.
 const NORMALS_SHOW: f64 = 0.005;
 
-/// Maximum number of splats fitted together; each needs about a kilobyte.
+/// Maximum number of splats in one fit; each needs about a kilobyte.
 const MOST_SPLATS: usize = 1 << 25;
-/// Maximum number of splats over a place, on average: the work grows with its square. Radii of twice the spacing have
-/// 13.
+/// Maximum mean number of splats that overlap at a place; the work grows with its square. Splats with radii of twice
+/// the spacing have 13.
 const MOST_OVER_PLACE: usize = 200;
-/// Number of places at which overlapping splats are counted.
+/// Number of places at which overlapping splats are counted to check the limit.
 const PROBES: usize = 1024;
 
 /// Report of a fit to a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FitReport {
-    /// Number of places on the surface that were compared.
+    /// Number of sample points on the surface.
     pub samples: usize,
     /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
     pub steps: usize,
-    /// KKT residual: the largest change of a value (linear colour or normal component) by a further step.
+    /// KKT residual: the largest change of a value (linear colour or normal component) by one further step.
     pub residual: f64,
-    /// Root mean square error of the blend in linear light, before and after, over the surface and channels.
+    /// Root mean square error of the blend's colours in linear light, over surface and channels, before and after the
+    /// fit.
     pub color_rms: [f64; 2],
-    /// The same error of shading normals, if they were fitted.
+    /// Root mean square error of shading normals before and after the fit; `None` if they weren't fitted.
     pub normal_rms: Option<[f64; 2]>,
 }
 
-/// Fits the colours of splats made from a mesh and, with [`TextureSampling::Fit`], their shading normals, so that their
-/// blend shows the mesh's values. The splats' present values are those of [`TextureSampling::Point`], which changes
-/// nothing. Alphas never change, colours only if the mesh has colours or textures, and normals only if the cloud has
-/// shading normals.
+/// Fits the colours of splats made from a mesh, so that their blend shows the mesh's colours. With
+/// [`TextureSampling::Fit`], shading normals are fitted too. The cloud's present values must be point samples;
+/// [`TextureSampling::Point`] returns the cloud unchanged. Alphas never change. Colours change only if the mesh has
+/// colours or textures, and normals only if the cloud has shading normals.
 ///
-/// Splats blend at places where their normals and the surface's agree within 60° and inside their clips. Colours are
-/// limited to 0 to 1 (or to the mesh's largest value) and to near the colours under the splat. Splats on no part of the
-/// mesh don't change. A surface of one colour gets exactly this colour. The result doesn't depend on the number of
-/// threads.
+/// Splats blend at places inside their clips where their normals and the surface's agree within 60°. Colours are
+/// limited to the range 0 to 1 (or to the mesh's largest value), and to the neighbourhood of the colours under the
+/// splat. Splats that cover no part of the mesh don't change. A surface of one colour gets exactly this colour. The
+/// result doesn't depend on the number of threads.
 ///
-/// Source: Z01 §5 (texture acquisition), with the splats' shares of the blend in place of their weights, and with
-/// bounds.
+/// Source: Z01 §5 (texture acquisition), with normalised weights in place of weights, and with bounds.
 ///
 /// # Errors
-/// [`SampleError::Model`] for a mesh that isn't valid, [`SampleError::Empty`] for one without triangles,
-/// [`SampleError::NoArea`] if none has any, and [`SampleError::TooMany`] above 33 million splats, or 200 over a place.
+/// [`SampleError::Model`] for an invalid mesh, [`SampleError::Empty`] for a mesh without triangles, and
+/// [`SampleError::NoArea`] if no triangle has an area. [`SampleError::TooMany`] above 33 million splats, or if more
+/// than 200 splats overlap at a place on average.
 pub fn fit_to_mesh(
     cloud: SplatCloud,
     mesh: &Mesh,
@@ -142,7 +146,7 @@ fn joined(a: [f32; 3], b: [f32; 3]) -> [f32; 6] {
     [a[0], a[1], a[2], b[0], b[1], b[2]]
 }
 
-/// Returns three of the channels, from `first` on.
+/// Returns the three channels that start at channel `first`.
 fn part(values: &[[f32; 6]], first: usize) -> Vec<[f32; 3]> {
     values.iter().map(|v| std::array::from_fn(|c| v[first + c])).collect()
 }
@@ -156,8 +160,8 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Returns the fitted values of all splats, by index. The first `colors` channels have the bounds of colours, the
-    /// others those of normals.
+    /// Fits the values of all splats and returns them by index. The first `colors` channels are bounded as colours, the
+    /// others as normals.
     fn fit<const N: usize>(
         &self,
         colors: usize,
@@ -213,7 +217,7 @@ impl Target<'_> {
     }
 }
 
-/// Rejects clouds whose normal equations would not be sparse.
+/// Returns an error if so many splats overlap that the normal equations would not be sparse.
 fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Result<(), SampleError> {
     let probes = samples.all().iter().step_by(samples.len().div_ceil(PROBES).max(1));
     let (mut found, mut count) = (0, 0);
@@ -241,9 +245,9 @@ fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bou
     range
 }
 
-/// Returns the bounds of the change of a present value. The changed value is in the range, and not far beyond the
-/// samples' `local` range; no change is always allowed. All varying channels may overshoot by the same fraction of
-/// their variation, because one channel that stops alone would change the hue.
+/// Returns the bounds for the change of a splat's present value. The changed value stays in `range`, and close to the
+/// range `local` of the samples under the splat; no change is always allowed. All varying channels may overshoot by the
+/// same fraction of their variation, because a channel limited on its own would change the hue.
 fn within<const N: usize>(range: &Bounds, local: &[[f32; 2]; N], present: &[f32; N]) -> Bounds {
     let local = |c: usize| local[c].map(f64::from);
     let varies = (0..N.min(3)).filter(|&c| local(c)[1] - local(c)[0] > VARIES);

@@ -1,4 +1,4 @@
-//! Fit of the colours of scans: the blend of the splats approximates the measured colours.
+//! Fit of a scan's colours, so that the blend of its splats approximates the measured colours.
 
 use super::kernels::Kernels;
 use super::samples::{Sample, Samples};
@@ -9,34 +9,34 @@ use crate::parallel::map_each;
 use crate::{NoProgress, Progress, SampleError};
 use surfel_model::{OnInvalid, SplatCloud};
 
-/// Every n-th point is held out, to find the best number of steps.
+/// Interval at which points are held out: every tenth point serves to find the best number of steps.
 const HELD_OUT: usize = 10;
-/// Maximum number of steps; the first few suffice for all but noise.
+/// Maximum number of solver steps; more would only fit noise.
 const STEPS: usize = 64;
-/// Number of steps without a better prediction after which the search stops.
+/// Number of steps without a better prediction after which the search for the best number stops.
 const PATIENCE: usize = 8;
 
 /// Report of a fit to the colours of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointFitReport {
-    /// Number of steps that predicts held-out points best, starting from blurred colours; `None` if the original
-    /// colours do.
+    /// Number of solver steps that predicts held-out points best, starting from blurred colours. `None` if the original
+    /// colours predict them best.
     pub steps: Option<usize>,
-    /// Root mean square error, in linear light, of the held-out points' colours as predicted by the blend of the
-    /// others: with the original colours, and with fitted ones.
+    /// Root mean square error of the held-out points' colours, in linear light, as predicted by the blend of the other
+    /// points. The first value is for the original colours, the second one for the fitted colours.
     pub held_out_rms: [f64; 2],
 }
 
-/// Fits the colours of a scan's splats so that their blend is closer to the measured colours, which it otherwise blurs,
-/// without fitting noise. There must be one splat per point, with the measured colour as its present colour.
+/// Sharpens the colours of a scan's splats, so that their blend is close to the measured colours instead of blurred,
+/// without fitting noise. The cloud must have one splat per point, with the measured colour as its present colour.
 ///
 /// The fit starts with the blend's own colours and sharpens them step by step. A first pass holds out every tenth
-/// point, and finds the number of steps that predicts those points best. Colours are limited to 0 to 1, or to the
-/// largest value above; alphas don't change. The result doesn't depend on the number of threads. A cloud without
-/// colours, or with fewer than ten splats, is returned unchanged.
+/// point, and finds the number of steps that predicts these points best. Colours are limited to 0 to 1, or to the
+/// largest present value above; alphas don't change. The result doesn't depend on the number of threads. A cloud
+/// without colours, or with fewer than ten splats, is returned unchanged.
 ///
 /// # Errors
-/// [`SampleError::TooMany`] above 33 million splats, or 200 over a place on average.
+/// [`SampleError::TooMany`] above 33 million splats, or if more than 200 splats overlap at a place on average.
 pub fn fit_point_colors(
     cloud: SplatCloud,
     progress: &dyn Progress,
@@ -108,7 +108,7 @@ pub fn fit_point_colors(
     Ok((SplatCloud::new(data, OnInvalid::Refuse)?.0, report))
 }
 
-/// Returns each point's colour as the blend shows it, by slot; points without a sample have their own colour.
+/// Returns the blend's colour at each point, by slot; points without a sample keep their present colour.
 fn blended(kernels: &Kernels, samples: &Samples<3>, present: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let mut slot_of = vec![0; kernels.len()];
     (0..kernels.len()).for_each(|slot| slot_of[kernels.tree.index(slot)] = slot);

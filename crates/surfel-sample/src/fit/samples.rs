@@ -1,4 +1,4 @@
-//! Samples of a surface with their target values, sorted into cells.
+//! Samples of a surface with their target values, sorted into grid cells.
 
 use super::kernels::Kernels;
 use crate::mesh::count::stratified;
@@ -9,24 +9,25 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Smallest and largest number of samples per splat. Fewer make a coefficient random; more than there are texels repeat
-/// each other.
+/// Smallest and largest number of samples per splat. With fewer, coefficients are random; more samples than texels only
+/// repeat each other.
 const A_SPLAT: [f64; 2] = [9.0, 36.0];
-/// Total number of samples above which there are as few as possible; each needs 32 to 44 bytes.
+/// Total number of samples above which the number per splat is reduced toward its minimum; a sample needs 32 to 44
+/// bytes.
 const MANY: f64 = 16e6;
-/// Smallest number of samples per triangle if there are as many splats as triangles.
+/// Smallest number of samples per triangle, if there are at least as many splats as triangles.
 const A_TRIANGLE: f64 = 4.0;
-/// Number of texels per sample above which a sample is the mean of nine places.
+/// Number of texels per sample above which a sample's value is the mean of nine places.
 const FINE: f64 = 1.5;
-/// Maximum number of cells along the largest side of the bounds: three coordinates share 64 bits.
+/// Maximum number of cells along the largest side of the bounds, so that three coordinates fit 64 bits.
 const MOST_CELLS: f64 = (1 << 20) as f64;
 
-/// A place on the surface, its target value, and its weight.
+/// Place on the surface with its target value and its weight.
 #[derive(Clone, Copy)]
 pub(super) struct Sample<const N: usize> {
     /// Position relative to [`Samples::center`].
     at: Vec3,
-    /// Index into [`Samples::normals`].
+    /// Index of the normal in [`Samples::normals`], which is also the index of the face or point.
     normal: u32,
     pub(super) weight: f32,
     pub(super) value: [f32; N],
@@ -38,7 +39,7 @@ impl<const N: usize> Default for Sample<N> {
     }
 }
 
-/// Samples, ordered by cell.
+/// Samples of a surface, sorted by grid cell.
 pub(super) struct Samples<const N: usize> {
     center: DVec3,
     normals: Vec<DVec3>,
@@ -53,7 +54,7 @@ fn key(cell: [i64; 3]) -> u64 {
 }
 
 impl<const N: usize> Samples<N> {
-    /// Sorts samples into cells that a few splats reach. Samples of the same cell stay in the order of `items`.
+    /// Sorts samples into cells that only a few splats reach. Samples of one cell stay in the order of `items`.
     fn sorted(center: DVec3, normals: Vec<DVec3>, mut items: Vec<Sample<N>>, kernels: &Kernels) -> Self {
         let extent = items.iter().map(|s| s.at.abs().max_element()).fold(0.0, f32::max);
         let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MOST_CELLS).max(f64::MIN_POSITIVE);
@@ -69,8 +70,8 @@ impl<const N: usize> Samples<N> {
         Self { center, normals, items, ends }
     }
 
-    /// Samples the points of a cloud themselves. `value` maps the index of a point to its value, or to `None` to skip
-    /// it.
+    /// Samples the points of a cloud themselves. `value` maps a point's index to its value; points with `None` are
+    /// skipped.
     pub(super) fn of_points(cloud: &SplatCloud, kernels: &Kernels, value: &dyn Fn(usize) -> Option<[f32; N]>) -> Self {
         let position = |i: usize| cloud.data().centers.get(i);
         let center = middle((0..cloud.len()).map(position));
@@ -125,7 +126,8 @@ impl<const N: usize> Samples<N> {
         self.normals[sample.normal as usize]
     }
 
-    /// Returns the source of a sample: the point for [`Self::of_points`], the face for [`Self::of_mesh`].
+    /// Returns the source of a sample: the index of the point for [`Self::of_points`], or of the face for
+    /// [`Self::of_mesh`].
     pub(super) fn source(&self, sample: &Sample<N>) -> usize {
         sample.normal as usize
     }
@@ -140,26 +142,26 @@ impl<const N: usize> Samples<N> {
         self.ends.len()
     }
 
-    /// Returns the samples of a cell.
+    /// Returns the samples of a cell, which are contiguous.
     pub(super) fn of_cell(&self, cell: usize) -> &[Sample<N>] {
         let start = if cell == 0 { 0 } else { self.ends[cell - 1] };
         &self.items[start as usize..self.ends[cell] as usize]
     }
 }
 
-/// Returns the centre of the bounds.
+/// Returns the centre of the points' bounding box.
 fn middle(points: impl Iterator<Item = DVec3>) -> DVec3 {
     let (lo, hi) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     if lo.is_finite() { 0.5 * lo + 0.5 * hi } else { DVec3::ZERO }
 }
 
-/// Number of samples for each triangle.
+/// Sampling plan of a mesh: the number of samples of each triangle.
 struct Measure {
-    /// Number per triangle, not rounded; 0 for triangles without area.
+    /// Number of samples per triangle, not rounded; 0 for triangles without area.
     samples: Vec<f64>,
     total: f64,
     count: usize,
-    /// True for triangles whose samples represent several texels each.
+    /// Flag per triangle, true if each of its samples represents several texels.
     coarse: Vec<bool>,
     /// Mean area per splat.
     mean_area: f64,

@@ -27,7 +27,7 @@ impl Scalar for f64 {
     }
 }
 
-/// Values of a splat: three channels, and one that fills the register.
+/// Values of one splat: three channels, and a fourth that fills the SIMD register.
 pub(super) type Lanes<T> = [T; 4];
 
 /// Smallest and largest value of each channel.
@@ -36,7 +36,8 @@ pub(super) type Bounds = [[f64; 2]; 4];
 /// Stop criterion of the iteration.
 #[derive(Clone, Copy)]
 pub(super) struct Stop {
-    /// KKT residual: no step along the gradient, of length 1/mass and within the bounds, changes a value by more.
+    /// Largest KKT residual at which the iteration stops. The residual is the largest change of a value by a step along
+    /// the gradient, of length 1/mass and within the bounds.
     pub(super) residual: f64,
     /// Maximum number of steps.
     pub(super) steps: usize,
@@ -44,25 +45,25 @@ pub(super) struct Stop {
 
 /// Result of the minimisation.
 pub(super) struct Solution<T> {
-    /// Change of the present values, by slot.
+    /// Solution d: the change of each splat's present values, by slot.
     pub(super) d: Vec<Lanes<T>>,
     pub(super) steps: usize,
-    /// KKT residual of the result.
+    /// KKT residual of the solution.
     pub(super) residual: f64,
 }
 
-/// Problem of minimising ½dᵀGd − bᵀd within bounds of each value.
+/// Minimisation of ½dᵀGd − bᵀd with bounds for each value of d.
 pub(super) struct Problem<'a, T> {
     pub(super) gram: &'a Gram,
     pub(super) b: &'a [Lanes<T>],
-    /// Bounds of a splat's change; they must allow 0.
+    /// Bounds of a splat's change, which must contain 0; the argument is the splat's slot.
     pub(super) bounds: &'a (dyn Fn(usize) -> Bounds + Sync),
 }
 
 impl<T: Scalar> Problem<'_, T> {
-    /// Minimises the problem from d = 0 by FISTA (Beck and Teboulle 2009), with the step 1/mass of each splat. The
-    /// momentum is restarted if it leads uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch` with
-    /// each step's d; the iteration stops if `watch` returns false.
+    /// Minimises from d = 0 by FISTA (Beck and Teboulle 2009), with the step length 1/mass for each splat. The momentum
+    /// is restarted if it leads uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch` with d after
+    /// each step, and stops if `watch` returns false.
     pub(super) fn minimise(&self, stop: Stop, watch: &mut dyn FnMut(&[Lanes<T>]) -> bool) -> Solution<T> {
         let n = self.b.len();
         let mut d = vec![Lanes::default(); n];
@@ -103,7 +104,7 @@ impl<T: Scalar> Problem<'_, T> {
             for (k, stepper) in (first..).zip(steppers) {
                 let (mass, bounds) = (self.gram.mass[k], (self.bounds)(k));
                 let bound = |side: usize| bounds.map(|b| T::from_f64(b[side]));
-                // Values under no sample don't change.
+                // Splats without samples don't change.
                 let step = T::from_f64(if mass > 0.0 { 1.0 / mass } else { 0.0 });
                 *stepper = Stepper { low: bound(0), high: bound(1), step };
             }
@@ -111,8 +112,8 @@ impl<T: Scalar> Problem<'_, T> {
         steppers
     }
 
-    /// Performs a projected gradient step from `y`, and returns the changes per chunk of splats; `d` is the result of
-    /// the previous step.
+    /// Makes a projected gradient step from `y` into `next`, and returns the changes per chunk of splats. `d` is the
+    /// result of the previous step.
     fn project(&self, steppers: &[Stepper<T>], y: &[Lanes<T>], d: &[Lanes<T>], next: &mut [Lanes<T>]) -> Vec<Change> {
         map_chunks(next, CHUNK, &|first, next| {
             let mut change = Change::default();
@@ -143,20 +144,20 @@ fn difference<T: Scalar>(a: T, b: T) -> f64 {
     a.into() - b.into()
 }
 
-/// Parameters of a splat's steps.
+/// Bounds and step length of a splat.
 #[derive(Clone, Copy, Default)]
 struct Stepper<T> {
     low: Lanes<T>,
     high: Lanes<T>,
-    /// Step length 1/mass.
+    /// Step length, 1/mass; 0 if the splat has no samples.
     step: T,
 }
 
-/// Change by one step.
+/// Change of a chunk's values by one step.
 #[derive(Clone, Copy, Default)]
 struct Change {
-    /// Positive if the momentum led uphill.
+    /// Dot product of the gradient and the movement of this step; positive if the momentum led uphill.
     uphill: f64,
-    /// Largest change of a value from the start of the step.
+    /// Largest absolute change of a value by the gradient step.
     largest: f64,
 }

@@ -1,4 +1,4 @@
-//! Normal equations of a fit: one sparse row per splat, in tree order.
+//! Normal equations of a fit as a sparse matrix with one row per splat, in tree order.
 
 use super::kernels::{Kernels, Sphere};
 use super::samples::{Sample, Samples};
@@ -8,24 +8,25 @@ use crate::progress::{NoProgress, Progress};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Number of splats whose rows one task computes. It is fixed, so that sums don't depend on the number of threads.
+/// Number of rows computed by one task. It is fixed, so that sums don't depend on the number of threads.
 const OWN: usize = 2048;
-/// Largest relative difference attributed to interpolation: an f32 value times weights whose sum has four roundings.
+/// Largest relative difference that counts as rounding: an f32 value is multiplied by weights whose sum has four
+/// roundings.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
-/// Matrix G of the normal equations: Σ ω·r̂_k·r̂_j over the samples, where r̂ are the splats' shares w/Σw.
+/// Matrix G of the normal equations: G_kj = Σ ω·r̂_k·r̂_j over the samples, with the normalised weights r̂ = w/Σw.
 #[derive(Default)]
 pub(super) struct Gram {
-    /// Start of each row's entries, and the end of the last row.
+    /// Index of each row's first entry, and the end of the last row.
     pub(super) starts: Vec<usize>,
     pub(super) columns: Vec<u32>,
     pub(super) values: Vec<f32>,
-    /// Sums of the rows: since no entry is negative, diag(mass) − G is positive semidefinite (Gershgorin).
+    /// Sum of each row. Since no entry is negative, diag(mass) − G is positive semidefinite (Gershgorin).
     pub(super) mass: Vec<f64>,
 }
 
 impl Gram {
-    /// Returns (G·d)_k.
+    /// Returns row `k` of the product G·d.
     pub(super) fn row_times<T: Scalar>(&self, k: usize, d: &[Lanes<T>]) -> Lanes<T> {
         let mut sum = Lanes::default();
         let entries = self.starts[k]..self.starts[k + 1];
@@ -39,17 +40,18 @@ impl Gram {
     }
 }
 
-/// Problem ½dᵀGd − bᵀd for the change d of the splats' present values, over N channels that share G.
+/// Minimisation of ½dᵀGd − bᵀd over the change d of the splats' present values, for N channels that share G.
 pub(super) struct System<const N: usize> {
     pub(super) gram: Gram,
-    /// Right-hand side Σ ω·r̂_k·(f − Σ r̂_j·c_j), where c are the present values.
+    /// Right-hand side b_k = Σ ω·r̂_k·(f − Σ r̂_j·c_j), where c are the present values.
     pub(super) b: Vec<[f64; N]>,
-    /// Change of view-independent EWA: the mean of f − c, weighted by w.
+    /// Change of each splat's value by view-independent EWA: the mean of f − c, weighted by w.
     pub(super) ewa: Vec<[f64; N]>,
-    /// Smallest and largest value of the samples under a splat; reversed if there are none.
+    /// Smallest and largest value of the samples under each splat; reversed infinities if there are none.
     pub(super) local: Vec<[[f32; 2]; N]>,
-    /// Sums Σ ω·(f − Σ r̂_j·c_j)² and Σ ω.
+    /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel.
     energy: [f64; N],
+    /// Sum of the samples' weights, Σ ω.
     weight: f64,
 }
 
@@ -109,12 +111,12 @@ impl<const N: usize> System<N> {
         Self { gram, b, ewa, local, energy, weight }
     }
 
-    /// Returns the root mean square error of the blend in each channel.
+    /// Returns the root mean square error of the blend of the present values, per channel.
     pub(super) fn rms(&self) -> [f64; N] {
         self.energy.map(|e| (e / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// Returns the same error for up to three channels from `first` on, after adding `d`.
+    /// Returns the root mean square error after the change `d`, for up to three channels from `first` on.
     pub(super) fn rms_after<T: Scalar>(&self, first: usize, d: &[Lanes<T>]) -> [f64; 3] {
         let mut energy: [f64; 3] = std::array::from_fn(|c| self.energy.get(first + c).copied().unwrap_or(0.0));
         let added = map_tasks(self.b.len().div_ceil(OWN), |task| {
@@ -131,14 +133,14 @@ impl<const N: usize> System<N> {
         energy.map(|e| (e.max(0.0) / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// Returns b for up to three channels from `first` on.
+    /// Returns the right-hand side b for up to three channels from `first` on.
     pub(super) fn lanes<T: Scalar>(&self, first: usize) -> Vec<Lanes<T>> {
         let lane = |b: &[f64; N], c: usize| if c < 3 { b.get(first + c).copied().unwrap_or(0.0) } else { 0.0 };
         self.b.iter().map(|b| std::array::from_fn(|c| T::from_f64(lane(b, c)))).collect()
     }
 }
 
-/// Rows of the splats of one task.
+/// Rows and right-hand sides of one task's splats.
 #[derive(Clone)]
 struct Part<const N: usize> {
     lengths: Vec<usize>,
@@ -167,8 +169,8 @@ impl<const N: usize> Default for Part<N> {
 }
 
 impl<const N: usize> Part<N> {
-    /// Computes the rows of the splats `own`. `cells` are the cells near them: their samples, and the slots of all
-    /// splats near each cell.
+    /// Computes the rows of the splats `own`. `cells` are the cells close to them: the samples of a cell, and the slots
+    /// of all splats close to the cell.
     fn new<'a>(
         kernels: &Kernels,
         samples: &Samples<N>,
@@ -237,8 +239,8 @@ impl<const N: usize> Part<N> {
     }
 }
 
-/// Splats near a cell, and their spheres of influence. Spheres are contiguous in memory, because most splats don't
-/// reach a sample.
+/// Splats close to a cell, and the spheres in which they have weight. The spheres are contiguous in memory, because
+/// most splats don't reach a sample.
 #[derive(Default)]
 struct Near {
     slots: Vec<u32>,
@@ -254,8 +256,8 @@ impl Near {
     }
 }
 
-/// Fills `hits` with the indices in `near` of the splats with weight at a sample, ascending, and their shares w/Σw.
-/// Returns Σw; `None` if no splat of `own` has weight.
+/// Computes the normalised weights w/Σw of the splats at a sample. Fills `hits` with the indices in `near` of the
+/// splats with weight, ascending, and their normalised weights. Returns Σw; `None` if no splat of `own` has weight.
 fn shares<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,
@@ -284,7 +286,8 @@ fn shares<const N: usize>(
     Some(total)
 }
 
-/// Returns the error of the blend of present values at a sample: exactly 0 if all of them equal the sample's value.
+/// Returns the error of the blend of present values at a sample. It is exactly 0 if all blended values equal the
+/// sample's.
 fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, hits: &[(usize, f64)]) -> [f64; N] {
     let mut missing = [0.0; N];
     for (place, share) in hits {
@@ -296,13 +299,13 @@ fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, 
     missing
 }
 
-/// Returns the difference of two values, 0 if it is only rounding.
+/// Returns the difference of two values, or 0 if it is within the rounding error.
 fn difference(a: f32, b: f32) -> f32 {
     let d = a - b;
     if d.abs() <= ROUNDING * a.abs().max(b.abs()) { 0.0 } else { d }
 }
 
-/// Returns a sphere around the samples of a cell.
+/// Returns the centre and radius of a sphere around the samples of a cell.
 fn sphere<const N: usize>(samples: &Samples<N>, cell: &[Sample<N>]) -> (DVec3, f64) {
     let points = || cell.iter().map(|s| samples.point(s));
     let (lo, hi) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));

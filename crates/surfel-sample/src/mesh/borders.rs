@@ -1,7 +1,7 @@
 //! Creases and open edges of a mesh, and the lines that clip splats there.
 //!
-//! A splat near an edge of its smooth region is clipped to its own side by up to four lines. At a concave edge, one
-//! line removes more than the surface beyond the edge; the splats beside it cover the rest.
+//! A splat near an edge of its smooth region is clipped to its own side by up to four lines. At a reflex corner, one
+//! line removes more than the surface beyond the edge; neighbouring splats cover the rest.
 
 use super::density::Density;
 use super::geometry::{Border, Geometry, Kind};
@@ -12,81 +12,83 @@ use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
-/// Maximum number of lines of a splat, as in the rendering model (§7).
+/// Maximum number of clip lines per splat, as in the rendering model (§7).
 const MOST_LINES: usize = 4;
-/// Maximum number of edge pieces tested for one splat. An edge between two faces has two, one for either side.
+/// Maximum number of border pieces tested for one splat. An edge between two faces has two pieces, one for each face.
 const MOST_PIECES: usize = 48;
-/// Number of pieces in one place above which each region has an index of its own. An edge of a surface has two.
+/// Number of pieces at one position above which each region gets its own index. An ordinary edge has two.
 const MOST_IN_PLACE: usize = MOST_PIECES / 2;
-/// Limits for edges that clip a splat: the height over the splat's plane, relative to its radius (`FARTHEST`), and the
-/// cosine between the face's normal and the splat's, about 70° (`FACING`). Other edges belong to another part of the
-/// surface.
+/// Largest height of an edge over a splat's plane at which the edge clips the splat, relative to the splat's radius.
+/// Edges farther away belong to another part of the surface.
 pub(super) const FARTHEST: f64 = 0.5;
+/// Smallest cosine (about 70°) between the normals of an edge's face and of a splat that the edge clips.
 pub(super) const FACING: f64 = 0.3;
-/// Overhang over an edge, in (u, v), below which no line is added.
+/// Overhang of a splat over an edge, in (u, v), up to which no line is added.
 const SLACK: f64 = 0.02;
-/// Largest distance, in (u, v), by which a line may be on the wrong side of a splat's centre because the surface is
-/// curved.
+/// Largest distance, in (u, v), by which a clip line may pass a splat's centre on the wrong side. It occurs because the
+/// surface is curved.
 const BEHIND: f64 = 0.05;
-/// Distance, in (u, v), by which the splats of both sides reach over an edge: many times the rounding of f32.
+/// Distance, in (u, v), by which the splats of both sides reach over their common edge: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
 /// Number of corners of the polygon that approximates a disk.
 const RING: u32 = 24;
-/// Smallest area, in (u, v), to which lines clip a splat: if only open edges cut it, and if creases do. In parts of the
-/// surface narrower than the distance between splats, few places have a splat, and it must cover the others' area.
-/// Without borders, a splat's share of the surface is 0.37, at the radius for its density.
+/// Smallest visible area of a splat, in (u, v), if only open edges clip it. In parts of the surface narrower than the
+/// distance between splats, few places have a splat, which must cover the area of several. Without borders, the area
+/// per splat is 0.37 at the radius for its density.
 const LEAST_AT_OPEN_EDGES: f64 = 0.4;
+/// Smallest visible area of a splat, in (u, v), if creases clip it.
 const LEAST_AT_CREASES: f64 = 1.1;
-/// Largest height of splats over a bent surface, relative to the distance between them: a third of a pixel if that is
-/// two pixels.
+/// Largest height of splats over a bent surface, relative to the distance between them: a third of a pixel for a
+/// distance of two pixels.
 const STANDING_OUT: f64 = 0.15;
-/// Overhang of splats where another part of an octree begins, relative to their radius.
+/// Distance by which splats reach over an edge into another part of an octree, relative to their radius.
 const OVER_CUT: f64 = 0.2;
-/// Area of a face, relative to a splat's share of the surface, from which the face has its own splats.
+/// Area of a face, relative to the area per splat, above which the face has splats of its own.
 const RESOLVED: f64 = 3.0;
 
-/// Piece of a border.
+/// Piece of a border, about as long as a splat's radius.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
-    /// True for each end of the piece at which the whole border ends.
+    /// True for each end of the piece that is also an end of the border.
     is_end: [bool; 2],
     face: u32,
     /// Unit normal of the face.
     normal: DVec3,
-    /// Unit normal of the face on the other side, if both are in the same region.
+    /// Unit normal of the face on the other side of the border, if both faces are in the same region.
     across: Option<DVec3>,
     region: u32,
     kind: Kind,
     overhang: f64,
 }
 
-/// All borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
+/// Borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
 pub(crate) struct Borders {
     pieces: Vec<Piece>,
-    /// An index for each smooth region, if many regions meet in one edge, as the pages of a book do; otherwise one for
-    /// all, under `None`. With one index, a splat at such an edge would be compared with the pieces of other regions.
+    /// Index of each smooth region, if many regions meet at one edge, as the pages of a book do. Otherwise all regions
+    /// share one index, under `None`. With a shared index, a splat at such an edge would be compared with the pieces of
+    /// other regions.
     indices: HashMap<Option<u32>, PieceIndex>,
     is_crowded: bool,
-    /// Half the length of the longest piece.
+    /// Half the length of the longest piece, in object units.
     half: f64,
 }
 
-/// Numbers of some pieces, and the tree of their middles.
+/// Indices of some pieces, and a tree of their midpoints.
 struct PieceIndex {
     pieces: Vec<u32>,
     tree: KdTree,
 }
 
-/// Visible part of a splat's disk, in (u, v).
+/// Visible part of a clipped splat: the clip lines and the remaining area of the unit disk, in (u, v).
 #[derive(Clone, Debug)]
 pub(crate) struct Kept {
     lines: Vec<Line>,
-    /// Area of the part; the whole disk has π.
+    /// Area of the visible part; the whole disk has π.
     pub(crate) area: f64,
 }
 
-/// Clip line; the part with normal·q ≤ offset is visible.
+/// Clip line; points q with normal·q ≤ offset are visible.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     normal: DVec2,
@@ -94,7 +96,7 @@ struct Line {
     kind: Kind,
 }
 
-/// A border piece in a splat's plane; the visible part is on its left.
+/// Border piece projected into a splat's plane, in (u, v); the visible part is on its left.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     a: DVec2,
@@ -105,9 +107,9 @@ struct Segment {
 }
 
 impl Borders {
-    /// Cuts the borders of a surface into pieces of about a splat's radius. `count` splats have the distances `scale`
-    /// times `density`. `regions` has one number per face. Splats may reach over a bend if a face beside it is too
-    /// small for splats of its own.
+    /// Cuts the borders of a surface into pieces of about a splat's radius. `count` is the number of splats; the
+    /// distance between them is `density` times `scale`. `regions` has one number per face. Bends are no borders if a
+    /// face next to them is too small for splats of its own.
     pub(crate) fn new(
         geometry: &Geometry,
         borders: &[Border],
@@ -143,7 +145,7 @@ impl Borders {
                     (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
                     _ => 0.0,
                 };
-                // A single piece if the spacing is the same everywhere.
+                // The piece stays whole if the spacing is the same everywhere.
                 let parts = (length / length_of(spacing)).ceil() as usize;
                 let at = |i: usize| if i == parts { b } else { a.lerp(b, i as f64 / parts as f64) };
                 let piece = |i: usize| {
@@ -181,7 +183,7 @@ impl Borders {
         self.pieces.is_empty()
     }
 
-    /// Returns the pieces of creases and open edges, on either side.
+    /// Returns the pieces of creases and open edges, for both sides of each edge.
     fn ends(&self) -> impl Iterator<Item = &Piece> {
         self.pieces.iter().filter(|piece| matches!(piece.kind, Kind::Open | Kind::Crease))
     }
@@ -191,8 +193,8 @@ impl Borders {
         self.ends().map(|piece| piece.ends[0].distance(piece.ends[1])).sum()
     }
 
-    /// Returns places on either side of creases and open edges, with their faces. There is one place per `step` of
-    /// length, and one at each end of a longer border. Places are moved by `inset` toward the middle of their face.
+    /// Returns places close to creases and open edges, on both sides, with their faces. There is one place per `step`
+    /// of length, and one at each end of a longer border. Places are moved by `inset` toward the middle of their face.
     pub(crate) fn places(&self, geometry: &Geometry, step: f64, inset: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let mut next = 0.5 * step;
         self.ends().flat_map(move |piece| {
@@ -213,8 +215,8 @@ impl Borders {
         })
     }
 
-    /// Returns the visible part of the splat at `p` on a face of `region`; `None` if nothing cuts it. In `axes`, s is
-    /// at least as long as t.
+    /// Returns the visible part of the splat at `p` on a face of `region`; `None` if no border clips it. `axes` are the
+    /// half-axes (s, t), with s at least as long as t.
     pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<Kept> {
         let segments = self.segments(p, axes, region, found);
         if segments.is_empty() {
@@ -232,7 +234,7 @@ impl Borders {
                 Some((overhang(&line), line)).filter(|(overhang, _)| *overhang > SLACK)
             };
             let mut all = segments.iter().filter_map(worth);
-            // The nearest border comes first, then the line that cuts off most.
+            // The nearest border comes first, then repeatedly the line that cuts off most.
             let best = if lines.is_empty() { all.next() } else { all.max_by(|x, y| x.0.total_cmp(&y.0)) };
             let Some((_, line)) = best else { break };
             if polygon.is_empty() {
@@ -244,7 +246,7 @@ impl Borders {
         (!lines.is_empty()).then(|| Kept { area: area(&polygon), lines })
     }
 
-    /// Returns the pieces of a region near a splat in the splat's (u, v), nearest first.
+    /// Projects the pieces of a region near a splat into the splat's (u, v); returns them nearest first.
     fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32, found: &mut Nearest) -> Vec<Segment> {
         let Some(own) = self.indices.get(&self.is_crowded.then_some(region)) else { return Vec::new() };
         let radius = s.length();
@@ -283,7 +285,8 @@ impl Borders {
 }
 
 impl Segment {
-    /// Returns the unit vector along the segment, and the position of the origin's foot on it, 0 to 1.
+    /// Returns the unit vector along the segment, and the parameter (0 to 1) of the foot of the perpendicular from the
+    /// origin.
     fn foot(&self) -> (DVec2, f64) {
         let along = self.b - self.a;
         (along.normalize_or_zero(), -self.a.dot(along) / along.length_squared())
@@ -293,8 +296,8 @@ impl Segment {
         self.a.lerp(self.b, self.foot().1.clamp(0.0, 1.0))
     }
 
-    /// Returns the part within the unit disk and well within the visible side of the lines. A line on the other side of
-    /// a narrow strip is exempt.
+    /// Returns the part of the segment inside the unit disk and well inside the visible side of the lines. Lines on the
+    /// other side of a narrow strip don't shorten it.
     fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
         let along = self.b - self.a;
         let (square, half) = (along.length_squared(), self.a.dot(along));
@@ -322,7 +325,8 @@ impl Segment {
         (from < to).then(|| [self.a + along * from, self.a + along * to])
     }
 
-    /// Returns the line that clips a splat at the origin because of this border; `None` if the border faces away.
+    /// Returns the line by which this border clips a splat at the origin; `None` if the border faces away from the
+    /// centre.
     fn line(&self, all: &[Self], lines: &[Line]) -> Option<Line> {
         let (direction, place) = self.foot();
         let outward = -direction.perp();
@@ -350,18 +354,18 @@ impl Segment {
 }
 
 impl Kept {
-    /// Returns the smallest area that lines may leave of a splat before they are moved outward.
+    /// Returns the smallest visible area of a splat; with less, the lines are moved outward.
     pub(crate) fn least(&self) -> f64 {
         let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
         if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
     }
 
-    /// True if a place in (u, v) is visible.
+    /// True if a point in (u, v) is visible.
     pub(crate) fn keeps(&self, q: DVec2) -> bool {
         self.lines.iter().all(|line| line.normal.dot(q) <= line.offset + HAIR)
     }
 
-    /// Moves the lines outward until the visible area is at least `least`.
+    /// Moves the lines outward until the visible area is at least `least`, in (u, v).
     pub(crate) fn widen(&mut self, least: f64) {
         let moved = |by: f64| self.lines.iter().map(move |line| Line { offset: line.offset + by, ..*line });
         let area_of = |by: f64| area(&moved(by).fold(ring(), |polygon, line| cut(&polygon, &line)));
@@ -397,12 +401,12 @@ pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Cl
     Some(ClipColumns { lines: Some(lines), ..ClipColumns::default() })
 }
 
-/// Returns a polygon that approximates the unit disk.
+/// Returns a regular polygon that approximates the unit disk.
 fn ring() -> Vec<DVec2> {
     (0..RING).map(|i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(RING))).collect()
 }
 
-/// Clips a convex polygon by a line.
+/// Clips a convex polygon to the visible side of a line.
 fn cut(polygon: &[DVec2], line: &Line) -> Vec<DVec2> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, a) in polygon.iter().enumerate() {

@@ -1,29 +1,29 @@
-//! Tests for watertight and consistently wound meshes.
+//! Tests for watertight and consistently wound meshes, and the comments that record the results.
 
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// Comment of a cloud that covers a watertight mesh from outside, so that no splat is visible from behind.
+/// Comment of a cloud that covers a watertight mesh from outside: no splat is visible from behind.
 pub const CLOSED_MESH: &str = "covers a closed mesh";
 
-/// Comment of a cloud whose back faces are to be drawn, whatever is detected.
+/// Comment of a cloud whose back faces are always drawn, regardless of detection.
 pub const BOTH_SIDES: &str = "shows both sides";
 
-/// Comment of a cloud whose splats are almost coplanar where they overlap: made of a mesh of flat parts, or clipped by
-/// `sharp`.
+/// Comment of a cloud whose splats are almost coplanar where they overlap. Its mesh consists of flat parts, or `sharp`
+/// clipped the splats.
 pub const FLAT_PARTS: &str = "made of flat parts";
 
-/// Comment of a cloud sampled from a mesh without mostly flat parts and with no more triangles than splats. Where such
-/// splats overlap, they are apart by a small fraction of their radii.
+/// Comment of a cloud sampled from a curved mesh, with at least as many splats as triangles. Overlapping splats of such
+/// a cloud are apart by only a small fraction of their radii.
 pub const FINE_SPLATS: &str = "as fine as their mesh";
 
-/// Fraction of edges that two triangles may run through in the same direction in a consistently wound mesh: scans and
-/// exports have a few bad triangles.
+/// Largest fraction of wrongly wound edges in a consistently wound mesh. Two triangles run through such an edge in the
+/// same direction; scans and exports have a few.
 const MISWOUND: f64 = 0.01;
 
 /// True if the mesh is watertight: it bounds a volume, and no back of a triangle is visible from outside. Every edge
-/// has one triangle on either side, wound the same way, the volume inside is positive, and nothing is see-through.
+/// has one triangle on either side, wound consistently, the enclosed volume is positive, and nothing is transparent.
 /// Vertices at the same position count as one (texture seams split them); triangles without area are ignored.
 pub fn is_closed(mesh: &Mesh) -> bool {
     let walk = Walk::new(mesh);
@@ -39,14 +39,14 @@ pub fn is_oriented(mesh: &Mesh) -> bool {
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
 }
 
-/// Limits for a surface that bounds a volume: the largest sum of its area vectors, relative to its area, and the
-/// smallest volume, relative to that of a sphere with the same area.
+/// Largest sum of area vectors, relative to the area, of a surface that bounds a volume.
 const OPEN: f64 = 0.05;
+/// Smallest volume of such a surface, relative to the volume of a sphere with the same area.
 const ROUND: f64 = 0.01;
 
-/// Reverses the winding of a mesh that is inside out, as some exporters write it: wound consistently, almost without
-/// openings, and around a negative volume. Normals that agree with the winding are negated. True if the mesh was
-/// reversed.
+/// Reverses the winding of a mesh that is inside out, as some exporters write it. Such a mesh is wound consistently,
+/// has almost no openings, and bounds a negative volume. Normals that agree with the winding are negated. Returns true
+/// if the mesh was reversed.
 pub fn turn_outward(mesh: &mut Mesh) -> bool {
     if mesh.triangles.is_empty() || mesh.validate().is_err() {
         return false;
@@ -83,17 +83,18 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
     true
 }
 
-/// Traversal of the edges of every triangle.
+/// Sums over the edges and triangles of a mesh.
 #[derive(Default)]
 struct Walk {
-    /// +1 for an edge traversed one way, −1 for the other: all sums are 0 on a watertight, consistently wound surface.
+    /// Balance of each edge: +1 per triangle that runs along it one way, −1 for the other way. All sums are 0 on a
+    /// watertight, consistently wound surface.
     edges: HashMap<(u32, u32), i32>,
-    /// Six times the volume inside.
+    /// Six times the enclosed volume.
     volume: f64,
 }
 
 impl Walk {
-    /// Traverses a mesh; an invalid mesh counts as empty.
+    /// Traverses the triangles of a mesh; an invalid mesh counts as empty.
     fn new(mesh: &Mesh) -> Self {
         let mut walk = Self::default();
         if mesh.triangles.is_empty() || mesh.validate().is_err() {

@@ -1,4 +1,4 @@
-//! Columns of a mesh's vertices and triangles, evaluated at its splats.
+//! Evaluation of a mesh's vertex and triangle columns at the splats made from the mesh.
 
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
@@ -8,19 +8,20 @@ use surfel_model::{ExtraValues, Mesh, SplatCloud};
 
 /// Maximum number of triangles in a leaf of the tree.
 const LEAF: usize = 4;
-/// Largest difference between two triangles' distances, relative to the mesh's extent, at which the one with the
-/// splat's facing is preferred: thin plates have two triangles in one place.
+/// Largest difference between the distances of two triangles, relative to the mesh's extent, at which the triangle with
+/// the splat's facing is preferred. Thin plates have two triangles in one place.
 const SAME_PLACE: f64 = 1e-6;
-/// Marks the absence of a triangle.
+/// Index that stands for no triangle.
 const NONE: u32 = u32::MAX;
 
 /// Places of splats on the mesh from which they were made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
-    /// Nearest triangle of each splat; [`NONE`] at a vertex without triangles.
+    /// Nearest triangle of each splat, or [`NONE`] if an isolated vertex is nearest.
     triangles: Vec<u32>,
-    /// Corners of the triangle, and their weights.
+    /// Vertices of the nearest triangle.
     corners: Vec<[u32; 3]>,
+    /// Barycentric coordinates of the nearest place in this triangle.
     barycentric: Vec<[f32; 3]>,
 }
 
@@ -40,7 +41,7 @@ impl MeshPlaces {
         places
     }
 
-    /// Returns a column of the vertices, interpolated over triangles.
+    /// Evaluates a column of the vertices at the splats, interpolated over triangles.
     pub fn interpolated(&self, column: &ExtraValues) -> ExtraValues {
         let value = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let values = corners.map(|i| column.get(i as usize));
@@ -54,7 +55,7 @@ impl MeshPlaces {
         }
     }
 
-    /// Returns a column of the vertices; each splat has the value of its nearest vertex.
+    /// Evaluates a column of the vertices at the splats; each splat gets the value of its nearest vertex.
     pub fn of_nearest_vertices(&self, column: &ExtraValues, mesh: &Mesh) -> ExtraValues {
         let nearest = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let places = corners.map(|i| mesh.positions.get(i as usize));
@@ -65,7 +66,7 @@ impl MeshPlaces {
         column.select(&self.corners.iter().zip(&self.barycentric).map(nearest).collect::<Vec<_>>())
     }
 
-    /// Returns a column of the triangles. Splats at vertices without triangles have the value NaN.
+    /// Evaluates a column of the triangles at the splats. Splats at vertices without triangles get the value NaN.
     pub fn of_triangles(&self, column: &ExtraValues) -> ExtraValues {
         if !self.triangles.contains(&NONE) {
             return column.select(&self.triangles);
@@ -75,20 +76,20 @@ impl MeshPlaces {
     }
 }
 
-/// Tree of boxes around triangles; a vertex without triangles is stored as a triangle of one point.
+/// Bounding-box tree of triangles. A vertex without triangles is stored as a triangle of one point.
 struct Tree {
     corners: Vec<[u32; 3]>,
     places: Vec<[DVec3; 3]>,
     order: Vec<u32>,
     nodes: Vec<Node>,
-    /// Square of the distance that is added for triangles that face away.
+    /// Squared distance that is added for triangles that face away from the splat.
     away: f64,
 }
 
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// For a leaf, its triangles, as a range of [`Tree::order`]; for other nodes, the indices of the two children.
+    /// Range of [`Tree::order`] with a leaf's triangles; for other nodes, the indices of the two children.
     holds: Range<u32>,
     is_leaf: bool,
 }
@@ -154,7 +155,7 @@ impl Tree {
         self.nodes[node].is_leaf = false;
     }
 
-    /// Returns the nearest triangle, and the barycentric coordinates of its nearest place.
+    /// Returns the triangle nearest to a splat's centre, and the barycentric coordinates of the nearest place in it.
     fn nearest(&self, at: DVec3, normal: DVec3, stack: &mut Vec<u32>) -> (u32, [f64; 3]) {
         let mut best = (f64::INFINITY, NONE, [1.0, 0.0, 0.0]);
         let distance = |node: u32| {

@@ -20,19 +20,20 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Mesh};
 
-/// Candidates per sample for elimination. Three cost half as much as Yuksel's five; the smallest distance falls by a
-/// tenth.
+/// Number of candidates per sample for elimination. Three cost half as much as Yuksel's five, and the smallest distance
+/// is lower by a tenth.
 const OVERSAMPLING: usize = 3;
-/// Number of samples above which they are only stratified: elimination takes seconds per million.
+/// Number of samples above which samples are stratified only, without blue noise. Elimination takes seconds per
+/// million.
 const MOST_ELIMINATED: usize = 1_000_000;
-/// Cosine of 1°: a sample is in a flat part if its smooth normal is closer than that to its facet's.
+/// Cosine of 1°, the largest angle between a sample's smooth normal and its facet's normal in a flat part.
 const FLAT: f64 = 0.999_847_695;
-/// Number of nearest splats (with the splat itself) between which there must be no gap where the density changes.
-/// `MOST_REACHING` is the largest growth of a splat's radius because of them.
+/// Number of nearest splats, including the splat itself, that limit gaps where the density changes.
 const BESIDE: usize = 7;
+/// Largest growth of a splat's radius that closes such gaps.
 const MOST_REACHING: f64 = 1.2;
 
-/// Makes `count` splats at an even density.
+/// Makes `count` splats of a mesh, evenly spread.
 pub(crate) fn even_splats(
     mesh: &Mesh,
     count: usize,
@@ -43,9 +44,9 @@ pub(crate) fn even_splats(
     splats_and_faces(mesh, &|_| false, count, radius_scale, report, progress).map(|(data, _)| data)
 }
 
-/// Makes the splats of [`even_splats`], and returns the triangle of each. The mesh may be part of a larger one:
-/// `is_cut` is true for open edges, given by the corner (3·triangle + 0..3) at which they start, where the larger mesh
-/// continues.
+/// Makes evenly spread splats as [`even_splats`] does, and returns the triangle of each splat. The mesh may be part of
+/// a larger one. `is_cut` is true for open edges where the larger mesh continues; its argument is the corner
+/// (3·triangle + 0..3) at which the edge starts.
 pub(crate) fn splats_and_faces(
     mesh: &Mesh,
     is_cut: &dyn Fn(u32) -> bool,
@@ -64,7 +65,7 @@ pub(crate) fn splats_and_faces(
     spread((&geometry, geometry.smooth()), &density, count, is_cut, radius_scale, report, progress)
 }
 
-/// Makes `count` splats at a given density; `count` must be the density's number of splats.
+/// Makes `count` splats with a given density; `count` must be the density's number of splats.
 pub(crate) fn splats(
     geometry: &Geometry,
     smooth: Smooth,
@@ -138,8 +139,8 @@ fn spread(
     Ok(see_through::cut(geometry, data, samples.iter().map(|s| s.face).collect()))
 }
 
-/// Returns the spacing around each splat. Where the density changes, it is the largest spacing of the splat's
-/// neighbours, so that there is no gap between finer and coarser splats.
+/// Returns the spacing for the radius of each splat. Where the density changes, it is the largest spacing of the
+/// splat's neighbours, so that no gap opens between finer and coarser splats.
 fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
     if density.is_even() {
         return vec![density.coarsest; samples.len()];
@@ -158,7 +159,7 @@ fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f
     )
 }
 
-/// Returns radii that cover the gaps between stratified samples.
+/// Measures radii that cover the gaps between stratified samples.
 fn measured_radii(
     positions: &[DVec3],
     planes: &[DVec3],
@@ -173,7 +174,7 @@ fn measured_radii(
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }
 
-/// Returns `count` samples.
+/// Spreads `count` samples over a mesh.
 fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn Progress) -> Vec<Sample> {
     let splats = density.splats(geometry);
     let (weights, total) =
@@ -202,8 +203,8 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
     samples(scatter.some_irregular(&slender_corners, &left, progress))
 }
 
-/// Returns triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`
-/// ([`Scatter::even`]).
+/// Returns `count` places, each as a triangle and barycentric coordinates, stratified by area ([`Scatter::even`]).
+/// `total` is the sum of `areas`.
 pub(crate) fn stratified(areas: &[f64], count: usize, total: f64, progress: &dyn Progress) -> Vec<PartPlace> {
     Scatter::new(areas, count, total).even(progress)
 }

@@ -1,36 +1,37 @@
-//! Detection of edges that divide the shading of a mesh without normals. Of the edges above the crease angle, creases
-//! are those that form a line and bend clearly more than the surface beside them.
+//! Detection of edges that divide the shading of a mesh without normals. An edge above the crease angle is a crease if
+//! it is part of a line and bends clearly more than the surface around it.
 
 use super::geometry::{Geometry, SAME_NORMAL, Side, edges, find, join};
 
-/// Cosine of 80°, the angle from which an edge is always a crease.
+/// Cosine of 80°, the angle from which every edge is a crease.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Smallest number of edges in a line, and the length of a single edge, relative to the extent, that counts as a line.
+/// Smallest number of connected edges that form a line.
 const LINE: usize = 8;
+/// Length of a single edge that counts as a line, relative to the mesh's extent.
 const LONG: f64 = 1.0 / 16.0;
-/// Smallest ratio of a crease's angle to the angles beside it. Where a coarse mesh bends most, only some edges are
-/// above the crease angle, and those beside them are only slightly less bent.
+/// Smallest ratio of a crease's angle to the angles at edges nearby. Where a coarse mesh bends most, only some edges
+/// are above the crease angle, and the edges nearby are bent only slightly less.
 const CLEAR: f64 = 2.5;
-/// Fraction of the surface from which two coplanar faces count as a plane.
+/// Fraction of the mesh's area above which two coplanar faces count as a plane.
 const GOOD_SHARE: f64 = 1.0 / 200.0;
 
-/// Data for classifying a mesh's creases.
+/// Properties of a mesh's vertices and faces by which edges are classified as creases.
 pub(super) struct Creases {
-    /// True for each vertex on a line of edges.
+    /// Flag per vertex, true if the vertex is on a line of feature edges.
     line: Vec<bool>,
-    /// Per face, the smallest cosine of the bends at its own smooth edges and those of its neighbours.
+    /// Smallest cosine, per face, of the bends at the smooth edges of the face and of its neighbours.
     least: Vec<f64>,
-    /// True for each face that is part of a plane.
+    /// Flag per face, true if the face is part of a plane.
     planar: Vec<bool>,
 }
 
 impl Creases {
-    /// Prepares a mesh whose sides are sorted by edge.
+    /// Computes the properties of a mesh; `sides` are sorted by edge.
     pub(super) fn new(geometry: &Geometry, sides: &[Side]) -> Self {
         Self { line: lines(geometry, sides), least: least_cosines(geometry, sides), planar: planar(geometry, sides) }
     }
 
-    /// True if an edge above the crease angle divides the faces on its sides.
+    /// True if an edge above the crease angle is a crease, so that the faces on its sides share no normals.
     pub(super) fn divide(&self, geometry: &Geometry, a: &Side, b: &Side) -> bool {
         let cosine = geometry.cos(a, b);
         let is_planar = || self.planar[a.face()] || self.planar[b.face()];
@@ -39,8 +40,9 @@ impl Creases {
     }
 }
 
-/// Returns, for each vertex, true if the feature edges connected with it form a line: a closed loop, at least [`LINE`]
-/// edges, or a long edge. A few short feature edges occur where a coarse mesh bends most, and are no crease.
+/// Returns a flag per vertex, true if the feature edges connected with the vertex form a line. A line is a closed loop,
+/// at least [`LINE`] edges, or one long edge. A few short feature edges occur where a coarse mesh bends most, and are
+/// no crease.
 fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.positions.len() as u32).collect();
     let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && geometry.is_smooth(a, b));
@@ -60,9 +62,9 @@ fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.iter().map(|root| is_line(*root as usize)).collect()
 }
 
-/// Returns, for each face, true if it is coplanar with at least two connected faces, or with one if both have a large
-/// share of the surface. Constructed shapes have such planes; normals shared across their edges would vary all over
-/// them.
+/// Returns a flag per face, true if the face is part of a plane. A face is coplanar with at least two connected faces,
+/// or with one if both have a large share of the surface. Constructed shapes have such planes; normals shared across
+/// the planes' edges would vary all over them.
 fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.areas.len() as u32).collect();
     for edge in edges(sides) {
@@ -83,7 +85,7 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.into_iter().map(|root| is_plane(of[root as usize])).collect()
 }
 
-/// Returns, for each face, the smallest cosine of the bends at smooth edges of the face and of its neighbours.
+/// Returns, per face, the smallest cosine of the bends at the smooth edges of the face and of its neighbours.
 fn least_cosines(geometry: &Geometry, sides: &[Side]) -> Vec<f64> {
     let bends = || {
         edges(sides).filter_map(|edge| match edge {

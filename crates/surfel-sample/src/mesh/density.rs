@@ -1,4 +1,5 @@
-//! Distance between splats over a mesh: constant, or smaller where colours vary or the surface bends.
+//! Sampling density of a mesh: the distance between splats, constant, or smaller where colours vary or the surface
+//! bends.
 
 use super::geometry::Geometry;
 use super::parts::{Parts, Sample};
@@ -9,44 +10,45 @@ use surfel_math::basis::orthonormal;
 
 /// Maximum number of parts into which a mesh is divided, beyond one per face.
 const MOST_PARTS: usize = 1 << 18;
-/// The same limit for density by curvature: where a mesh bends, its faces are already small.
+/// Maximum number of additional parts for a density by curvature: where a mesh bends, its faces are already small.
 const MOST_BENT: usize = 1 << 15;
 /// Number of parts along the largest distance between splats.
 const FINENESS: f64 = 4.0;
-/// Samples along each side of the square in which colours are sampled, and the number of times the square is halved.
-/// The square is half as wide as the largest distance between splats; the smallest one has two samples along each side.
+/// Number of colour samples along each side of a square whose side is half the largest distance between splats.
 const ACROSS: usize = 8;
+/// Number of times that the square is halved; the smallest squares have two samples along each side.
 const HALVINGS: usize = 2;
-/// Number of distances that are tried: the largest divided by powers of √2.
+/// Number of distances that are compared: the largest distance divided by powers of √2.
 const CHOICES: usize = 2 * HALVINGS + 3;
-/// Number of bisection steps for the price of a splat.
+/// Number of bisection steps that find the price of a splat.
 const BISECTIONS: usize = 30;
-/// Largest growth of the distance between splats, per distance along the surface.
+/// Largest growth of the distance between splats per unit of length along the surface.
 const GRADE: f64 = 0.3;
-/// Number of neighbouring parts that limit a part's growth, and maximum number of sweeps.
+/// Number of neighbouring parts that limit the growth of a part's distance.
 const NEIGHBOURS: usize = 16;
+/// Maximum number of passes over all parts.
 const SWEEPS: usize = 12;
 
-/// Distance between splats over a mesh.
+/// Sampling density of a mesh, as a distance between splats that varies over the mesh.
 pub(crate) struct Density {
     parts: Parts,
-    /// Distance for each part.
+    /// Distance between splats in each part, in object units.
     spacing: Vec<f64>,
-    /// Largest distance.
+    /// Largest distance between splats.
     pub(crate) coarsest: f64,
     is_even: bool,
 }
 
 impl Density {
-    /// Creates a density with the same distance everywhere.
+    /// Creates a density with the same distance between splats everywhere.
     pub(crate) fn even(geometry: &Geometry, spacing: f64) -> Self {
         let parts = Parts::new(geometry, f64::INFINITY, usize::MAX);
         Self { spacing: vec![spacing; parts.len()], parts, coarsest: spacing, is_even: true }
     }
 
-    /// Computes a density by the variation of colours, at most as coarse as `coarsest`. Within the square that a splat
-    /// represents, colours vary by `variation` (RMS over surface and channels, linear light). Of all such densities,
-    /// the result has about the fewest splats. Splats are nowhere closer than half a texel.
+    /// Computes a density from the variation of colours. The distance between splats is at most `coarsest`, and at
+    /// least half a texel. Colours vary by `variation` (RMS over surface and channels, linear light) inside the square
+    /// that a splat represents. Of all such densities, the result has close to the fewest splats.
     pub(crate) fn by_colors(geometry: &Geometry, coarsest: f64, variation: f64) -> Self {
         let parts = Parts::new(geometry, coarsest / FINENESS, MOST_PARTS);
         let each = map_each(
@@ -63,7 +65,7 @@ impl Density {
             },
         );
         let area: f64 = each.iter().map(|part| part.area).sum();
-        // A splat is added if it saves at least its price, in squared error times area.
+        // A splat is added if it reduces the squared error times area by at least the price.
         let sides: [f64; CHOICES] = std::array::from_fn(|choice| coarsest * 0.5_f64.powf(0.5 * choice as f64));
         let splats = sides.map(|side| side.powi(-2));
         let is_too_coarse = |price: f64| {
@@ -81,8 +83,9 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// Computes a density from the curvature of the surface, at most as coarse as `coarsest`. `squares` is the squared
-    /// curvature of each face, and `asked` maps its mean over the surrounding parts to a distance between splats.
+    /// Computes a density from the curvature of the surface; the distance between splats is at most `coarsest`.
+    /// `squares` is the squared curvature of each face. `asked` maps the mean of `squares` over the parts around to a
+    /// distance.
     pub(crate) fn where_bent(
         geometry: &Geometry,
         coarsest: f64,
@@ -104,22 +107,22 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// Returns the parts, which have one distance each.
+    /// Returns the parts of the mesh in each of which the distance is constant.
     pub(crate) fn parts(&self) -> &Parts {
         &self.parts
     }
 
-    /// Returns the distance at a place of a face.
+    /// Returns the distance between splats at a place.
     pub(crate) fn at(&self, sample: &Sample) -> f64 {
         self.spacing[self.parts.at(sample)]
     }
 
-    /// Returns the distance in a part.
+    /// Returns the distance between splats in a part.
     pub(crate) fn of_part(&self, part: usize) -> f64 {
         self.spacing[part]
     }
 
-    /// Returns the distance that gives a face the same number of splats if spread evenly.
+    /// Returns the constant distance that gives a face the same number of splats.
     pub(crate) fn of_face(&self, face: usize) -> f64 {
         let parts = &self.spacing[self.parts.of(face)];
         match parts {
@@ -139,26 +142,26 @@ impl Density {
     }
 }
 
-/// A part of the surface for which a distance between splats is chosen.
+/// Part of the surface for which a distance between splats is selected.
 #[derive(Clone, Copy, Default)]
 struct Part {
     area: f64,
-    /// Variances of the colours within squares of each side that is tried.
+    /// Variance of the colours inside the square of a splat, for each distance that is compared.
     variances: [f64; CHOICES],
-    /// Index of the finest choice at which splats are no closer than half a texel.
+    /// Index of the smallest distance at which splats are at least half a texel apart.
     finest: usize,
 }
 
 impl Part {
-    /// Returns the choice with the smallest sum of squared error and price. `splats` is the number of splats per unit
-    /// of area for each choice.
+    /// Returns the index of the distance with the smallest cost: squared error plus price of the splats. `splats` is
+    /// the number of splats per unit of area for each distance.
     fn choice(&self, price: f64, splats: &[f64; CHOICES]) -> usize {
         let cost = |choice: usize| self.variances[choice] + price * splats[choice];
         (0..=self.finest).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0)
     }
 }
 
-/// Returns the finest choice at which a face's splats are no closer than half a texel.
+/// Returns the index of the smallest distance at which a face's splats are at least half a texel apart.
 fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
     let texels = geometry.texels(face);
     let is_apart = |choice: &usize| {
@@ -168,9 +171,9 @@ fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
     (0..CHOICES).take_while(is_apart).last().unwrap_or(0)
 }
 
-/// Computes variances of the colours, averaged over channels, for squares around a place. The square of side `side` is
-/// halved repeatedly, and the variance averaged over all squares of one size. The first value, for a square twice as
-/// wide, is extrapolated. Values between two sizes are geometric means.
+/// Computes the variances of the colours around a place, averaged over channels, for squares of decreasing size. The
+/// square of side `side` is halved repeatedly, and the variance averaged over all squares of one size. The first value,
+/// for a square twice as wide, is extrapolated. Values between two sizes are geometric means.
 fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] {
     let (face, b) = (sample.face as usize, sample.barycentric);
     let (s, t) = orthonormal(geometry.normals[face]);
@@ -182,7 +185,7 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     for (j, row) in colors.iter_mut().enumerate() {
         for (i, color) in row.iter_mut().enumerate() {
             let at: [f64; 3] = std::array::from_fn(|k| b[k] + offset(i) * u[k] + offset(j) * v[k]);
-            // Beyond an edge, another triangle has the surface, and perhaps another part of the texture.
+            // Beyond an edge, the surface belongs to another triangle, and perhaps to another part of the texture.
             let is_inside = at.iter().all(|b| *b >= 0.0);
             *color = is_inside.then(|| geometry.color(face, at));
         }
@@ -211,7 +214,7 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
         }
         *variance = if weight > 0.0 { sum / weight } else { 0.0 };
     }
-    // The variance grows with the square of the width where colours change evenly, and not at all within noise.
+    // The variance grows with the square of the width where colours change steadily, and not at all for noise.
     let growth = if whole[2] > 0.0 { (whole[1] / whole[2]).clamp(1.0, 4.0) } else { 4.0 };
     whole[0] = growth * whole[1];
     std::array::from_fn(|choice| {
@@ -220,9 +223,9 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     })
 }
 
-/// Parts around each part, with the part itself.
+/// Nearest parts of each part, including the part itself.
 struct Neighbours {
-    /// Distances and indices of the parts.
+    /// Distance and index of the parts around each part.
     of: Vec<Vec<(f64, u32)>>,
 }
 
@@ -244,7 +247,7 @@ impl Neighbours {
         Self { of }
     }
 
-    /// Reduces distances until none grows faster than [`GRADE`] from a part to its neighbours.
+    /// Reduces the distances between splats until none grows faster than [`GRADE`] from a part to its neighbours.
     fn graded(&self, mut spacing: Vec<f64>) -> Vec<f64> {
         for _ in 0..SWEEPS {
             let least = |part: usize| {

@@ -8,38 +8,40 @@ use crate::progress::NoProgress;
 use crate::radii;
 use surfel_math::basis::orthonormal;
 
-/// Largest distance of a splat's rim from the surface, relative to the extent: half a pixel of 1024.
+/// Largest mean distance of splats' rims from the surface, relative to the extent: half a pixel in an image of 1024².
 const RIM: f64 = 0.5 / 1024.0;
-/// Largest distance of any disk's rim from the surface, relative to the extent, if splats are closer on thin parts: a
-/// disk that protrudes from a finger, for example, frays its outline. `FINEST` is the smallest distance between splats
-/// there, relative to the distance elsewhere.
+/// Largest distance of any disk's rim from a thin part of the surface, relative to the extent. A disk that protrudes
+/// from a finger, for example, frays its outline.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
+/// Smallest distance between splats on thin parts, relative to the distance elsewhere.
 const FINEST: f64 = 0.25;
-/// Fraction of additional splats from which thin parts get a finer density.
+/// Fraction of additional splats above which thin parts get a finer density.
 const FEW_MORE: f64 = 0.002;
-/// Variation of colours within the square that a splat represents: root mean square over the surface, in linear light.
+/// Variation of colours inside the square that a splat represents: root mean square over the surface, in linear light.
 const VARIATION: f64 = 0.03;
-/// Smallest and largest number of splats.
+/// Smallest and largest number of splats of a mesh.
 const SPLATS: (f64, f64) = (5_000.0, 2_000_000.0);
 /// Number of places at which colours are sampled.
 const PLACES: usize = 2048;
-/// Number of samples along each side of a square.
+/// Number of colour samples along each side of a square.
 const ACROSS: i32 = 5;
 
-/// Fraction of the splats of an even density below which a density by colours is worthwhile.
+/// Largest number of splats by colours at which an uneven density is used, relative to an even density.
 const WORTH: f64 = 0.9;
-/// Maximum number of splats with an uneven density: there is no blue noise for more than a million.
+/// Maximum number of splats with an uneven density; beyond a million, samples aren't blue noise.
 const MOST_UNEVEN: f64 = 1e6;
 
-/// Number of splats that a mesh needs.
+/// Numbers of splats that represent a mesh's shape and colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
-    /// Number for its shape: disks protrude from the curved surface by at most half a pixel of an image of 1024².
+    /// Number of splats for the shape: disks protrude from the curved surface by at most half a pixel in an image of
+    /// 1024².
     pub shape: usize,
-    /// Number for its colours, at an even density. Colours vary by .03 (RMS, linear light) within a splat's share of
-    /// the surface, but there are no more splats than texels; 0 if nothing varies.
+    /// Number of splats for the colours, at an even density; 0 if the colours hardly vary. Colours vary by 0.03 (RMS,
+    /// linear light) inside the square that a splat represents, but there are no more splats than texels.
     pub colors: usize,
-    /// Number of splats made, 5,000 to 2,000,000: the larger of both, or fewer if they are closer where colours vary.
+    /// Number of splats made, 5,000 to 2,000,000: the larger of both numbers, or fewer if they are closer where colours
+    /// vary.
     pub splats: usize,
 }
 
@@ -66,14 +68,15 @@ impl Detail {
     }
 }
 
-/// Returns the distance between splats whose rims protrude by `rim` at this squared curvature. At radius r on a
-/// surface of curvature κ, a rim is r²κ/2 away from the surface.
+/// Returns the distance between splats at which rims protrude by `rim` at this squared curvature. The rim of a disk
+/// with radius r is r²κ/2 away from a surface of curvature κ.
 fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
-/// Returns the density and the number of splats for `count` evenly spread ones. Splats are closer together, and more,
-/// where disks would protrude from the bent surface by more than a third of a pixel in an image of 1024².
+/// Returns the number and the density of splats with `count` evenly spread ones as the minimum. Splats are closer
+/// together, and more, where disks would protrude from the surface by more than a third of a pixel in an image of
+/// 1024².
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.
@@ -91,8 +94,8 @@ pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (u
     (count, Density::even(geometry, spacing))
 }
 
-/// Returns the squared rates, per edge of each face, at which the normal turns (radians per unit of length). Creases
-/// are ignored.
+/// Returns the squared curvature along each edge of each face: the rate at which the smooth normal turns, in radians
+/// per unit of length. Creases are ignored.
 fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     let squared = |face: usize| {
         let (p, n) = (geometry.corners(face), &smooth.corner_normals[face]);
@@ -104,7 +107,7 @@ fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     (0..geometry.areas.len()).map(squared).collect()
 }
 
-/// Returns the number of splats at which colours vary by [`VARIATION`] within a splat's square.
+/// Returns the number of evenly spread splats at which colours vary by [`VARIATION`] inside a splat's square.
 fn colors(geometry: &Geometry, area: f64) -> usize {
     let places = stratified(&geometry.areas, PLACES, area, &NoProgress);
     let is_too_coarse = |splats: f64| {
@@ -124,7 +127,7 @@ fn colors(geometry: &Geometry, area: f64) -> usize {
     range[1].exp() as usize
 }
 
-/// Returns the number of texels on the surface; without textures, the largest number of splats.
+/// Returns the number of texels on the surface, or the largest number of splats if there are no textures.
 fn texels(geometry: &Geometry) -> f64 {
     let mesh = geometry.mesh;
     if !mesh.is_textured() {

@@ -1,9 +1,9 @@
 //! Blue noise by weighted sample elimination (Yuksel 2015, "Sample elimination for generating Poisson disk sample
 //! sets").
 //!
-//! Candidates are halved along their longest side into blocks that fit a core's cache. Each block finds its close pairs
-//! by a sorted grid, and removes its heaviest candidates by a queue of buckets. A block depends only on its own
-//! candidates, so the result doesn't depend on the number of threads.
+//! Candidates are sorted into blocks that fit a core's cache, by repeated halving along the longest side. Each block
+//! finds its close pairs by a sorted grid, and removes its heaviest candidates by a queue of buckets. A block depends
+//! only on its own candidates, so the result doesn't depend on the number of threads.
 
 use crate::parallel::map_tasks;
 use crate::progress::Progress;
@@ -11,37 +11,39 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Exponent α of Yuksel's weights, and β and γ of the weight limit, which prevents close pairs from dominating
-/// everything else (§3).
+/// Exponent α of Yuksel's weights (§3).
 const ALPHA: i32 = 8;
+/// Factor β of Yuksel's weight limit, which prevents close pairs from dominating all others (§3).
 const BETA: f64 = 0.65;
+/// Exponent γ of Yuksel's weight limit (§3).
 const GAMMA: f64 = 1.5;
 
-/// Maximum number of candidates in a block. Pairs across blocks are ignored: a few percent of the samples are less
-/// even, at the same density, and all threads and their caches are used.
+/// Maximum number of candidates in a block. Pairs across blocks are ignored: a few per cent of the samples are less
+/// even, at the same density. In return, all threads and their caches are used.
 const BLOCK: usize = 1 << 14;
-/// Number of candidates from which blocks are halved in parallel.
+/// Number of candidates above which blocks are halved in parallel.
 const PARALLEL: usize = 1 << 16;
 
-/// Maximum number of candidates per row of cells with which one candidate is compared. The limit bounds the cost of
-/// meshes with many faces in one place. An even threefold oversampling has four per cell.
+/// Maximum number of candidates per row of cells with which one candidate is compared. The limit bounds the cost for
+/// meshes with many faces in one place. With even threefold oversampling, a cell has four candidates.
 const MOST_IN_ROW: usize = 48;
-/// Smallest overlap of a pair, relative to its reach, that counts; the weight of larger overlaps is above 10⁻¹⁰.
+/// Smallest overlap of a pair that counts, relative to the pair's reach. The weight of larger overlaps is above 10⁻¹⁰.
 const LEAST: f32 = 0.05;
-/// Maximum number of grid levels, each with half the cell size, for candidates of different reach.
+/// Maximum number of grid levels for candidates of different reach; each level has half the cell size of the previous
+/// one.
 const LEVELS: u16 = 12;
-/// Maximum number of cells along an axis. Cells beyond are merged, which costs only time.
+/// Maximum number of cells along an axis. Cells farther out are merged, which costs only time.
 const MOST_CELLS: f64 = 65_000.0;
 
-/// Number of low bits of a weight that its bucket ignores: 7 bits of the fraction remain, for 128 buckets per power of
-/// two.
+/// Number of low bits of a weight (f32) that its bucket ignores. The remaining 7 bits of the fraction give 128 buckets
+/// per power of two.
 const BUCKET_SHIFT: u32 = 23 - 7;
 /// Number of buckets for all finite weights.
 const BUCKETS: usize = 0x7f80_0000 >> BUCKET_SHIFT;
-/// Marks the absence of a candidate.
+/// Index that stands for no candidate.
 const NONE: u16 = u16::MAX;
 
-/// A place to choose from.
+/// Candidate for a sample, which elimination removes or retains.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Candidate {
     pub(crate) position: DVec3,
@@ -51,14 +53,14 @@ pub(crate) struct Candidate {
     pub(crate) number: u32,
 }
 
-/// Properties of all candidates in a part.
+/// Properties shared by all candidates in a part.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PartFacts {
-    /// Normal of the part. Candidates whose normals differ by more than 90°, on opposite sides of a thin part, ignore
-    /// each other.
+    /// Unit normal of the part. Candidates ignore each other if their normals differ by more than 90°, as on opposite
+    /// sides of a thin part.
     pub(crate) normal: DVec3,
-    /// Distance from which candidates ignore each other, the [`reach`] of their density. For two candidates, the
-    /// smaller one counts.
+    /// Distance beyond which candidates ignore each other: the [`reach`] for their density. For two candidates, the
+    /// smaller distance counts.
     pub(crate) reach: f64,
 }
 
@@ -80,13 +82,13 @@ pub(crate) fn eliminate(
     halve(&mut candidates);
     let blocks = blocks(count);
     let thinning = Thinning { of_part, closest: 1.0 - (keep as f64 / count as f64).powf(GAMMA) };
-    // Buffers that no thread uses at the moment.
+    // Buffers that no thread uses at present.
     let idle: Mutex<Vec<Block>> = Mutex::default();
     let take = || idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
     let left = map_tasks(blocks.len(), |i| {
         let range = &blocks[i];
         let mut block = take().unwrap_or_default();
-        // Rounded cumulative sums: every block retains its share, and all blocks together exactly `keep`.
+        // Rounded cumulative sums give every block its share, and all blocks together exactly `keep`.
         let share = |end: usize| (end as u128 * keep as u128 / count as u128) as usize;
         let left = thinning.thin(&candidates[range.clone()], share(range.end) - share(range.start), &mut block);
         idle.lock().unwrap_or_else(PoisonError::into_inner).push(block);
@@ -98,12 +100,13 @@ pub(crate) fn eliminate(
     (0..count as u32).filter(|number| is_left[*number as usize]).collect()
 }
 
-/// Returns twice the maximal Poisson disk radius in a plane of `area` with `keep` samples, r = √(A / (2√3·N)).
+/// Returns twice the largest Poisson disk radius of `keep` samples in a plane area: 2r with r = √(A / (2√3·N)).
 pub(crate) fn reach(area: f64, keep: f64) -> f64 {
     2.0 * (area / (2.0 * 3.0_f64.sqrt() * keep)).sqrt()
 }
 
-/// Sorts candidates so that each of [`blocks`] is a box: every range is divided in the middle of its longest side.
+/// Sorts candidates so that each range of [`blocks`] is a box; every range is divided in the middle of its longest
+/// side.
 fn halve(candidates: &mut [Candidate]) {
     if candidates.len() <= BLOCK {
         return;
@@ -129,7 +132,7 @@ fn bounds(candidates: &[Candidate]) -> (DVec3, DVec3) {
     candidates.iter().fold(none, |(lo, hi), c| (lo.min(c.position), hi.max(c.position)))
 }
 
-/// Returns the ranges at which [`halve`] stops.
+/// Returns the ranges into which [`halve`] divides `count` candidates.
 fn blocks(count: usize) -> Vec<Range<usize>> {
     let (mut done, mut open) = (Vec::new(), vec![(0, count)]);
     while let Some((start, end)) = open.pop() {
@@ -145,23 +148,23 @@ fn blocks(count: usize) -> Vec<Range<usize>> {
 
 struct Thinning<'a> {
     of_part: &'a (dyn Fn(u32) -> PartFacts + Sync),
-    /// Distance, relative to the reach, below which closer pairs get no more weight, before the factor [`BETA`].
+    /// Distance of a pair, relative to its reach, below which the weight doesn't grow, before the factor [`BETA`].
     closest: f64,
 }
 
-/// Candidate of a block. Positions are relative to the block, in units of its largest reach.
+/// Candidate of a block. The position is relative to the block, in units of the block's largest reach.
 #[derive(Clone, Copy, Default)]
 struct Local {
     position: Vec3,
     reach: f32,
     normal: Vec3,
-    /// Grid level of the candidate's own reach, with cells of side 2^−level.
+    /// Grid level whose cells fit the candidate's own reach; a level's cells have side 2^−level.
     level: u16,
     /// Index among the block's candidates.
     index: u16,
 }
 
-/// Two candidates that are too close, and the weight of each for the other: the upper half of an f32's bits.
+/// Two candidates that are too close, and the weight of each for the other as the upper 16 bits of an f32.
 #[derive(Clone, Copy)]
 struct Pair {
     first: u16,
@@ -169,25 +172,27 @@ struct Pair {
     weight: u16,
 }
 
-/// Buffers of a block, reused from block to block.
+/// Buffers for one block, reused from block to block.
 #[derive(Default)]
 struct Block {
     locals: Vec<Local>,
-    /// Sorted cells with indices in `locals`, and a buffer for sorting.
+    /// Sorted pairs of a cell and an index in `locals`.
     cells: Vec<(u64, u16)>,
+    /// Buffer for sorting `cells`.
     sorting: Vec<(u64, u16)>,
     pairs: Vec<Pair>,
-    /// Candidates near one, and their squared distances; the last element is a dummy.
+    /// Candidates close to the current one, and their squared distances; the last element is a dummy.
     near: Vec<(u16, f32)>,
-    /// End of each candidate's neighbours.
+    /// End index of each candidate's neighbours in [`Self::neighbours`].
     ends: Vec<u32>,
-    /// Neighbours of all candidates, concatenated: the candidate in the upper half, the weight in the lower half.
+    /// Neighbours of all candidates, concatenated. The upper half of an entry is the candidate, the lower half the
+    /// weight.
     neighbours: Vec<u32>,
     queue: Queue,
 }
 
 impl Thinning<'_> {
-    /// Returns the numbers of the `keep` remaining candidates of a block.
+    /// Removes candidates of a block until `keep` remain, and returns the numbers of the remaining ones.
     fn thin(&self, candidates: &[Candidate], keep: usize, block: &mut Block) -> Vec<u32> {
         self.gather(candidates, block);
         block.find_pairs((self.closest * BETA) as f32);
@@ -198,7 +203,7 @@ impl Thinning<'_> {
         left.map(|(local, _)| candidates[usize::from(local.index)].number).collect()
     }
 
-    /// Fills in the block's candidates.
+    /// Fills in the block's candidates, with positions relative to the block.
     fn gather(&self, candidates: &[Candidate], block: &mut Block) {
         let lo = bounds(candidates).0;
         let reaches = candidates.iter().map(|c| (self.of_part)(c.part).reach);
@@ -220,10 +225,10 @@ impl Thinning<'_> {
 }
 
 impl Block {
-    /// Finds all pairs that are closer than their reach, each once.
+    /// Finds all pairs of candidates that are closer than their reach, each pair once.
     fn find_pairs(&mut self, closest: f32) {
         let finest = self.locals.iter().map(|c| c.level).max().unwrap_or(0);
-        // This sorts neighbours close together in memory.
+        // This sort brings neighbours close together in memory.
         self.sort_into_cells(finest);
         let sorted = self.cells.iter().map(|(_, i)| self.locals[usize::from(*i)]).collect();
         self.locals = sorted;
@@ -236,8 +241,8 @@ impl Block {
         }
     }
 
-    /// Sorts the candidates of a level and of coarser ones by cell. Returns the distances, in the order of cells, to
-    /// the next row and to the next layer.
+    /// Sorts the candidates of a level and of all coarser levels by cell. Returns the differences between a cell's
+    /// number and that of the same cell in the next row and in the next layer.
     fn sort_into_cells(&mut self, level: u16) -> [u64; 2] {
         let per_unit = f64::from(level).exp2();
         let cell = |x: f32| (f64::from(x) * per_unit).min(MOST_CELLS) as u64 + 1;
@@ -254,7 +259,7 @@ impl Block {
         [row, layer]
     }
 
-    /// Compares the candidates of every cell with those in half of the surrounding cells.
+    /// Compares each candidate with those in half of the surrounding cells, so that each pair is compared once.
     fn compare_cells(&mut self, [row, layer]: [u64; 2], level: u16, closest: f32) {
         let Self { locals, cells, pairs, near, .. } = self;
         // Middles of the rows of three cells, relative to the cell; the cell itself starts the first row. Then the
@@ -297,7 +302,7 @@ impl Block {
         }
     }
 
-    /// Lists each candidate's neighbours and sums their weights.
+    /// Lists each candidate's neighbours, and sums the weights of its pairs.
     fn link(&mut self) {
         let count = self.locals.len();
         self.ends.clear();
@@ -329,12 +334,12 @@ impl Block {
     }
 }
 
-/// Decodes the weight, a bfloat16 in the lower 16 bits.
+/// Decodes a weight, a bfloat16 in the lower 16 bits.
 fn weight(bits: u32) -> f32 {
     f32::from_bits(bits << 16)
 }
 
-/// Sorts by cell with a stable radix sort; cells are at most `most`.
+/// Sorts by cell number with a stable radix sort; the largest number is `most`.
 fn sort_by_cell(cells: &mut Vec<(u64, u16)>, sorting: &mut Vec<(u64, u16)>, most: u64) {
     const BITS: u32 = 11;
     let mut shift = 0;
@@ -357,20 +362,20 @@ fn sort_by_cell(cells: &mut Vec<(u64, u16)>, sorting: &mut Vec<(u64, u16)>, most
     }
 }
 
-/// Candidates in buckets of nearly equal weight, the heaviest first.
+/// Priority queue of candidates in buckets of nearly equal weight, the heaviest first.
 #[derive(Default)]
 struct Queue {
-    /// Weights; NaN once removed.
+    /// Weight of each candidate; NaN once the candidate is removed.
     weights: Vec<f64>,
-    /// First candidate of each bucket.
+    /// First candidate of each bucket, or [`NONE`].
     heads: Vec<u16>,
-    /// Next candidate in the same bucket.
+    /// Next candidate in the same bucket, or [`NONE`].
     next: Vec<u16>,
 }
 
 impl Queue {
-    /// Removes the `excess` heaviest candidates one by one and reduces their neighbours' weights. A candidate stays in
-    /// its old bucket until that bucket is the heaviest.
+    /// Removes the `excess` heaviest candidates one by one, and reduces the weights of their neighbours. A candidate
+    /// stays in its old bucket until that bucket is the heaviest, and then moves to the right one.
     fn remove_heaviest(&mut self, excess: usize, ends: &[u32], neighbours: &[u32]) {
         self.heads.clear();
         self.heads.resize(BUCKETS, NONE);
@@ -408,7 +413,7 @@ impl Queue {
     }
 }
 
-/// Returns the bucket of a non-negative weight.
+/// Returns the bucket index of a non-negative weight.
 fn bucket_of(weight: f64) -> usize {
     ((weight as f32).to_bits() >> BUCKET_SHIFT) as usize
 }

@@ -1,32 +1,33 @@
-//! An octree over a mesh's triangles, by their centroids.
+//! Octree over a mesh's triangles, sorted by their centroids.
 
 use super::geometry::Geometry;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Deepest level, at which splats are 2⁸ times as fine as the root's.
+/// Depth of the deepest level, at which splats are 2⁸ times as fine as the root's.
 const DEEPEST: u32 = 8;
 
-/// Cube of the octree that contains triangles.
+/// Cube of the octree, with the triangles whose centroids it contains.
 pub(crate) struct Node {
     pub(crate) depth: u32,
-    /// Triangles of the cube, as a range of [`FaceTree::order`].
+    /// Range of the cube's triangles in [`FaceTree::order`].
     pub(crate) faces: Range<usize>,
     /// Indices of the children; empty for a leaf.
     pub(crate) children: Range<u32>,
 }
 
-/// Octree nodes, breadth first; the children of a node are consecutive.
+/// Octree over triangles. Nodes are in breadth-first order, and the children of a node are consecutive.
 pub(crate) struct FaceTree {
     pub(crate) nodes: Vec<Node>,
-    /// Indices of triangles; those of a node are consecutive.
+    /// Triangle indices, sorted so that the triangles of each node are consecutive.
     pub(crate) order: Vec<u32>,
     /// Side of the root's cube.
     pub(crate) side: f64,
 }
 
 impl FaceTree {
-    /// Divides cubes until each has at most `leaf_triangles` triangles. Every triangle belongs to exactly one leaf.
+    /// Builds an octree by dividing cubes until each has at most `leaf_triangles` triangles. Every triangle is in
+    /// exactly one leaf.
     pub(crate) fn new(geometry: &Geometry, leaf_triangles: usize) -> Self {
         let count = geometry.areas.len();
         let centroid = |face: u32| geometry.corners(face as usize).iter().sum::<DVec3>() / 3.0;
@@ -65,7 +66,7 @@ impl FaceTree {
         Self { nodes, order, side: geometry.extent }
     }
 
-    /// Returns the leaf of every triangle.
+    /// Returns the leaf (a node index) of every triangle.
     pub(crate) fn leaf_of_face(&self) -> Vec<u32> {
         let mut leaves = vec![0; self.order.len()];
         for (i, node) in self.nodes.iter().enumerate().filter(|(_, n)| n.children.is_empty()) {

@@ -1,6 +1,6 @@
-//! Closing of gaps beside creases and open edges, where no splat covers the surface: in facets narrower than the
-//! distance between splats, and at the ends of creases, whose lines also clip splats beyond them. Each gap gets a
-//! splat, moved from a place that its neighbours cover.
+//! Closing of gaps near creases and open edges, where no splat covers the surface. Gaps occur in facets narrower than
+//! the distance between splats. They also occur at the ends of creases, whose lines clip splats beyond the end. Each
+//! gap gets a splat, moved from a place that its neighbours cover.
 
 use super::borders::Borders;
 use super::parts::Sample;
@@ -14,34 +14,37 @@ use std::collections::HashSet;
 use std::f64::consts::FRAC_1_SQRT_2;
 use surfel_math::basis::orthonormal;
 
-/// Maximum number of rounds; each tests what the moved splats cover.
+/// Maximum number of rounds; each round tests which gaps the moved splats cover.
 const ROUNDS: usize = 4;
-/// Limit of splats moved per round: one in `MOST_MOVED`, but at least `LEAST_MOVED`.
+/// Inverse of the largest fraction of splats moved per round.
 const MOST_MOVED: usize = 64;
+/// Number of splats that may always be moved per round, even in small clouds.
 const LEAST_MOVED: usize = 16;
-/// Smallest number of splats per place along an edge. It limits the number of places, so that tests don't cost more
-/// than the splats.
+/// Smallest number of splats per tested place along an edge. It limits the number of places, so that the tests don't
+/// cost more than the splats.
 const SPLATS_A_PLACE: f64 = 2.0;
-/// Distance of places along edges, and their distances from the edge toward the face, relative to a splat's radius.
+/// Distance between tested places along an edge, relative to a splat's radius.
 const STEP: f64 = 0.2;
+/// Distances of tested places from the edge toward the middle of the face, relative to a splat's radius.
 const INSETS: [f64; 3] = [0.03, 0.3, 1.0];
-/// Distance between places that get a splat in the same round, relative to the splat's radius.
+/// Smallest distance between places that get a splat in the same round, relative to the splat's radius.
 const APART: f64 = 0.5;
-/// Angles from a face's normal at which places are tested, in degrees.
+/// Angles from a face's normal, in degrees, of the directions from which places are tested.
 const TILTS: [f64; 2] = [25.0, 50.0];
-/// Number of splats around a place that are tested for covering it: at first, and if these don't cover it.
+/// Number of splats around a place that are tested: in the first pass, and in the second pass if these don't cover the
+/// place.
 const ASKED: [usize; 2] = [6, 32];
-/// Number of splats from which the one with the nearest neighbour is removed.
+/// Number of candidates among which the splat with the nearest neighbour is selected for moving.
 const CHOICE: usize = 8;
-/// Number of nearest splats (with the splat itself) that must remain if one is removed, and the smallest cosine between
-/// their normals.
+/// Number of nearest splats, including the splat itself, of which only one may be moved.
 const NEIGHBOURS: usize = 8;
+/// Smallest cosine between the normals of a moved splat and of the neighbour that replaces it.
 const ALIKE: f64 = 0.5;
 
-/// Face and position of a place.
+/// Tested place on the surface, as a face and a position.
 type Place = (u32, DVec3);
 
-/// Moves splats to places that no splat covers.
+/// Finds places near borders that no splat covers, and moves splats to them.
 pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &mut [Option<Grown>]) {
     let Some(radius) = radii::median(&mut on.radii.clone()) else { return };
     let geometry = on.geometry;
@@ -79,7 +82,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     }
 }
 
-/// Selects the first of the places in each cube and region; the cube's side is the distance between moved splats.
+/// Selects one place in each grid cell and region; the cell's side is the smallest distance between moved splats.
 fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Iterator<Item = Place> + 'a {
     let mut cells = HashSet::new();
     let cell = move |(face, q): &Place| {
@@ -88,7 +91,7 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
     places.iter().filter(move |place| cells.insert(cell(place))).copied()
 }
 
-/// Returns the places that none of some splats covers. For each place, the `asked` nearest splats are tested.
+/// Returns the places that none of the given splats covers. For each place, the `asked` nearest splats are tested.
 fn uncovered(
     on: &Placed,
     kept: &[Option<Grown>],
@@ -123,7 +126,7 @@ fn uncovered(
     places.iter().zip(is_bare).filter(|(_, is_bare)| *is_bare).map(|(place, _)| *place).collect()
 }
 
-/// Selects at most `most` splats that can be moved: no border clips them, and none of their neighbours is moved. They
+/// Selects at most `most` splats to be moved. No border clips them, and none of their neighbours is selected too. They
 /// are sorted by the distance of their nearest neighbour, relative to their radius.
 fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let tree = KdTree::new(&on.positions);
@@ -160,7 +163,7 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     ordered.into_iter().map(|(_, slot)| tree.index(slot)).take(most).collect()
 }
 
-/// Returns unit vectors toward viewpoints of a face: along its normal, and tilted to several sides.
+/// Returns unit vectors from a face toward test viewpoints: along its normal, and tilted to several sides.
 fn seen_from(normal: DVec3) -> [DVec3; EYES] {
     let (u, v) = orthonormal(normal);
     let [(sin, cos), (far_sin, far_cos)] = TILTS.map(|degrees| degrees.to_radians().sin_cos());

@@ -9,35 +9,35 @@ use std::cell::LazyCell;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, Mesh};
 
-/// Cosine of the crease angle, 40°: faces that meet at a larger angle don't share a smooth normal.
+/// Cosine of the crease angle, 40°. Faces that meet at a larger angle don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 /// Cosine of 0.02°: normals that differ by less count as equal.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
-/// Cosine of 15°: on faces that meet at a smaller angle, splats don't protrude by half the distance between them.
+/// Cosine of 15°. Where faces meet at a smaller angle, splats protrude by less than half the distance between them.
 const BENT_COS: f64 = 0.965_925_826_289_068;
-/// Thickness of a triangle, relative to its longest edge, below which it counts as without area: its normal would
+/// Smallest thickness of a triangle with area, relative to its longest edge. The normal of a thinner triangle would
 /// consist of the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
-/// Area, relative to the squared extent, from which a mesh is searched for repeated triangles; a closed box has at most
-/// 6. Without the search, the splats of thousands of triangles in one place would all coincide.
+/// Area, relative to the squared extent, above which a mesh is searched for repeated triangles; a box has at most 6.
+/// Without the search, the splats of thousands of triangles in one place would all coincide.
 const MANIFOLD: f64 = 8.0;
 
-/// A mesh prepared for sampling. Indices must be valid and positions finite.
+/// Mesh prepared for sampling. Indices must be valid and positions finite.
 pub(crate) struct Geometry<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) positions: Vec<DVec3>,
     /// Unit face normals; zero for triangles without area.
     pub(crate) normals: Vec<DVec3>,
-    /// Face areas; zero if the normal is.
+    /// Face areas; zero where the normal is zero.
     pub(crate) areas: Vec<f64>,
     /// Largest side of the bounding box.
     pub(crate) extent: f64,
-    /// Number of triangles that repeat others; they count as without area.
+    /// Number of triangles that repeat another one; they have no area.
     pub(crate) repeated: usize,
 }
 
-/// Edge between welded vertices, as part of one of its faces.
+/// Edge between welded vertices, as the side of one face.
 #[derive(Clone, Copy)]
 pub(super) struct Side {
     pub(super) lo: u32,
@@ -67,14 +67,14 @@ pub(crate) enum Kind {
     Cut,
 }
 
-/// Edge at which splats end, as part of the face on one of its sides.
+/// Edge at which splats end, as the side of one face.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
     /// Ends of the edge, with the face on the left when seen from outside.
     pub(crate) ends: [DVec3; 2],
     /// Corner (3·face + 0..3) at which the edge starts.
     pub(crate) corner: u32,
-    /// Face on the other side, if there is exactly one.
+    /// Face on the other side, if there is exactly one other face.
     pub(crate) across: Option<u32>,
     pub(crate) kind: Kind,
 }
@@ -85,15 +85,15 @@ impl Border {
     }
 }
 
-/// Smooth normals of a surface, its borders, and its smooth regions.
+/// Smooth normals of a mesh, and the borders at which splats end.
 pub(crate) struct Smooth {
-    /// Unit normals of every corner.
+    /// Unit normals of the three corners of each face.
     pub(crate) corner_normals: Vec<[DVec3; 3]>,
     /// Number of edges that are creases or open.
     pub(crate) feature_edges: usize,
-    /// Feature edges, and edges at which the surface bends by more than 15°, once for each of their sides.
+    /// Feature edges, and edges at which the surface bends by more than 15°, once for each face.
     pub(crate) borders: Vec<Border>,
-    /// Smooth region of each face: regions are separated by creases and open edges.
+    /// Index of each face's smooth region; regions are separated by creases and open edges.
     pub(crate) regions: Vec<u32>,
 }
 
@@ -126,7 +126,8 @@ impl<'a> Geometry<'a> {
         geometry
     }
 
-    /// Zeroes the area and normal of triangles that repeat another one, corner by corner and with the same winding.
+    /// Sets the area and normal of repeated triangles to zero. Such a triangle has the corners and winding of another
+    /// one.
     fn drop_repeated(&mut self) {
         let key = |face: usize| {
             let corners = self.corners(face).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
@@ -187,11 +188,11 @@ impl<'a> Geometry<'a> {
         a.cross(b).length().atan2(a.dot(b))
     }
 
-    /// Computes smooth unit normals of every corner, the edges that are creases or open, and the regions between them.
+    /// Computes smooth unit normals of all corners, the edges that are creases or open, and the regions between them.
     ///
-    /// Vertex normals of the mesh are used if it has any. Otherwise normals are averaged over the corners of a vertex,
+    /// The mesh's vertex normals are used if it has any. Otherwise normals are averaged over the faces at a vertex,
     /// weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges of at most 40°, and across
-    /// steeper edges that are no [`Creases`].
+    /// steeper edges that aren't [`Creases`].
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -269,7 +270,7 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
-    /// Builds the border of a face's edge; `across` is the edge as part of the other face.
+    /// Builds the border at a face's side; `across` is the same edge as the side of the other face.
     fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
         let corners = self.corners(side.corner as usize / 3);
         let k = side.corner as usize % 3;
@@ -286,8 +287,8 @@ impl<'a> Geometry<'a> {
         self.normals[a.face()].dot(self.normals[b.face()])
     }
 
-    /// Returns unit normals of the vertices: the mesh's own, or the angle-weighted mean over all faces of vertices in
-    /// the same place. Zero for vertices of no face.
+    /// Returns unit normals of the vertices: the mesh's own, or the angle-weighted mean over all faces at the vertex's
+    /// position. Zero for vertices without faces.
     pub(crate) fn vertex_normals(&self, weld: &[u32]) -> Vec<DVec3> {
         let mut sums = vec![DVec3::ZERO; weld.len()];
         for (face, t) in self.mesh.triangles.iter().enumerate() {
@@ -303,7 +304,7 @@ impl<'a> Geometry<'a> {
         weld.iter().enumerate().map(normal).collect()
     }
 
-    /// True if the mesh has colours or a texture.
+    /// True if the mesh has colours, alphas or a texture.
     pub(crate) fn is_painted(&self) -> bool {
         let m = self.mesh;
         m.colors.is_some() || m.alphas.is_some() || m.is_textured()
@@ -337,8 +338,8 @@ impl<'a> Geometry<'a> {
         if mapped == DVec3::ZERO { smooth } else { mapped }
     }
 
-    /// Returns the image's right and up directions on a face, as unit vectors across a normal; `None` if the texture
-    /// coordinates have no area.
+    /// Returns the right and up directions of the texture image on a face, as unit vectors perpendicular to a normal.
+    /// `None` if the texture coordinates have no area.
     fn image_axes(&self, face: usize, normal: DVec3) -> Option<(DVec3, DVec3)> {
         let uvs = self.mesh.uvs.as_ref()?;
         let [a, b, c] = self.corners(face);
@@ -374,9 +375,9 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// Returns the mean linear RGB and opacity around barycentric coordinates `b` of a face: the colour of a splat
-    /// there. Nine samples in a square of side `extent` (in object units) are weighted by their opacity. Without a
-    /// texture, one sample is enough.
+    /// Returns the colour of a splat: the mean linear RGB and opacity around barycentric coordinates `b` of a face.
+    /// Nine samples in a square of side `extent` (in object units) are weighted by their opacity. Without a texture,
+    /// one sample is enough.
     pub(crate) fn color_about(&self, face: usize, b: [f64; 3], extent: f64) -> [f32; 4] {
         let own = self.color(face, b);
         let material = self.mesh.material(face);
@@ -391,7 +392,7 @@ impl<'a> Geometry<'a> {
         let (mut sum, mut plain) = ([0.0; 4], [0.0; 3]);
         for (x, y) in [-1.0, 0.0, 1.0].into_iter().flat_map(|y| [-1.0, 0.0, 1.0].map(|x| (x, y))) {
             let at: [f64; 3] = std::array::from_fn(|k| b[k] + (x * u[k] + y * v[k]) * extent / 3.0);
-            // Beyond an edge, another triangle has the surface, and perhaps another part of the texture.
+            // Beyond an edge, the surface belongs to another triangle, and perhaps to another part of the texture.
             let is_other = (x != 0.0 || y != 0.0) && at.iter().all(|b| *b >= 0.0);
             let [r, g, b, a] = if is_other { self.color(face, at) } else { own };
             sum.iter_mut().zip([r * a, g * a, b * a, a]).for_each(|(s, c)| *s += c);
@@ -414,8 +415,8 @@ impl<'a> Geometry<'a> {
         (self.areas[face] > 0.0 && v.is_finite() && w.is_finite()).then_some([-v - w, v, w])
     }
 
-    /// Returns linear RGB and opacity at barycentric coordinates `b` of a face; the opacity is 0 where the material
-    /// cuts it.
+    /// Returns linear RGB and opacity at barycentric coordinates `b` of a face. The opacity is 0 where an alpha mask
+    /// cuts the surface.
     pub(crate) fn color(&self, face: usize, b: [f64; 3]) -> [f32; 4] {
         let t = self.mesh.triangles[face].map(|i| i as usize);
         let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] as f32 * value(t[k])).sum::<f32>();
@@ -440,7 +441,7 @@ impl<'a> Geometry<'a> {
     }
 }
 
-/// Returns the sides of each edge, for sides sorted by edge.
+/// Groups the sides of faces by edge; the input must be sorted by edge.
 pub(super) fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
     sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi))
 }

@@ -20,11 +20,12 @@ use surfel_model::{
 /// Maximum number of splats in one level of the octree.
 const MOST_IN_LEVEL: f64 = 4e6;
 
-/// Limits for a level's splats: a mean number per node, a mean number per triangle, and a number that every level may
-/// have. The limits matter if triangles reach far beyond their node's cube, as in a fan. A watertight surface has 200
-/// to 800 splats per node.
+/// Largest mean number of splats per node in a level. The limits matter if triangles reach far beyond their node's
+/// cube, as in a fan; a watertight surface has 200 to 800 splats per node.
 const MOST_IN_NODE: usize = 1024;
+/// Mean number of splats per triangle that a level may always have.
 const MOST_ON_TRIANGLE: usize = 8;
+/// Number of splats that a level may always have.
 const SMALL_LEVEL: usize = 16_384;
 
 /// Options of the conversion of a mesh to an octree.
@@ -39,21 +40,22 @@ pub struct OctreeOptions {
 }
 
 impl Default for OctreeOptions {
-    /// Returns 64 triangles, for which a leaf has 256 splats and more, and point-sampled colours.
+    /// Returns the default options: 64 triangles, for which a leaf has 256 splats or more, and point-sampled colours.
     fn default() -> Self {
         Self { leaf_triangles: 64, splats_per_side: 16, texture: TextureSampling::Point }
     }
 }
 
 /// Converts a mesh to an octree. Every node has splats for its part of the surface, at half the distance of its
-/// parent's, and a leaf also has its polygons. Edges shared by leaves get splats of their own, centred on the edge and
-/// as large as the finer leaf's. That leaf's splats within half a spacing of the edge are dropped. Creases above 40°
+/// parent's; a leaf also has polygons. Edges shared by leaves get splats of their own, centred on the edge and as large
+/// as the finer leaf's splats. The finer leaf's splats within half a spacing of the edge are dropped. Creases above 40°
 /// get no edge splats.
 ///
-/// A mesh without normals gets the shading normals of its splats: smooth except at creases above 40°. Colours come from
-/// textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a far view is the
-/// filtered near view (Z01 §8). The interior weight is that of the leaves' splats. Polygons have one texture: a mesh
-/// with several shows them by its vertices' colours ([`Mesh::with_one_material`]). The result is deterministic.
+/// The polygons of a mesh without normals get the shading normals of its splats: smooth except at creases above 40°.
+/// Colours come from textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a
+/// far view equals the filtered near view (Z01 §8). The interior weight is measured on the splats of leaves. Polygons
+/// have a single texture: a mesh with several shows them by its vertices' colours ([`Mesh::with_one_material`]). The
+/// result is deterministic.
 ///
 /// Source: rendering model §6, after G06 §5.2.
 ///
@@ -77,7 +79,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     }
     let tree = FaceTree::new(&geometry, options.leaf_triangles);
     let spacing_at = |depth: u32| tree.side / f64::from(options.splats_per_side) / f64::from(depth).exp2();
-    // Corners at which an edge starts that is a border of the whole mesh.
+    // Flag per corner, true if the edge that starts there is a border of the whole mesh.
     let mut is_border = vec![false; 3 * mesh.triangles.len()];
     let shared = {
         let smooth = geometry.smooth();
@@ -102,7 +104,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
         for (i, node) in (first..).zip(level) {
             let edges = edges_of.get(&i).map_or(&[][..], Vec::as_slice);
             let start = splats.len();
-            // A leaf that can't be divided may have any number of edges.
+            // A leaf that can't be divided further may have any number of edges.
             let boxes = Boxes::new(edges);
             for &k in &sampled.splats_of[(i - first) as usize] {
                 let center = sampled.cloud.data().centers.get(k);
@@ -113,7 +115,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
             }
             let faces = &tree.order[node.faces.clone()];
             let own = (start..splats.len()).map(|k| splats.normals[k as usize]);
-            // Splats cut by borders may have grown, also those of child nodes, which are half as large.
+            // Splats clipped by borders may have grown, also in child nodes, whose splats are half as large.
             let largest = if splats.is_clipped(start) { radius * f64::max(1.0, 0.5 * MOST_GROWN) } else { radius };
             let largest = splats.radius_from(start).max(largest);
             let mut described = describe(&geometry, faces, own, radius, largest);
@@ -136,7 +138,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     weighted(Octree::new(cloud, ordered, nodes, transitions)?)
 }
 
-/// Returns the mesh with only these triangles, in this order, and all vertices.
+/// Returns the mesh with only the given triangles, in the given order, and all vertices.
 fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
     Mesh {
         triangles: faces.iter().map(|face| mesh.triangles[*face as usize]).collect(),
@@ -145,8 +147,8 @@ fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
     }
 }
 
-/// Returns the mesh with the normals that shade its splats, so that both look alike. A vertex whose triangles meet at a
-/// crease is split.
+/// Returns the mesh with the normals that shade its splats, so that splats and polygons look alike. A vertex whose
+/// triangles meet at a crease is split.
 fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     let corner_normals = Geometry::new(mesh).smooth().corner_normals;
     let mut vertex_of: BTreeMap<(u32, [u32; 3]), u32> = BTreeMap::new();
@@ -173,7 +175,7 @@ fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// Measures the interior weight on the finest splats.
+/// Measures the interior weight on the splats of leaves and of shared edges, and adds it to the octree's cloud.
 fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
     let finest: Vec<_> = leaves.chain(octree.transitions().iter().map(|t| t.splats.clone())).collect();
@@ -186,11 +188,11 @@ fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     Ok(Octree::new(cloud, octree.mesh().clone(), octree.nodes().to_vec(), octree.transitions().to_vec())?)
 }
 
-/// Surface of all nodes of one depth, sampled at once, so that there are no seams between nodes.
+/// Splats of all nodes of one depth. The depth is sampled at once, so that there are no seams between nodes.
 struct Level {
     cloud: SplatCloud,
     spacing: f64,
-    /// Indices of each node's splats.
+    /// Indices of the splats in `cloud`, per node.
     splats_of: Vec<Vec<usize>>,
 }
 
@@ -237,7 +239,7 @@ impl Level {
     }
 }
 
-/// Returns a node with the bounding sphere and the normal cone of its triangles and splats, and empty ranges.
+/// Returns a node with the bounding sphere and the normal cone of its triangles and splats. Its index ranges are empty.
 fn describe(
     geometry: &Geometry,
     faces: &[u32],
@@ -252,7 +254,7 @@ fn describe(
     let weighted = |face: &u32| geometry.normals[*face as usize] * geometry.areas[*face as usize];
     let axis = unit(faces.iter().map(weighted).sum());
     let normals = faces.iter().map(|face| geometry.normals[*face as usize]).filter(|n| *n != DVec3::ZERO).chain(splats);
-    // Slightly wider, for the rounding of the normals themselves.
+    // The cone is slightly wider, to allow for the rounding of normals.
     let cosine = normals.map(|n| n.dot(axis)).fold(1.0, f64::min) - 1e-6;
     let has_axis = axis != DVec3::ZERO;
     OctreeNode {
@@ -268,7 +270,7 @@ fn describe(
     }
 }
 
-/// Splats of all nodes, in the order of the file.
+/// Splats of all nodes collected so far, in the order of the octree.
 #[derive(Default)]
 struct Collected {
     centers: Vec<DVec3>,
@@ -289,7 +291,7 @@ impl Collected {
         self.clip_lines[start as usize..].iter().any(|lines| !lines[0].a.is_nan())
     }
 
-    /// Returns the largest semi-axis from splat `start` on.
+    /// Returns the longest half-axis of the splats from `start` on.
     fn radius_from(&self, start: u32) -> f64 {
         self.axes[start as usize..].iter().map(|(s, _)| s.length()).fold(0.0, f64::max)
     }

@@ -4,18 +4,18 @@ use super::detail::Detail;
 use super::geometry::Geometry;
 use surfel_model::Mesh;
 
-/// Method by which a mesh becomes splats.
+/// Method by which a mesh is converted to splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshMethod {
     /// One ellipse per triangle, through its three vertices (Bézier clipping paper 2012, §5.1).
     PerFace,
-    /// The vertices as points: for dense scans.
+    /// One splat per vertex, as for a point cloud; suitable for dense scans.
     PerVertex,
     /// A given number of samples, spread evenly over the surface.
     Count(usize),
-    /// A given number of samples for a flat mesh, spread evenly. Where disks would protrude from the bent surface,
-    /// samples are closer together, so that there are more in total. The limit is a third of a pixel in an image of
-    /// 1024².
+    /// A given number of samples, spread evenly over a flat mesh. Where disks would protrude from a curved surface,
+    /// samples are closer together, so that the total is larger. Disks protrude by at most a third of a pixel in an
+    /// image of 1024².
     Adaptive(usize),
     /// The number of samples that the mesh's shape and colours need ([`Detail`]).
     Detail,
@@ -42,17 +42,17 @@ pub struct MeshOptions {
 pub struct MeshReport {
     /// Method used.
     pub method: MeshMethod,
-    /// Numbers of splats considered, with [`MeshMethod::Detail`].
+    /// Numbers of splats that shape and colours need, with [`MeshMethod::Detail`].
     pub detail: Option<Detail>,
     /// Number of splats made.
     pub splats: usize,
     /// Number of triangles without area; they get no splats.
     pub degenerate: usize,
-    /// Number of triangles that repeat others; they get no splats.
+    /// Number of triangles that repeat another one; they get no splats.
     pub repeated: usize,
     /// Number of mesh edges that are creases or open edges, at which splats end.
     pub feature_edges: usize,
-    /// True if at least nine in ten samples shade by their facet's own normal: the mesh consists of flat parts.
+    /// True if at least nine in ten samples are shaded by their facet's own normal: the mesh consists of flat parts.
     pub flat: bool,
     /// Median of the larger semi-axes, in object units.
     pub median_radius: f64,
@@ -62,21 +62,21 @@ pub struct MeshReport {
 
 /// Number of vertices above which a mesh counts as dense.
 const DENSE: usize = 50_000;
-/// Spacing of automatic samples, relative to the largest side of the bounds: 2 px in an image of 1024², where the
-/// standard deviation of a splat is 1.7 px.
+/// Distance between automatic samples, relative to the largest side of the bounds: 2 px in an image of 1024², in which
+/// the standard deviation of a splat is 1.7 px.
 const SPACING: f64 = 2.0 / 1024.0;
-/// Smallest and largest number of automatic samples.
+/// Smallest and largest number of automatic samples on a flat mesh.
 const AUTOMATIC: (f64, f64) = (20_000.0, 500_000.0);
 
 impl MeshOptions {
-    /// Returns options with a method and the radius scale 1.
+    /// Creates options with a method and the radius scale 1.
     pub fn new(method: MeshMethod) -> Self {
         Self { method, radius_scale: 1.0 }
     }
 
-    /// Returns the default options for a mesh. A dense mesh (above 50,000 vertices) that is even and has no texture
-    /// becomes one splat per vertex, and so does a mesh without triangles or area. Any other mesh is sampled about
-    /// every 2 px in an image of 1024², by 20,000 to 500,000 samples, and more where it bends.
+    /// Returns the default options for a mesh. A dense mesh (above 50,000 vertices) with triangles of similar size and
+    /// no texture becomes one splat per vertex. So does a mesh without triangles or area. Any other mesh is sampled
+    /// about every 2 px in an image of 1024², by 20,000 to 500,000 samples, and more where the surface bends.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
         if mesh.triangles.is_empty() || mesh.triangles.iter().flatten().any(bad) {

@@ -1,16 +1,17 @@
-//! Division of a mesh's faces into parts of similar size. Quantities that vary over a face are constant in a part.
+//! Division of a mesh's faces into parts of similar size. Sampling density and similar quantities are constant in a
+//! part.
 
 use super::geometry::Geometry;
 use glam::DVec3;
 
-/// Maximum number of times that a face is halved.
+/// Maximum number of times that the sides of a face are halved.
 const MOST_HALVINGS: f64 = 10.0;
-/// The four parts of a halved face: about a corner (`Some`), or in the middle. The order makes each part adjacent to
-/// the one before it or to the second.
+/// Corners of the four parts of a face whose sides are halved; `None` is the part in the middle. The order makes each
+/// part adjacent to the previous part or to the second one.
 const CORNERS: [Option<usize>; 4] = [Some(0), None, Some(1), Some(2)];
 const MIDDLE: usize = 1;
 
-/// Place on the surface.
+/// Place on the surface: a face and barycentric coordinates.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sample {
     pub(crate) face: u32,
@@ -31,7 +32,7 @@ impl Sample {
         Self { face, barycentric: [1.0 + u, v, w] }
     }
 
-    /// Returns the position.
+    /// Returns the position of the place.
     pub(crate) fn place(&self, geometry: &Geometry) -> DVec3 {
         let [a, b, c] = geometry.corners(self.face as usize);
         // Relative to a corner, so that a triangle far from the origin is not distorted.
@@ -39,17 +40,17 @@ impl Sample {
     }
 }
 
-/// Faces divided by halving their sides repeatedly: 4ᵏ parts of equal area, similar to the face. Any run of consecutive
-/// parts of a face is contiguous.
+/// Division of faces into parts by repeated halving of their sides: 4ᵏ parts of equal area, similar to the face.
+/// Consecutive parts of a face form a connected area.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts {
-    /// Index of the first part of each face, and the number of all parts.
+    /// Index of the first part of each face, and finally the number of all parts.
     first: Vec<u32>,
 }
 
 impl Parts {
-    /// Divides faces into parts of about half of a square of side `side`; infinity leaves every face whole. There are
-    /// at most about `most` more parts than faces.
+    /// Divides faces into parts with about half the area of a square of side `side`; infinity leaves every face whole.
+    /// There are at most about `most` more parts than faces.
     pub(crate) fn new(geometry: &Geometry, side: f64, most: usize) -> Self {
         let side = side.max((2.0 * geometry.total_area() / most as f64).sqrt());
         let mut first = vec![0];
@@ -80,7 +81,7 @@ impl Parts {
         self.first[face] as usize..self.first[face + 1] as usize
     }
 
-    /// Returns the number of times that a face is halved.
+    /// Returns the number of times that the sides of a face are halved.
     fn halvings(&self, face: usize) -> u32 {
         self.of(face).len().ilog2() / 2
     }
@@ -107,7 +108,7 @@ impl Parts {
         self.of(face).start + part
     }
 
-    /// Returns the place in a part with these barycentric coordinates of the part.
+    /// Converts barycentric coordinates of a part to a place on the part's face.
     pub(crate) fn place(&self, part: usize, mut b: [f64; 3]) -> Sample {
         let face = self.face(part);
         let local = part - self.of(face).start;

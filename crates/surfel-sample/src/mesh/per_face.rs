@@ -13,13 +13,13 @@ use surfel_model::{CloudData, Column3, Mesh};
 
 const CENTROID: [f64; 3] = [1.0 / 3.0; 3];
 
-/// Returns the principal half-axes (s, t) of the ellipse through the triangle's corners and around its centroid: the
-/// image of an equilateral triangle's circumscribed circle under the affine map between the two. s × t is along the
-/// normal of the counter-clockwise triangle, and s is the longer axis.
+/// Returns the principal half-axes (s, t) of the ellipse through a triangle's corners and around its centroid (the
+/// Steiner circumellipse). It is the image of an equilateral triangle's circumscribed circle under the affine map
+/// between the two triangles. s × t is along the normal of the counter-clockwise triangle, and s is the longer axis.
 ///
-/// Two conjugate half-axes are known: corner 0 relative to the centroid, and the opposite edge over √3. The paper's
-/// scale and shear give the same axes (eq. 13–16), with a frame. One rotation makes the axes orthogonal. The result is
-/// the eigen-decomposition of the paper's covariance matrix, without squaring it.
+/// Two conjugate half-axes are corner 0 relative to the centroid, and the opposite edge over √3. One rotation makes
+/// them orthogonal. The paper's scale and shear give the same axes (eq. 13–16), with a frame. The result is the
+/// eigen-decomposition of the paper's covariance matrix, without squaring it.
 pub(crate) fn steiner_axes([a, b, c]: [DVec3; 3]) -> (DVec3, DVec3) {
     let f = ((a - b) + (a - c)) / 3.0;
     let g = (b - c) / 3.0_f64.sqrt();

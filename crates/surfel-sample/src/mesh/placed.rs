@@ -1,4 +1,4 @@
-//! Splats placed on a mesh, and their clipping by its borders.
+//! Splats placed on a mesh, and their clipping at the mesh's borders.
 
 use super::borders::{Borders, FACING, FARTHEST, Kept, clip_columns};
 use super::density::Density;
@@ -11,22 +11,24 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
 use surfel_model::{ClipColumns, Shape};
 
-/// Radii that are tried, relative to a splat's own, if lines leave too little of it. The clipped-off part doesn't grow.
+/// Growth factors of a splat's radius that are tried if clip lines leave too small an area. The clip lines stay in
+/// place.
 const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
-/// Largest growth of a splat's radius.
+/// Largest growth factor of a splat's radius.
 pub(super) const MOST_GROWN: f64 = 2.2;
 
-/// Height over a splat's plane, relative to its reach, below which a place is in the plane.
+/// Height over a splat's plane, relative to the splat's radius, below which a place counts as in the plane.
 const IN_PLANE: f64 = 1e-3;
 
-/// Number of directions from which a place is tested.
+/// Number of directions from which coverage of a place is tested.
 pub(super) const EYES: usize = 9;
 
-/// Splats on the surface, before borders clip them.
+/// Splats placed on the surface, without clips.
 pub(super) struct Placed<'a> {
     pub(super) geometry: &'a Geometry<'a>,
-    /// Distance between splats, and the factor for the radii that follow from it.
+    /// Density that gives the distance between splats.
     pub(super) density: &'a Density,
+    /// Factor for the radii that follow from the density.
     pub(super) radius_scale: f64,
     pub(super) samples: Vec<Sample>,
     pub(super) positions: Vec<DVec3>,
@@ -35,10 +37,10 @@ pub(super) struct Placed<'a> {
     pub(super) radii: Vec<f64>,
 }
 
-/// Growth of a clipped splat's radius, and the splat's visible part.
+/// Growth factor of a clipped splat's radius, and the splat's visible part.
 pub(super) type Grown = (f64, Kept);
 
-/// Splats that end at the borders of the surface.
+/// Splats clipped at the borders of the surface.
 pub(super) struct Bordered {
     pub(super) shape: Shape,
     pub(super) clips: Option<ClipColumns>,
@@ -50,7 +52,7 @@ impl Placed<'_> {
         (u * self.radii[i] * scale, v * self.radii[i] * scale)
     }
 
-    /// Moves a splat to another place.
+    /// Moves splat `i` to another place, and updates its plane and radius.
     pub(super) fn put(&mut self, i: usize, sample: Sample) {
         self.samples[i] = sample;
         self.positions[i] = sample.place(self.geometry);
@@ -58,7 +60,7 @@ impl Placed<'_> {
         self.radii[i] = radii::DENSITY * self.density.at(&sample) * self.radius_scale;
     }
 
-    /// Returns the growth and the visible part of a splat; `None` if no border clips it.
+    /// Returns the growth and the visible part of splat `i`; `None` if no border clips it.
     pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32], found: &mut Nearest) -> Option<Grown> {
         let region = regions[self.samples[i].face as usize];
         let mut at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region, found);
@@ -84,12 +86,12 @@ impl Placed<'_> {
         map_each(count, progress, Borders::nearest, |found, i| self.grown(i, borders, regions, found))
     }
 
-    /// Returns the radius of a splat, with its growth.
+    /// Returns the radius of splat `i` including its growth.
     pub(super) fn reach(&self, i: usize, kept: &[Option<Grown>]) -> f64 {
         self.radii[i] * kept[i].as_ref().map_or(1.0, |(scale, _)| *scale)
     }
 
-    /// Marks the viewing directions along which a splat covers a place as no longer bare.
+    /// Clears the flag in `bare` of every viewing direction along which splat `i` covers a place.
     pub(super) fn cover(
         &self,
         i: usize,
@@ -105,7 +107,7 @@ impl Placed<'_> {
             q.length_squared() < 1.0 && kept[i].as_ref().is_none_or(|(_, kept)| kept.keeps(q))
         };
         let height = -d.dot(normal);
-        // In the splat's plane, the answer is the same for all directions.
+        // In the splat's plane, the result is the same for all directions.
         let in_plane = (height.abs() < IN_PLANE * reach).then(|| keeps(d));
         if in_plane == Some(false) {
             return;
@@ -120,7 +122,7 @@ impl Placed<'_> {
         }
     }
 
-    /// Returns disks, or clipped ellipses if a border clips any splat.
+    /// Returns the splats' shape and clips: disks, or clipped ellipses if a border clips any splat.
     pub(super) fn bordered(&self, kept: &[Option<Grown>]) -> Bordered {
         let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
         let shape = if clips.is_none() {

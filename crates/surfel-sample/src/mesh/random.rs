@@ -1,6 +1,6 @@
-//! Small seeded random generator, with the same results on every machine.
+//! Small seeded random number generator with the same results on every machine.
 
-/// `SplitMix64` (Steele et al. 2014, "Fast splittable pseudorandom number generators").
+/// Random number generator `SplitMix64` (Steele et al. 2014, "Fast splittable pseudorandom number generators").
 pub(crate) struct Random(u64);
 
 impl Random {

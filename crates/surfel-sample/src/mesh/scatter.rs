@@ -1,41 +1,43 @@
-//! Places spread over a surface with a given number per part.
+//! Random places spread over a surface, with a given weight per part of the surface.
 
 use super::random::Random;
 use crate::parallel::map_each;
 use crate::progress::Progress;
 use glam::DVec3;
 
-/// Place: the index of a part, and barycentric coordinates in the part.
+/// Place on the surface: the index of a part, and barycentric coordinates in the part.
 pub(crate) type PartPlace = (u32, [f64; 3]);
 
-/// Returns the corners of a part if it is [`slender`], from its number and the expected number of its places.
+/// Function that returns the corners of a part if it is [`slender`]; its arguments are the part's index and the
+/// expected number of places.
 pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize, f64) -> Option<[DVec3; 3]> + Sync);
 
-/// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and their sizes. The size of the
-/// middle quarter is negative, because it is rotated by half a turn.
+/// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and the quarters' sizes. The middle
+/// quarter has a negative size, because it is rotated by half a turn.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
-/// Maximum number of base-4 digits of an index that select a quarter.
+/// Maximum number of base-4 digits of a place's number that select quarters.
 const MOST_DIGITS: u32 = 16;
-/// Length of a triangle over its width from which it is halved instead of quartered.
+/// Ratio of a triangle's length to its width from which it is halved instead of quartered.
 const SLENDER: f64 = 8.0;
-/// Least width of such a triangle in distances of places: narrower ones have their places in a row.
+/// Smallest width of a halved triangle, in distances between places. Narrower ones have their places in a row.
 const LEAST_WIDTH: f64 = 4.0;
 
-/// Returns the corners of a slender triangle that `count` places are for; `None` for others.
+/// Returns the corners of a triangle if it is slender and wide enough for several rows of `count` places; else `None`.
 pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
     let [a, b, c] = corners;
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    // The width is the height over the longest side, and the distance of places the root of the area for one.
+    // The width is the height over the longest side. The distance between places is the square root of the area per
+    // place.
     let twice_area = (b - a).cross(c - a).length();
     let is_wide = 2.0 * twice_area * count > LEAST_WIDTH * LEAST_WIDTH * longest;
     (longest > SLENDER * twice_area && is_wide).then_some(corners)
 }
 
-/// Numbered places, stratified by each part's share of the sum of weights in the order of the parts. Place i of n is in
-/// the i-th of n equal intervals of the sum.
+/// Numbered places on weighted parts, stratified in the order of the parts. Place i of n is in the i-th of n equal
+/// intervals of the sum of weights.
 pub(crate) struct Scatter<'a> {
     weights: &'a [f64],
-    /// Sums of weights up to the end of each part.
+    /// Cumulative sum of the weights up to the end of each part.
     ends: Vec<f64>,
     /// Last part with a positive weight.
     last: usize,
@@ -57,8 +59,8 @@ impl<'a> Scatter<'a> {
         Self { weights, ends: ends.collect(), last, count, total }
     }
 
-    /// Returns all places, by the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g), frac(½ + i/g²), g³ = g + 1)
-    /// within each part.
+    /// Returns all places. Within each part they follow the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g),
+    /// frac(½ + i/g²), g³ = g + 1).
     pub(crate) fn even(&self, progress: &dyn Progress) -> Vec<PartPlace> {
         const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
         self.map(self.count, &|k| k, progress, &|i, part, _| {
@@ -67,7 +69,7 @@ impl<'a> Scatter<'a> {
         })
     }
 
-    /// Returns the result of `of` for all places of [`Self::irregular_place`].
+    /// Returns `of` applied to every place of [`Self::irregular_place`].
     pub(crate) fn irregular<T: Clone + Default + Send>(
         &self,
         slender: SlenderParts<'_>,
@@ -77,7 +79,7 @@ impl<'a> Scatter<'a> {
         self.map(self.count, &|k| k, progress, &|i, part, random| of(self.irregular_place(i, part, slender, random)))
     }
 
-    /// Returns some of the places of [`Self::irregular`]; their numbers must ascend.
+    /// Returns the places of [`Self::irregular`] with these numbers, which must ascend.
     pub(crate) fn some_irregular(
         &self,
         slender: SlenderParts<'_>,
@@ -88,8 +90,8 @@ impl<'a> Scatter<'a> {
         self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, slender, random))
     }
 
-    /// Returns the results of `of` for `count` ascending numbers, computed in parallel and in order. The arguments of
-    /// `of` are a number, its part and its random generator.
+    /// Returns the results of `of` for `count` ascending place numbers, computed in parallel and in order. The
+    /// arguments of `of` are a number, the part that contains the place, and a random generator.
     fn map<T: Clone + Default + Send>(
         &self,
         count: usize,
@@ -98,7 +100,7 @@ impl<'a> Scatter<'a> {
         of: &(dyn Fn(usize, usize, Random) -> T + Sync),
     ) -> Vec<T> {
         progress.stage("samples", count as u64);
-        // Each search starts from the part before.
+        // Each search starts from the part of the previous place.
         let before = || None::<usize>;
         map_each(count, progress, before, |before: &mut Option<usize>, k| {
             let i = number(k);
@@ -117,14 +119,14 @@ impl<'a> Scatter<'a> {
     }
 
     /// Returns place `i` in part `part` by the triangular van der Corput sequence (Basu and Owen 2015, "Low discrepancy
-    /// constructions in the triangle", §3). The sequence is cut off at triangles with one place each, and places are
-    /// random within them.
+    /// constructions in the triangle", §3). The sequence is cut off at triangles with one place each, and the place is
+    /// random within its triangle.
     ///
-    /// Two regular sequences that meet, between the halves of R₂'s square or beside an edge, coincide in some spots and
-    /// leave gaps in others. Elimination would leave holes of two spacings there.
+    /// Regular sequences would coincide in some spots and leave gaps in others where two of them meet, between the
+    /// halves of R₂'s square or at an edge. Elimination would then leave holes of two spacings.
     ///
-    /// The quarters of a slender triangle are as slender, so that places would be uneven along it. Its longest side is
-    /// halved instead, by the binary digits of `i`.
+    /// The quarters of a slender triangle are as slender, so that places would be uneven along the triangle. The
+    /// longest side of such a triangle is halved instead, by the binary digits of `i`.
     fn irregular_place(&self, i: usize, part: usize, slender: SlenderParts<'_>, mut random: Random) -> PartPlace {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();
@@ -143,8 +145,8 @@ impl<'a> Scatter<'a> {
     }
 }
 
-/// Returns barycentric coordinates of a random place in the part of a triangle that remains after halving the longest
-/// side `bits` times. The lowest binary digits of `i` select the halves.
+/// Returns barycentric coordinates of a random place in a part of a triangle. The part remains after halving the
+/// longest side `bits` times, and the lowest binary digits of `i` select the halves.
 fn halved_place(mut corners: [DVec3; 3], bits: u32, i: usize, mut random: Random) -> [f64; 3] {
     let mut barycentric = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for bit in 0..bits {

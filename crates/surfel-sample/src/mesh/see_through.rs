@@ -1,9 +1,9 @@
-//! Splats of surfaces that are partly see-through: splats end where an alpha mask cuts the surface, or where it stops
-//! being opaque.
+//! Clipping of splats on partly transparent surfaces. Splats end where an alpha mask cuts the surface, or where an
+//! opaque surface becomes transparent.
 //!
-//! Alpha is looked up in each splat's own disk, on the plane of its triangle. A disk that is only partly visible is
-//! replaced by four disks of half the size, up to twice if that doesn't add too many. The contour in the remaining
-//! disks becomes up to four clip lines. Invisible splats are removed.
+//! Alpha is sampled inside each splat's disk, on the plane of its triangle. If a disk is only partly visible, four
+//! disks of half the size replace it, up to twice if that doesn't add too many. The contour of the visible area in the
+//! remaining disks becomes up to four clip lines. Invisible splats are removed.
 
 use super::geometry::Geometry;
 use crate::assemble;
@@ -12,32 +12,35 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, Shape};
 
-/// Number of directions in which the contour is searched, and of steps along each to the disk's rim.
+/// Number of directions in which the contour is searched.
 const DIRECTIONS: usize = 24;
+/// Number of steps from a disk's centre to its rim in each direction.
 const STEPS: usize = 6;
-/// Largest distance of the contour's points from a line, relative to the disk's radius.
+/// Largest distance of the contour's points from a straight line, relative to the disk's radius.
 const STRAIGHT: f64 = 0.1;
-/// Alpha below which nothing is visible: half a level of 256.
+/// Alpha below which a surface is invisible: half a step of 1/255.
 const NOTHING: f32 = 0.5 / 255.0;
-/// Radius, in disk radii, within which everything must be invisible for a disk to be removed. Neighbours reach that far
-/// into the disk. Without it, visible neighbours would lose the zero alpha they are averaged with, and stand out.
+/// Radius, in disk radii, inside which everything must be invisible for a disk to be removed. Neighbouring splats reach
+/// that far into the disk, and average their alpha with the disk's. Without the disk, visible neighbours would stand
+/// out.
 const REACH: f64 = 2.25;
-/// Barycentric coordinate beyond which a place is too far from a triangle for its texture.
+/// Absolute barycentric coordinate above which a place is too far from a triangle for its texture.
 const FAR: f64 = 4.0;
-/// Maximum number of times that a disk is divided.
+/// Maximum number of times that a disk is divided into four.
 const DIVISIONS: usize = 2;
-/// Maximum number of disks that division may add to as many as there are.
+/// Number of disks that division may make, in addition to one per splat.
 const MOST_ADDED: usize = 100_000;
-/// Half the distance to a disk's neighbours, relative to its radius.
+/// Half of the usual distance between a disk and its neighbours, relative to the disk's radius.
 const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
 
-/// A splat, or a part of one.
+/// Splat, or one of the smaller disks that replace it.
 #[derive(Clone, Copy, Default)]
 struct Piece {
-    /// Index of the splat.
+    /// Index of the original splat.
     source: u32,
-    /// Centre in the splat's disk, and size relative to the splat.
+    /// Centre in (u, v) of the original splat's disk.
     at: DVec2,
+    /// Size relative to the original splat.
     scale: f64,
     color: [f32; 4],
     fate: Fate,
@@ -48,16 +51,16 @@ struct Piece {
 enum Fate {
     #[default]
     Whole,
-    /// The contour of the visible part crosses the piece.
+    /// The contour of the visible area crosses the piece; the lines clip it.
     Clipped([ClipLine; 4]),
-    /// The piece is cut, except for a part that doesn't contain its centre.
+    /// The centre of the piece is cut away, but another part is visible.
     Scraps,
-    /// The piece is transparent, except for an opaque part.
+    /// The piece is transparent on average, but a part of it is opaque.
     Mixed,
     Gone,
 }
 
-/// A splat's disk on its triangle: barycentric coordinates of its centre and their change along its half-axes.
+/// Disk of a splat in its triangle: barycentric coordinates of the centre, and their change along the half-axes.
 struct Disk<'a> {
     geometry: &'a Geometry<'a>,
     face: usize,
@@ -66,7 +69,8 @@ struct Disk<'a> {
     along_t: [f64; 3],
 }
 
-/// Removes invisible splats, and clips splats to the visible surface. `faces` are the triangles of the splats.
+/// Removes invisible splats, and clips others to the visible surface. `faces` are the triangles of the splats. Returns
+/// the new columns and the triangle of each new splat.
 pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (CloudData, Vec<u32>) {
     if !geometry.mesh.is_see_through() {
         return (data, faces);
@@ -80,7 +84,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
         Piece { fate: disk(i).map_or(Fate::Whole, |disk| fate(&disk, &piece)), ..piece }
     };
     let mut pieces = map_each(faces.len(), &crate::NoProgress, || (), |(), i| whole(i));
-    // A curve can't be expressed in the coordinates of a part of its splat.
+    // A clip curve can't be expressed in the coordinates of a part of the splat.
     let has_curve = |i: u32| data.clips.as_ref().is_some_and(|clips| clips.curve(i as usize).is_some());
     let is_mixed = |p: &Piece| matches!(p.fate, Fate::Clipped(_) | Fate::Scraps | Fate::Mixed) && !has_curve(p.source);
     let mut left = faces.len() + MOST_ADDED;
@@ -109,7 +113,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
     (assembled(data, &axes, &pieces), faces)
 }
 
-/// Divides a disk into four disks of half the size.
+/// Divides a disk into four disks of half the size, and tests their alpha.
 fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
     let offset = OWN_SHARE * piece.scale;
     [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
@@ -119,7 +123,7 @@ fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
     })
 }
 
-/// Builds the columns of a cloud from the pieces.
+/// Builds the columns of a cloud from the tested pieces.
 fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> CloudData {
     let sources: Vec<u32> = pieces.iter().map(|piece| piece.source).collect();
     let clipped = pieces.iter().any(|piece| matches!(piece.fate, Fate::Clipped(_)));
@@ -175,7 +179,7 @@ fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> Clou
     CloudData { centers, shape, colors, alphas, shading_normals, clips, ..data }
 }
 
-/// Converts a splat's line to the coordinates of one of its parts.
+/// Converts a splat's clip line to the coordinates of one of the splat's parts.
 fn in_part(line: ClipLine, part: &Piece) -> ClipLine {
     let (a, b) = (f64::from(line.a), f64::from(line.b));
     let c = f64::from(line.c) + a * part.at.x + b * part.at.y;
@@ -193,7 +197,7 @@ fn axes_of(shape: &Shape, i: usize) -> (DVec3, DVec3) {
     }
 }
 
-/// Returns the fate of a piece from its colour's opacity and the alpha in its disk.
+/// Tests a piece by the opacity of its colour and the alpha inside its disk.
 fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
     let alpha = |at: DVec2| disk.alpha(piece.at + at * piece.scale);
     let ring = |reach: f64| (0..DIRECTIONS).flat_map(move |k| [0.33, 0.66, 1.0].map(|r| direction(k) * (r * reach)));
@@ -211,7 +215,7 @@ fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
 }
 
 impl<'a> Disk<'a> {
-    /// Creates the disk of a splat; `None` if alpha is constant over the triangle, or if the triangle has no area.
+    /// Creates the disk of a splat. `None` if the triangle is opaque throughout, or if it has no area.
     fn new(geometry: &'a Geometry<'a>, face: usize, center: DVec3, (s, t): (DVec3, DVec3)) -> Option<Self> {
         let mesh = geometry.mesh;
         let textured = mesh.uvs.is_some() && mesh.material(face).texture.is_some();
@@ -228,12 +232,12 @@ impl<'a> Disk<'a> {
         Some(Self { geometry, face, center, along_s: along_s?, along_t: along_t? })
     }
 
-    /// Returns alpha at a place in units of the half-axes.
+    /// Returns alpha at a point in (u, v) of the disk.
     fn alpha(&self, at: DVec2) -> f32 {
         self.geometry.alpha(self.face, self.barycentric(at))
     }
 
-    /// Returns the colour and opacity of a part.
+    /// Returns the mean colour and opacity of a part of the disk, with its centre in (u, v) and its relative size.
     fn color(&self, at: DVec2, scale: f64) -> [f32; 4] {
         let radius = 0.5 * (self.length(self.along_s) + self.length(self.along_t)) * scale;
         self.geometry.color_about(self.face, self.barycentric(at), 2.0 * OWN_SHARE * radius)
@@ -244,7 +248,7 @@ impl<'a> Disk<'a> {
         if b.iter().all(|b| b.abs() < FAR) { b } else { self.center }
     }
 
-    /// Returns the length of a vector that is given by its change of barycentric coordinates.
+    /// Returns the length, in object units, of a vector given by its change of barycentric coordinates.
     fn length(&self, change: [f64; 3]) -> f64 {
         let [a, b, c] = self.geometry.corners(self.face);
         ((b - a) * change[1] + (c - a) * change[2]).length()
@@ -255,7 +259,7 @@ fn direction(k: usize) -> DVec2 {
     DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64)
 }
 
-/// Finds lines along the contour where alpha falls below `level` on the way out from an opaque centre.
+/// Finds clip lines along the contour where alpha falls below `level`, searching from the opaque centre outward.
 fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
     let own = alpha(DVec2::ZERO);
     let crossing = |k: usize| {
@@ -289,8 +293,8 @@ fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
     if lines[0].a.is_nan() { Fate::Whole } else { Fate::Clipped(lines) }
 }
 
-/// Fits a line to as many points around the `k`th as are collinear. Returns its unit normal, away from the centre, and
-/// its distance from the centre.
+/// Fits a line to the `k`th contour point and as many points around it as are collinear. Returns the line's unit
+/// normal, which points away from the centre, and its distance from the centre.
 fn straight(points: &[Option<DVec2>; DIRECTIONS], k: usize) -> (DVec2, f64) {
     let own = points[k].unwrap_or_default();
     let mut best = (own.normalize_or(direction(k)), own.length());

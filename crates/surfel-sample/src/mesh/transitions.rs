@@ -1,4 +1,4 @@
-//! Splats on the edges that two leaves of an octree share (G06 §5.1–5.2).
+//! Splats on the edges between two leaves of an octree, which hide the seam (G06 §5.1–5.2).
 
 use super::geometry::Geometry;
 use crate::radii;
@@ -6,14 +6,14 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use surfel_math::basis::unit;
 
-/// Cosine of the angle, 40°, from which an edge is a crease. The surface differs on either side of a crease anyway, and
-/// a splat centred on it would protrude.
+/// Cosine of the angle, 40°, from which an edge is a crease. Creases get no edge splats: the surface differs on both
+/// sides anyway, and a splat centred on a crease would protrude.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
-/// Limits for the number of all splats on edges: a mean number per edge, and a number that every mesh may have. The
-/// limits matter if edges reach far beyond the cubes of their leaves, as in a fan. A watertight surface has about two
-/// per edge.
+/// Largest mean number of splats per edge. The limits matter if edges reach far beyond the cubes of their leaves, as in
+/// a fan; a watertight surface has about two per edge.
 const MOST_ON_EDGE: u64 = 8;
+/// Number of edge splats that every mesh may have, regardless of the mean.
 const FEW: u64 = 16_384;
 
 /// Splat on an edge between two leaves.
@@ -26,16 +26,16 @@ pub(crate) struct EdgeSplat {
     pub(crate) color: [f32; 4],
 }
 
-/// Mesh edge between faces that belong to two different leaves of the octree.
+/// Mesh edge between faces of two different leaves of the octree.
 struct LeafEdge {
-    /// The leaves, the lower one first.
+    /// The two leaves in ascending order.
     leaves: [u32; 2],
     face: u32,
     /// Corner of the face at which the edge starts.
     corner: usize,
-    /// Distance between the edge's splats.
+    /// Distance between the splats on the edge.
     spacing: f64,
-    /// Unit normal of the edge's splats, between those of its two faces.
+    /// Unit normal of the splats on the edge: the mean of the two faces' normals.
     between: DVec3,
 }
 
@@ -46,8 +46,8 @@ pub(crate) struct Shared {
     pub(crate) splats: Vec<EdgeSplat>,
 }
 
-/// Returns the shared edges for each pair of leaves, the lower leaf first. `spacing_of` is the distance between a
-/// leaf's splats.
+/// Finds the edges shared by each pair of leaves, in ascending order, and makes splats on them. `spacing_of` returns
+/// the distance between a leaf's splats.
 pub(crate) fn shared_edges(
     geometry: &Geometry,
     corner_normals: &[[DVec3; 3]],
@@ -115,7 +115,8 @@ pub(crate) fn shared_edges(
     shared
 }
 
-/// Returns the largest limit per count for which the sum of the limited counts is at most `limit`; at least 1.
+/// Returns the largest limit per count for which the sum of the limited counts is at most `limit`. The result is at
+/// least 1.
 fn most_each(counts: &[u64], limit: u64) -> u64 {
     let mut sorted = counts.to_vec();
     sorted.sort_unstable();

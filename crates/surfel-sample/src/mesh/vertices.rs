@@ -9,17 +9,19 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
 
-/// Cosine of the angle, 60°, up to which normals in one place belong to the same surface.
+/// Smallest cosine (60°) between normals at one position that belong to the same surface.
 const AGREE: f64 = 0.5;
-/// Largest growth of a disk to cover the triangles around it: disks of long triangles would reach over borders.
+/// Largest growth of a disk to cover the triangles around its vertex. Larger disks of long triangles would reach over
+/// borders.
 const MOST_GROWN: f64 = 2.0;
 
 /// Converts the vertices of a mesh to points, with stored or angle-weighted normals, and with the colours of the mesh's
-/// texture and vertices. Vertices in the same place whose normals agree within 60° (texture seams) become one point.
-/// Vertices of no triangle have normal zero (unknown). Vertices cut by their material, or with alpha 0, are dropped.
+/// texture and vertices. Vertices at the same position (texture seams) become one point if their normals agree within
+/// 60°. Vertices without triangles have normal zero (unknown). Vertices that an alpha mask cuts, or with alpha 0, are
+/// dropped.
 ///
 /// # Errors
-/// [`SampleError::Empty`] without vertices, [`SampleError::Model`] for a mesh that isn't valid.
+/// [`SampleError::Empty`] without vertices, [`SampleError::Model`] for an invalid mesh.
 pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     Ok(vertices(mesh)?.points)
 }
@@ -27,9 +29,9 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
 /// Vertices of a mesh as points.
 struct Vertices {
     points: PointCloud,
-    /// Vertex of each point.
+    /// Index of each point's vertex.
     sources: Vec<u32>,
-    /// For each vertex of the mesh, the first vertex in the same place.
+    /// First vertex at the same position, for each vertex of the mesh.
     weld: Vec<u32>,
 }
 
@@ -135,8 +137,8 @@ pub(crate) fn splats(
 }
 
 /// Enlarges disks that leave holes in the triangles around their vertex. Points alone don't show that large triangles
-/// beside small ones, or a face narrower than a neighbourhood, are surface. Each disk reaches past the region nearest
-/// to its vertex in every triangle there, so that the three disks of a triangle cover it.
+/// next to small ones, or narrow faces, are surface. In every triangle, each disk reaches past the region nearest to
+/// its vertex, so that the triangle's three disks cover it.
 fn cover_triangles(
     cloud: SplatCloud,
     geometry: &Geometry,
@@ -155,7 +157,7 @@ fn cover_triangles(
             let [p, q, r] = [k, (k + 1) % 3, (k + 2) % 3].map(|i| corners[i]);
             let Some(i) = point_of[t[k] as usize].or(point_of[weld[t[k] as usize] as usize]) else { continue };
             let (i, margin) = (i as usize, COVER * scale);
-            // The region nearest to a corner is within the longer of its edges.
+            // The region nearest to a corner reaches at most as far as the longer of its two edges.
             let may_grow = margin * margin * (q - p).length_squared().max((r - p).length_squared())
                 > cloud.radius_max(i) * cloud.radius_max(i);
             if may_grow && geometry.normals[face].dot(cloud.normal(i)) >= AGREE {
@@ -173,7 +175,8 @@ fn cover_triangles(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns the radius of the region of a triangle that is nearest to its corner at the origin.
+/// Returns the radius of a triangle's region nearest to the corner at the origin; `a` and `b` are the other two
+/// corners.
 fn reach(a: DVec3, b: DVec3) -> f64 {
     let beyond = |x: DVec3, corner: DVec3| x.dot(corner) - 0.5 * corner.length_squared();
     let mut nearest = vec![DVec3::ZERO, a, b];
@@ -194,9 +197,9 @@ fn reach(a: DVec3, b: DVec3) -> f64 {
     nearest.iter().map(|x| x.length()).fold(0.0, f64::max)
 }
 
-/// Returns unit normals of the splats' planes at some vertices. The normals of the adjacent faces that agree with the
-/// vertex's own normal within 60° are averaged by angle, so that hard edges stay hard. If none agrees, all faces count;
-/// without faces, the vertex's own normal is used.
+/// Returns the unit normals of the splats' planes at some vertices. The normals of adjacent faces within 60° of the
+/// vertex's own normal are averaged by angle, so that hard edges stay hard. If no face agrees, all faces count; without
+/// faces, the vertex's own normal is used.
 fn plane_normals(geometry: &Geometry, weld: &[u32], sources: &[u32], own: &Column3) -> Vec<DVec3> {
     let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * geometry.areas.len());
     for (face, t) in geometry.mesh.triangles.iter().enumerate().filter(|(face, _)| geometry.areas[*face] > 0.0) {

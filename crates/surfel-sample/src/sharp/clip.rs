@@ -8,81 +8,82 @@ use std::collections::HashMap;
 use std::ops::Range;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
-/// Size of a splat relative to the ellipse through the triangle's corners, so that the corners aren't on the splat's
-/// rim.
+/// Size of a splat relative to the ellipse through its triangle's corners. It exceeds 1, so that the corners aren't on
+/// the splat's rim.
 pub(crate) const REACH: f64 = 1.1;
-/// Largest size of a splat, relative to the ellipse through the corners, if a bulging ridge requires it.
+/// Largest size of a splat relative to the ellipse through the corners, used if a ridge bulges.
 const MOST_REACH: f64 = 1.6;
-/// Number of directions tried for a line between the triangle and a ridge beyond it.
+/// Number of directions tried for a line that separates the triangle from a ridge beyond it.
 const DIRECTIONS: u32 = 64;
-/// Distance from the rim, or beyond a line, in (u, v), within which a ridge's points are ignored.
+/// Distance, in (u, v), from the rim or from a line within which a ridge's points count as outside.
 const SLACK: f64 = 1e-4;
-/// Sizes tried for a cut to the triangle, relative to the triangle. A disk of [`REACH`] has no corner beyond twice its
-/// size.
+/// Sizes, relative to the triangle, to which a splat is cut back; the largest possible one is tried first. A disk of
+/// size [`REACH`] has no corner beyond twice the triangle's size.
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
-/// Smallest size of a cut, except for the area that the splat must cover beyond its triangle. Neighbours overlap by
-/// this margin. A sliver seen from the side may contain a pixel that its own filtered footprint just misses, and a
-/// neighbour must cover it.
+/// Smallest size of a splat that is cut back, relative to its triangle. Neighbours overlap by this margin. A sliver
+/// viewed edge-on may contain a pixel that its own filtered footprint just misses, and a neighbour must cover the
+/// pixel.
 const LEAST_CUT: f64 = 1.01;
 /// Number of directions in which a splat is tested for parts that protrude from the surface.
 const RING: u32 = 32;
-/// Distance of a line from the part to be covered, in (u, v), if both touch: many times the rounding of f32.
+/// Distance, in (u, v), of a clip line from the part to be covered if both would touch: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
-/// Largest distance of a curve from its chord, in (u, v), at which it is replaced by a line.
+/// Largest distance of a curve from its chord, in (u, v), at which a line replaces the curve.
 const STRAIGHT_UV: f64 = 1e-3;
 /// Number of sample points per piece of a ridge.
 pub(crate) const PIECE_SAMPLES: usize = 9;
 /// Maximum number of pieces in a leaf of a region's tree.
 const LEAF: usize = 4;
 
-/// Piece of a ridge that clips splats, as part of the surface on one of its sides.
+/// Piece of a ridge that clips the splats of the surface on one of its sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
-    /// Curve in the direction that has the surface on its left, seen from outside.
+    /// Curve in the direction that has the surface on its left, viewed from outside.
     pub conic: Conic,
     /// Ridge that contains the piece.
     pub ridge: u32,
     /// Smooth region of the surface that the piece bounds.
     pub region: u32,
-    /// Unit normal of the triangle on this side.
+    /// Unit normal of the adjacent triangle on this side.
     pub normal: DVec3,
-    /// True if the curve is its chord.
+    /// True if the curve equals its chord.
     pub is_straight: bool,
-    /// Overlap of the two sides across the piece, because their planes don't meet in it exactly.
+    /// Distance by which the splats of both sides overlap across the piece, because their planes don't meet in it
+    /// exactly.
     pub overlap: f64,
 }
 
-/// All borders, with a tree for each region.
+/// Borders of a surface, with a spatial index for each smooth region.
 pub(crate) struct Borders {
     pub all: Vec<Border>,
     regions: HashMap<u32, RegionBorders>,
 }
 
-/// Borders of one region, as pieces in a balanced binary tree. Node k has the children 2k + 1 and 2k + 2, each with
-/// half of the pieces.
+/// Spatial index of one region's borders: a balanced binary tree of pieces. Node k has the children 2k + 1 and 2k + 2,
+/// each with half of the pieces.
 struct RegionBorders {
     pieces: Vec<Piece>,
     nodes: Vec<Ends>,
 }
 
-/// Straight piece of a border, or a part of a curve near its chord.
+/// Straight piece of a border, or a short part of a curve with its chord.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
-    /// Largest distance of the border from the chord.
+    /// Upper bound of the distance between the border and the chord.
     margin: f64,
     border: u32,
 }
 
 impl Piece {
-    /// Returns one of the six coordinates of the ends.
+    /// Returns one of the six coordinates of the two ends.
     fn coordinate(&self, k: usize) -> f64 {
         self.ends[k / 3][k % 3]
     }
 }
 
-/// Bounds of the two ends of some pieces, each by itself: the spokes of a star share a small box at one end and are far
-/// apart at the other. The hull of both boxes contains the pieces.
+/// Separate bounding boxes of the first and the second ends of some pieces. The spokes of a star share a small box at
+/// one end and are far apart at the other. The convex hull of both boxes contains the pieces.
 #[derive(Clone, Copy, Debug)]
 struct Ends {
     lo: [DVec3; 2],
@@ -98,7 +99,7 @@ impl Ends {
         })
     }
 
-    /// True if the hull of the boxes may enter a slab about `p`, given by its unit normal and half of its width.
+    /// True if the hull of the boxes may meet a slab around `p`, given by the slab's unit normal and half of its width.
     fn may_enter(&self, p: DVec3, (axis, half): (DVec3, f64)) -> bool {
         let side = |k: usize| {
             let (middle, size) = (self.lo[k].midpoint(self.hi[k]), 0.5 * (self.hi[k] - self.lo[k]));
@@ -117,8 +118,8 @@ impl Borders {
         Self { all, regions }
     }
 
-    /// Returns the borders of a region, in ascending order, that may enter a box around `p`; `half_axes` are those of
-    /// the box. The box of a sliver contains far fewer borders than the ball around it.
+    /// Returns the borders of a region, in ascending order, that may meet a box with centre `p` and half-axes
+    /// `half_axes`. The box of a sliver contains far fewer borders than the ball around it.
     fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
         let Some(own) = self.regions.get(&region) else { return found };
@@ -149,7 +150,7 @@ impl RegionBorders {
         Self { pieces, nodes }
     }
 
-    /// Appends the borders of the pieces of `range`, which are those of `node`, that may enter a box.
+    /// Appends the borders of a node's pieces that may meet a box; `range` has the indices of these pieces.
     fn in_box(&self, p: DVec3, sides: [(DVec3, f64); 3], node: usize, range: Range<usize>, found: &mut Vec<usize>) {
         if !sides.iter().all(|side| self.nodes[node].may_enter(p, *side)) {
             return;
@@ -168,7 +169,7 @@ impl RegionBorders {
     }
 }
 
-/// Orders pieces for a tree: halves them along the coordinate of their ends that varies most.
+/// Sorts pieces into a tree: halves them repeatedly along the coordinate of their ends that varies most.
 fn divide(pieces: &mut [Piece], node: usize, nodes: &mut Vec<Ends>) {
     let bounds = Ends::of(pieces);
     if nodes.len() <= node {
@@ -187,7 +188,7 @@ fn divide(pieces: &mut [Piece], node: usize, nodes: &mut Vec<Ends>) {
     divide(after, 2 * node + 2, nodes);
 }
 
-/// A splat and its clip.
+/// Splat with its clip curve and clip lines.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ClippedSplat {
     pub center: DVec3,
@@ -195,7 +196,7 @@ pub(crate) struct ClippedSplat {
     pub t: DVec3,
     pub curve: Option<ClipCurve>,
     pub lines: [ClipLine; 4],
-    /// True if one curve and four lines couldn't exclude everything beyond, so that the splat is cut to about its
+    /// True if one curve and four lines couldn't exclude all other areas, so that the splat is cut back to about its
     /// triangle.
     pub is_cut_back: bool,
 }
@@ -219,7 +220,7 @@ struct Clipper {
     t: DVec3,
     curve: Option<Conic>,
     lines: Vec<[f64; 3]>,
-    /// Edge of the triangle to which the curve belongs.
+    /// Edge (0 to 2) of the triangle to which the curve belongs.
     curved_edge: Option<usize>,
     is_cut_back: bool,
 }
@@ -234,13 +235,13 @@ impl Clipper {
         conic.map(|p| self.uv(p).extend(0.0))
     }
 
-    /// True if the present clip leaves the point visible with more than the slack.
+    /// True if a point in (u, v) is visible under the present clip, by more than [`SLACK`].
     fn keeps(&self, q: DVec2) -> bool {
         let by_lines = self.lines.iter().all(|[a, b, c]| a * q.x + b * q.y + c > SLACK);
         by_lines && self.curve.is_none_or(|curve| keeps_inside(&curve, q, SLACK))
     }
 
-    /// Adds a line that clips everything right of a→b.
+    /// Adds a line that clips everything to the right of a→b.
     fn add_line_left_of(&mut self, a: DVec2, b: DVec2) {
         let n = (b - a).perp().normalize_or_zero();
         if n != DVec2::ZERO {
@@ -249,9 +250,9 @@ impl Clipper {
     }
 }
 
-/// True if a point is left of a flat curve and more than `slack` away from it.
+/// True if a point is on the left of a flat curve, by more than `slack`.
 fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
-    // The nearest of 33 points and the side of the tangent there are exact enough for a decision with slack.
+    // The nearest of 33 points, and the side of the tangent there, are exact enough for a decision with slack.
     let at = |i: i32| curve.at(f64::from(i) / 32.0).truncate();
     let nearest = (0..=32).min_by(|&i, &j| at(i).distance_squared(q).total_cmp(&at(j).distance_squared(q)));
     let i = nearest.unwrap_or(0);
@@ -261,10 +262,10 @@ fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
 
 /// Makes the splat of a triangle: the ellipse through its corners, slightly enlarged, and its clip.
 ///
-/// A ridge that is the triangle's own edge clips exactly. The clip is the curve shared by both sides, projected into
-/// the splat's plane and extended along its own conic to the rim, or a line. A ridge that the ellipse only reaches is
-/// excluded by a line between it and the triangle, because the area beyond belongs to other splats. All clips are
-/// combined by "and".
+/// A ridge along the triangle's own edge clips the splat exactly: by a line, or by the curve shared by both sides. The
+/// curve is projected into the splat's plane and extended along its own conic to the rim. A ridge beyond the triangle
+/// is excluded by a line between both, because the area beyond belongs to other splats. All clips are combined by
+/// "and".
 pub(crate) fn clip(
     corners: [DVec3; 3],
     own: [Option<usize>; 3],
@@ -279,7 +280,7 @@ pub(crate) fn clip(
     let center = a + ((b - a) + (c - a)) / 3.0;
     let normal = normal_of(corners);
     let mut clipper = Clipper { center, s, t, curve: None, lines: Vec::new(), curved_edge: None, is_cut_back: false };
-    // Large enough for the bulges of its own ridges.
+    // The splat must contain the bulges of its own ridges.
     let own_borders = || own.iter().flatten().map(|i| &borders.all[*i]);
     let farthest = own_borders()
         .flat_map(|border| border.conic.even_points(PIECE_SAMPLES))
@@ -288,7 +289,7 @@ pub(crate) fn clip(
     let reach = (farthest * 1.05).clamp(REACH, MOST_REACH) * scale;
     (clipper.s, clipper.t) = (s * reach, t * reach);
 
-    // The most curved of its own ridges becomes the curve, the others become lines.
+    // The most curved of the triangle's own ridges becomes the curve, and the others become lines.
     let mut mine: Vec<(f64, Conic, bool, usize)> = (0..3)
         .filter_map(|k| own[k].map(|i| (k, &borders.all[i])))
         .map(|(k, border)| {
@@ -307,7 +308,7 @@ pub(crate) fn clip(
                 continue;
             }
         }
-        // A line in place of a curve is moved out to contain the curve: too much is better than a hole.
+        // A line in place of a curve is moved outward to contain the curve: covering too much is better than a hole.
         let chord = (conic.p3 - conic.p1).truncate();
         let out = -chord.perp().normalize_or_zero();
         let bulge = (1..8).map(|i| (conic.at(f64::from(i) / 8.0) - conic.p1).truncate().dot(out)).fold(0.0, f64::max);
@@ -345,7 +346,7 @@ pub(crate) fn clip(
         });
         beyond[place].1.extend(points);
     }
-    // Ridges that reach in farthest come first: a line for them may serve the next.
+    // Ridges that reach farthest into the disk come first, because a line for them may also exclude the next ones.
     beyond.sort_by(|x, y| nearest(&x.1).total_cmp(&nearest(&y.1)).then(x.0.cmp(&y.0)));
     let mut unwanted = Vec::new();
     for (_, points) in beyond {
@@ -365,7 +366,7 @@ pub(crate) fn clip(
     clipper.finish()
 }
 
-/// Returns visible points of the splat beyond its triangle that protrude from the surface, which curves away there.
+/// Returns visible points of the splat, beyond its triangle, that protrude from the surface where it curves away.
 fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bool) -> Vec<DVec2> {
     let is_stray = |q: &DVec2| {
         let beyond = (0..3).any(|k| (triangle[(k + 1) % 3] - triangle[k]).perp_dot(*q - triangle[k]) < -SLACK);
@@ -382,7 +383,7 @@ fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bo
     rim.iter().copied().chain(inner).collect()
 }
 
-/// Sorts points by angle around the splat's centre, which is inside the triangle, starting after the widest gap.
+/// Sorts points by angle around the splat's centre, starting after the widest gap. The centre is inside the triangle.
 fn by_angle(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_by(|p, q| p.to_angle().total_cmp(&q.to_angle()));
     let gap = |i: usize| {
@@ -403,12 +404,12 @@ fn nearest(points: &[DVec2]) -> f64 {
     points.iter().map(|q| q.length_squared()).fold(f64::INFINITY, f64::min)
 }
 
-/// Returns a line that leaves `kept` visible and as few of the points as possible. Of the lines that separate both
-/// sets, it is the one that leaves the most of the disk. If no line separates them, it is the closest one that leaves
-/// `kept` visible. Also returns the gap between the sets, negative if they overlap.
+/// Returns a line that leaves `kept` visible and excludes as many of the points as possible. Of the lines that separate
+/// both sets, it leaves the most of the disk visible. If no line separates the sets, it is the closest one that leaves
+/// `kept` visible. The second value is the gap between the sets, negative if they overlap.
 fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     let mut best = ([0.0, 0.0, 1.0], f64::NEG_INFINITY, f64::NEG_INFINITY);
-    // All directions around, and exactly those along either set: both may touch in a corner.
+    // All directions around, and exactly those along the edges of both sets, because the sets may touch in a corner.
     let around =
         (0..DIRECTIONS).map(|k| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS)));
     let sides = (0..3.min(kept.len())).map(|k| kept[(k + 1) % 3.min(kept.len())] - kept[k]);
@@ -428,7 +429,7 @@ fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     (best.0, best.2)
 }
 
-/// Extends a flat conic within the unit disk along itself, so that both ends are exactly on the rim.
+/// Extends a flat conic inside the unit disk along itself, so that both ends are exactly on the rim.
 fn lengthened(conic: &Conic) -> Option<Conic> {
     let start = 1.0 - to_rim(&conic.reversed())?;
     let end = to_rim(conic)?;
@@ -458,8 +459,8 @@ fn to_rim(conic: &Conic) -> Option<f64> {
 }
 
 impl Clipper {
-    /// Adds lines that exclude points (sorted by angle) and leave `kept` visible: one line if possible, else one for
-    /// each half.
+    /// Adds lines that exclude points (sorted by angle) and leave `kept` visible: one line if possible, else one line
+    /// for each half of the points.
     fn keep_out(&mut self, kept: &[DVec2], points: &[DVec2]) {
         if points.is_empty() || points.iter().all(|q| !self.keeps(*q)) {
             return;
@@ -477,9 +478,9 @@ impl Clipper {
         }
     }
 
-    /// Cuts to the triangle enlarged about its middle, if one curve and four lines can't exclude all points. The
-    /// enlargement is the largest that excludes them, and at least `least`, which leaves no gaps. The first `own` lines
-    /// and the curve are already edges of the triangle.
+    /// Cuts the splat back to its triangle, enlarged around the triangle's middle. The enlargement is the largest that
+    /// excludes `points`, but at least `least`, which leaves no gaps. The curve and the first `own` lines already are
+    /// edges of the triangle.
     fn cut_to(&mut self, triangle: &[DVec2], own: usize, least: f64, points: &[DVec2]) {
         self.lines.truncate(own);
         let on_line = |[x, y, c]: &[f64; 3], p: DVec2| (x * p.x + y * p.y + c).abs() < 1e-9;

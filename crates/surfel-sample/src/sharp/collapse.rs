@@ -1,5 +1,5 @@
 //! Simplification of a mesh by edge collapse (Garland and Heckbert 1997) with the two rules of C12 §5.2. A collapse is
-//! rejected if a splat of the new triangles couldn't be clipped to its ridges, and a curve's error adds to the
+//! rejected if a splat of the new triangles couldn't be clipped to its ridges. The error of a ridge's curve adds to the
 //! priority.
 
 use super::conic::{even_points, parabola_error};
@@ -9,39 +9,39 @@ use glam::{DMat3, DVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Fraction of an edge's squared length that is added to its squared error in the order of collapses. In flat areas it
-/// makes the triangles even; elsewhere it is small relative to a chord's error.
+/// Fraction of an edge's squared length that is added to its squared error in the order of collapses. In flat areas the
+/// term makes the triangles even; elsewhere it is small relative to a chord's error.
 const EVENNESS: f64 = 1e-5;
-/// Smallest cosine between a triangle's normals before and after a collapse.
+/// Smallest cosine of the angle by which a collapse may turn a triangle's normal.
 const LEAST_TURN: f64 = 0.7;
-/// Height of a triangle, relative to its longest edge, below which it is a sliver.
+/// Height of a triangle, relative to its longest edge, below which the triangle is a sliver.
 const SLIVER: f64 = 0.1;
-/// Longest edge, relative to that of an even triangulation with as many triangles: a large splat has a large depth
-/// tolerance.
+/// Length of the longest edge, relative to that of an even triangulation with as many triangles. Larger splats would
+/// have too large a depth tolerance.
 const LONGEST: f64 = 2.2;
 /// Largest error of a collapse, relative to the longest edge allowed at that time. Flat parts thus get longer edges
 /// before a curved part loses its shape.
 const DEAREST: f64 = 0.01;
 /// Maximum number of passes over all edges.
 const ROUNDS: usize = 8;
-/// Largest distance of a ridge from its triangle's edge, relative to the triangle's height: the splat reaches a third
+/// Largest distance of a ridge from its triangle's edge, relative to the triangle's height. The splat reaches a third
 /// of the height beyond the edge.
 const MOST_BULGE: f64 = 0.28;
 
 /// Limits at which the simplification stops.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Number of triangles to reach.
+    /// Number of triangles at which the simplification stops.
     pub faces: usize,
-    /// Largest error of a collapse, in units of the surface.
+    /// Largest error of a collapse, in object units.
     pub error: f64,
-    /// Largest distance of a ridge from its chord at which it counts as straight.
+    /// Largest distance of a ridge from its chord at which it counts as straight, in object units.
     pub straight: f64,
     /// Cosine of the crease angle.
     pub crease_cos: f64,
 }
 
-/// Sum of squared distances to planes, weighted by area.
+/// Quadric error metric of a vertex: the sum of squared distances to planes, weighted by area.
 #[derive(Clone, Copy)]
 struct Quadric {
     a: DMat3,
@@ -63,13 +63,13 @@ impl Quadric {
         Self { a: self.a + o.a, b: self.b + o.b, c: self.c + o.c, area: self.area + o.area }
     }
 
-    /// Returns the mean squared distance.
+    /// Returns the mean squared distance of a point to the planes.
     fn error(&self, p: DVec3) -> f64 {
         let sum = p.dot(self.a * p) + 2.0 * self.b.dot(p) + self.c;
         if self.area > 0.0 { (sum / self.area).max(0.0) } else { 0.0 }
     }
 
-    /// Returns the position with the smallest error near `middle`, to which a weak pull decides along flat directions.
+    /// Returns the position with the smallest error. A weak pull toward `middle` decides along flat directions.
     fn best_near(&self, middle: DVec3) -> DVec3 {
         let pull = 1e-3 * self.area;
         let a = self.a + DMat3::from_diagonal(DVec3::splat(pull));
@@ -83,7 +83,7 @@ struct Candidate {
     keep: u32,
     remove: u32,
     target: DVec3,
-    /// Squared distance from the surface and its ridges.
+    /// Squared distance from the surface and its ridges after the collapse.
     error: f64,
     cost: f64,
 }
@@ -91,10 +91,10 @@ struct Candidate {
 struct Collapser<'a> {
     surface: &'a mut Surface,
     limits: Limits,
-    /// Returns the distance of a point from the mesh.
+    /// Function that returns the distance of a point from the original mesh.
     distance: &'a dyn Fn(DVec3) -> f64,
     alive: Vec<bool>,
-    /// Triangles at each vertex, possibly with some that were removed.
+    /// Triangles at each vertex; some may be removed ones.
     around: Vec<Vec<u32>>,
     /// Number of remaining triangles at each vertex.
     valences: Vec<u32>,
@@ -103,8 +103,8 @@ struct Collapser<'a> {
     heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
-/// Collapses edges of `surface`, cheapest first, until a limit is reached. Returns the square root of the largest error
-/// for which a collapse was accepted.
+/// Collapses edges of `surface`, cheapest first, until a limit is reached. Returns the largest error of a collapse, in
+/// object units.
 pub(crate) fn collapse(
     surface: &mut Surface,
     limits: Limits,
@@ -148,8 +148,8 @@ impl Collapser<'_> {
         let mut left = self.surface.faces.len();
         progress.stage("edges", left.saturating_sub(self.limits.faces) as u64);
         let mut largest = 0.0f64;
-        // Rejected collapses may have become possible. Longer edges come last: a few large splats are better than too
-        // many.
+        // Rejected collapses may have become possible. Longer edges are allowed only later, because a few large splats
+        // are better than too many.
         for round in 1..=ROUNDS {
             let before = left;
             self.offer_all();
@@ -177,8 +177,8 @@ impl Collapser<'_> {
         }
     }
 
-    /// Collapses edges, cheapest first, until none is left or the next one's error is above `dearest`. Returns the
-    /// largest squared error, and true if `dearest` was reached.
+    /// Collapses edges, cheapest first, until none is left or the next error is above `dearest`. Returns the largest
+    /// squared error, and true if `dearest` was reached.
     fn round(&mut self, dearest: f64, left: &mut usize, progress: &dyn Progress) -> (f64, bool) {
         let mut largest = 0.0f64;
         while *left > self.limits.faces {
@@ -238,7 +238,7 @@ impl Collapser<'_> {
         all
     }
 
-    /// Orders two vertices by their number of triangles: the middle of a fan has as many as the fan.
+    /// Orders two vertices by their number of triangles. The middle of a fan has as many as the fan.
     fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
         if self.valences[a as usize] <= self.valences[b as usize] { (a, b) } else { (b, a) }
     }
@@ -255,7 +255,7 @@ impl Collapser<'_> {
         }
     }
 
-    /// Returns the best collapse of an edge, if it may be collapsed at all.
+    /// Returns the best collapse of an edge; `None` if the edge can't be collapsed.
     fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
         if !self.are_joined(a, b) {
             return None;
@@ -293,8 +293,8 @@ impl Collapser<'_> {
         }
     }
 
-    /// Returns the ridge vertex after `remove`, coming from `keep`, and the piece from `keep` to that vertex once
-    /// `remove` is gone.
+    /// Returns the ridge piece that results if `remove` is collapsed into `keep`: the ridge's next vertex after
+    /// `remove`, and the piece from `keep` to that vertex.
     fn merged(&self, keep: u32, remove: u32) -> Option<(u32, Piece)> {
         let first = self.piece(keep, remove)?;
         let beyond = self.neighbours(remove).into_iter().find(|o| *o != keep && self.piece(remove, *o).is_some())?;
@@ -307,8 +307,8 @@ impl Collapser<'_> {
         Some((beyond, piece))
     }
 
-    /// Returns the candidate with the largest distance of the new triangles' middles and edges from the mesh as its
-    /// error.
+    /// Returns the candidate with a measured error if it is larger than the present one. The measured error is the
+    /// largest distance of the new triangles' centroids and edge midpoints from the mesh.
     fn measured(&self, c: &Candidate) -> Candidate {
         let moves = c.target != self.position(c.keep);
         let moved = moves.then(|| self.faces_at(c.keep)).into_iter().flatten();
@@ -382,7 +382,8 @@ impl Collapser<'_> {
         curved <= 1
     }
 
-    /// True if the triangle beyond edge (a, b), unless it is changed too, still meets this one smoothly.
+    /// True if the triangle across edge (a, b) still meets this one at less than the crease angle. Also true if the
+    /// collapse changes that triangle too.
     fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
         let other = self.faces_at(self.by_triangles(a, b).0).find(|f| {
             let t = self.surface.faces[*f as usize];
@@ -434,8 +435,8 @@ impl Collapser<'_> {
         removed
     }
 
-    /// Decrements the number of triangles at a vertex. Once most of its triangles are removed, they are deleted from
-    /// the list, so that the middle of a fan isn't searched for each.
+    /// Decrements the number of triangles at a vertex. Once most triangles in the vertex's list are removed ones, these
+    /// are deleted from the list. Otherwise every search at the middle of a fan would visit them.
     fn forget_face(&mut self, v: u32) {
         let valence = &mut self.valences[v as usize];
         *valence = valence.saturating_sub(1);

@@ -1,14 +1,14 @@
-//! Rational quadratic Bézier curves in space, and their fit to a part of a ridge (C12 §4).
+//! Rational quadratic Bézier curves in space, and their fit to a piece of a ridge (C12 §4).
 
 use glam::{DVec3, DVec4};
 
-/// Number of points over which the error is averaged (eq. 12).
+/// Number of points at which the error of a curve is measured (C12 eq. 12).
 const SAMPLES: usize = 24;
-/// Number of intervals in the table from parameter to arc length.
+/// Number of intervals in the table that converts parameters to arc length.
 const TABLE: usize = 48;
-/// Bounds of the weight.
+/// Smallest and largest weight of the middle control point.
 const WEIGHT: (f64, f64) = (0.05, 20.0);
-/// Number of steps of the minimisation: four variables converge in fewer.
+/// Number of steps of the minimisation, more than its four variables need.
 const STEPS: usize = 160;
 
 /// Rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
@@ -21,7 +21,7 @@ pub(crate) struct Conic {
 }
 
 impl Conic {
-    /// Returns the straight segment between two points.
+    /// Returns the straight segment between two points, as a curve.
     pub(crate) fn straight(a: DVec3, b: DVec3) -> Self {
         Self { p1: a, p2: 0.5 * (a + b), p3: b, w: 1.0 }
     }
@@ -30,24 +30,25 @@ impl Conic {
         [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * self.w, t * t]
     }
 
-    /// Returns the point at `t`; outside [0, 1] the point on the same conic, as long as it is finite.
+    /// Returns the point of the curve at parameter `t`. Outside [0, 1] it is a point of the same conic, as long as it
+    /// is finite.
     pub(crate) fn at(&self, t: f64) -> DVec3 {
         let [a, b, c] = self.weights(t);
         // Relative to P1, so that nothing is lost far from the origin.
         self.p1 + ((self.p2 - self.p1) * b + (self.p3 - self.p1) * c) / (a + b + c)
     }
 
-    /// Returns this curve in the opposite direction.
+    /// Returns the same curve in the opposite direction.
     pub(crate) fn reversed(&self) -> Self {
         Self { p1: self.p3, p3: self.p1, ..*self }
     }
 
-    /// Applies an affine map to each control point, which maps the curve.
+    /// Applies an affine map to the control points, and thus to the curve.
     pub(crate) fn map(&self, f: impl Fn(DVec3) -> DVec3) -> Self {
         Self { p1: f(self.p1), p2: f(self.p2), p3: f(self.p3), w: self.w }
     }
 
-    /// Returns the part of the same conic between parameters `t0` and `t1`, which may be outside [0, 1]; `None` if the
+    /// Returns the part of the same conic between parameters `t0` and `t1`, which may be outside [0, 1]. `None` if the
     /// part isn't a Bézier curve with positive weights.
     pub(crate) fn part(&self, t0: f64, t1: f64) -> Option<Self> {
         let homogeneous = |p: DVec3, w: f64| DVec4::from((p * w, w));
@@ -61,20 +62,20 @@ impl Conic {
         sound.then(|| Self { p1: point(a), p2: point(b), p3: point(c), w: b.w / (a.w * c.w).sqrt() })
     }
 
-    /// Returns `count` points evenly spaced in arc length, with both ends.
+    /// Returns `count` points evenly spaced in arc length, including both ends.
     pub(crate) fn even_points(&self, count: usize) -> Vec<DVec3> {
         let line: Vec<DVec3> = (0..=TABLE).map(|i| self.at(i as f64 / TABLE as f64)).collect();
         even_points(&line, count)
     }
 
-    /// Returns the error of C12 eq. 12: the mean distance between points evenly spaced on both curves; `targets` are
-    /// the ridge's.
+    /// Returns the error of C12 eq. 12: the mean distance between points evenly spaced on the curve and on the ridge.
+    /// `targets` are the ridge's points.
     fn error(&self, targets: &[DVec3]) -> f64 {
         let own = self.even_points(targets.len());
         own.iter().zip(targets).map(|(a, b)| a.distance(*b)).sum::<f64>() / targets.len() as f64
     }
 
-    /// Returns the largest distance of the curve from its chord.
+    /// Returns the largest distance of the curve from its chord (the sagitta).
     pub(crate) fn sagitta(&self) -> f64 {
         let chord = (self.p3 - self.p1).normalize_or_zero();
         let off = |p: DVec3| (p - self.p1).reject_from_normalized(chord).length();
@@ -82,7 +83,7 @@ impl Conic {
     }
 }
 
-/// Returns `count` (at least 2) points evenly spaced in arc length on a polyline, with both ends.
+/// Returns `count` (at least 2) points evenly spaced in arc length on a polyline, including both ends.
 pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     let total: f64 = line.windows(2).map(|w| w[0].distance(w[1])).sum();
     let (mut at, mut before) = (0, 0.0);
@@ -103,8 +104,8 @@ pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     (0..count).map(point).collect()
 }
 
-/// Returns the largest distance between a polyline and its best parabola (least squares over P2): a quick estimate of
-/// the error of one curve, before it is fitted.
+/// Returns the largest distance between a polyline and its best parabola (least squares over P2). It is a quick
+/// estimate of a curve's error before the fit.
 pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
     if line.len() < 3 {
@@ -126,14 +127,15 @@ pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fit {
     pub conic: Conic,
-    /// Error by eq. 12 of the start, and of the fitted curve, which is at most that of the start.
+    /// Errors by C12 eq. 12: of the curve from which the fit starts, and of the fitted curve, which is at most as
+    /// large.
     pub errors: [f64; 2],
 }
 
-/// Fits a curve through the ends of a polyline (C12 §4). The start is the parabola through the bisector's point, P2 =
-/// 2I − M with w = 1 (the paper's eq. 10 prints 2I + M). The fit minimises eq. 12 over P2 and ln w.
+/// Fits a curve through the ends of a polyline (C12 §4). The fit starts with the parabola through the bisector's point,
+/// P2 = 2I − M with w = 1 (the paper's eq. 10 prints 2I + M), and minimises eq. 12 over P2 and ln w.
 ///
-/// The fit is deterministic, bounded, and never worse than its start: the result is the best curve found.
+/// The fit is deterministic and bounded. The result is the best curve found, so it is never worse than the start.
 pub(crate) fn fit(line: &[DVec3]) -> Fit {
     let (a, b) = (line[0], line[line.len() - 1]);
     let chord = b - a;
@@ -155,8 +157,8 @@ pub(crate) fn fit(line: &[DVec3]) -> Fit {
     if last < first { Fit { conic, errors: [first, last] } } else { Fit { conic: start, errors: [first; 2] } }
 }
 
-/// Returns the intersection of the polyline with the plane that bisects its ends; of several, the one nearest to the
-/// middle of its length.
+/// Returns the intersection of the polyline with the plane that bisects the line between its ends. Of several
+/// intersections, the one nearest to the middle of the polyline is returned.
 fn bisector_point(line: &[DVec3]) -> DVec3 {
     let (a, b) = (line[0], line[line.len() - 1]);
     let (middle, normal) = (0.5 * (a + b), b - a);
@@ -168,8 +170,8 @@ fn bisector_point(line: &[DVec3]) -> DVec3 {
     crossings.min_by(|p, q| p.distance_squared(half).total_cmp(&q.distance_squared(half))).unwrap_or(half)
 }
 
-/// Minimises `cost` by the method of Nelder and Mead 1965, from zero with the given first steps; returns the best
-/// point.
+/// Minimises `cost` by the method of Nelder and Mead 1965, starting at zero with the given first steps. Returns the
+/// best point.
 fn downhill(step: [f64; 4], cost: impl Fn(&[f64; 4]) -> f64) -> [f64; 4] {
     let mut simplex: Vec<([f64; 4], f64)> = (0..5)
         .map(|i| {

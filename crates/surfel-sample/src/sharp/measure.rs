@@ -9,7 +9,7 @@ use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::clip::Clip;
 
-/// Maximum number of points on the surface at which distances to the splats are measured.
+/// Maximum number of points of the mesh at which distances to the splats are measured.
 const MESH_SAMPLES: usize = 40_000;
 /// Number of points per splat, along a spiral of even density, at which distances to the mesh are measured.
 const SPLAT_SAMPLES: usize = 24;
@@ -17,16 +17,16 @@ const SPLAT_SAMPLES: usize = 24;
 /// Errors of splats relative to their mesh; distances are in object units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SharpErrors {
-    /// Mean and largest distance from the visible parts of splats to the mesh.
+    /// Mean and largest distance from points on the visible parts of splats to the mesh.
     pub splats_to_mesh: [f64; 2],
-    /// Mean and largest distance from the mesh to the visible parts of splats.
+    /// Mean and largest distance from points on the mesh to the visible parts of splats.
     pub mesh_to_splats: [f64; 2],
     /// Mean angle between a splat's normal and the normal of the nearest point of the mesh, in degrees.
     pub normal_deg: f64,
 }
 
 impl SharpErrors {
-    /// Prefix of the comment.
+    /// Prefix of the comment that stores the errors in a file.
     pub const PREFIX: &str = "sharp errors: ";
 
     /// Formats the errors as a line for a file's header, which `surfel info` prints.
@@ -37,24 +37,24 @@ impl SharpErrors {
     }
 }
 
-/// Point of a mesh nearest to another point.
+/// Point of a mesh that is nearest to a query point.
 struct Foot {
-    /// Distance between the two points.
+    /// Distance to the query point.
     distance: f64,
-    /// Triangle that contains the point; 0 if the mesh has none.
+    /// Triangle that contains the nearest point; 0 if the mesh has no triangles.
     face: usize,
     barycentric: [f64; 3],
 }
 
-/// Accumulated distances of sampled points of splats from a mesh.
+/// Sum and maximum of the deviations of splats' sample points from a mesh.
 #[derive(Clone, Copy, Default)]
 struct Deviation {
-    /// Sum of distances.
+    /// Sum of the distances.
     distances: f64,
     largest: f64,
-    /// Sum of the angles between normals.
+    /// Sum of the angles between normals, in degrees.
     degrees: f64,
-    /// Number of points.
+    /// Number of sample points.
     count: usize,
 }
 
@@ -91,7 +91,7 @@ impl<'a> MeshIndex<'a> {
         }
     }
 
-    /// Returns the distance of a point from the mesh, positive outside.
+    /// Returns the distance of a point from the mesh, positive on the outer side.
     pub(crate) fn signed_distance(&self, p: DVec3) -> f64 {
         let Foot { distance, face, barycentric: [a, b, c] } = self.nearest(p);
         let [x, y, z] = self.geometry.corners(face);
@@ -104,13 +104,13 @@ impl<'a> MeshIndex<'a> {
         self.nearest(p).face as u32
     }
 
-    /// Returns the mesh's colour nearest to a point.
+    /// Returns the colour of the mesh at the point nearest to `p`.
     pub(crate) fn color(&self, geometry: &Geometry, p: DVec3) -> [f32; 4] {
         let foot = self.nearest(p);
         geometry.color(foot.face, foot.barycentric)
     }
 
-    /// Measures distances in both directions, and angles between normals.
+    /// Measures the distances in both directions, and the angles between normals.
     pub(crate) fn errors(&self, splats: &[ClippedSplat]) -> SharpErrors {
         let clips: Vec<Option<Clip<f64>>> = splats.iter().map(clip_of).collect();
         let forward = map_tasks(splats.len(), |i| {
@@ -148,7 +148,7 @@ impl<'a> MeshIndex<'a> {
     }
 }
 
-/// Spatial index of splats.
+/// Spatial index of clipped splats.
 struct SplatIndex<'a> {
     splats: &'a [ClippedSplat],
     clips: Vec<Option<Clip<f64>>>,
@@ -163,7 +163,7 @@ impl<'a> SplatIndex<'a> {
         Self { splats, clips, boxes }
     }
 
-    /// Returns the distance of a point to the nearest splat; calls `seen` for each splat compared.
+    /// Returns the distance of a point to the nearest splat, and calls `seen` for each splat compared.
     fn distance(&self, p: DVec3, seen: &impl Fn()) -> f64 {
         let distance = |i: usize| {
             seen();
@@ -179,18 +179,18 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
     columns.clip(0, surfel_model::ClipPolicy::Exact)
 }
 
-/// Maximum number of corners of a square that four lines clip.
+/// Maximum number of corners that a square has after clipping by four lines.
 const HULL_CORNERS: usize = 8;
 
-/// Returns the corners of a polygon around the visible part of a splat: the square around its disk, clipped by the
-/// splat's lines. Corners may repeat. The disk of a sliver may be thousands of times as wide as its visible part, and
-/// the squares of slivers that cross all overlap.
+/// Returns the corners of a polygon around the visible part of a splat: the square around its disk, clipped by its
+/// lines. Corners may repeat. A sliver's disk may be thousands of times as wide as its visible part, so that the
+/// squares of crossing slivers would all overlap.
 fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
     /// Tolerance for rounding, relative to a line's coefficients.
     const SLACK: f64 = 1e-9;
     let mut corners: Vec<V2<f64>> =
         [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(u, v)| V2::new(u, v)).into();
-    // The lines of these splats are joined by "and", and their coefficients are 1 at most.
+    // The lines of these splats are combined by "and", and their coefficients are at most 1.
     for line in clip.iter().flat_map(|clip| &clip.lines) {
         let inside = |p: V2<f64>| line.at(p) + SLACK;
         let next = corners.iter().cycle().skip(1);
@@ -207,7 +207,7 @@ fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS]
     std::array::from_fn(|i| corners.get(i).map_or(last, at))
 }
 
-/// Returns points of the unit disk, evenly spread (Vogel 1979).
+/// Returns points evenly spread over the unit disk, along a spiral (Vogel 1979).
 fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     (0..count).map(move |i| {
@@ -217,9 +217,9 @@ fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     })
 }
 
-/// Returns the distance of a point to the visible part of a splat. If the point's foot on the plane is visible, the
-/// result is exact. Otherwise it is an upper bound: the way from the nearest visible point of the spiral to the foot is
-/// followed as far as it is visible.
+/// Returns the distance of a point to the visible part of a splat. If the foot of the perpendicular on the plane is
+/// visible, the result is exact. Otherwise it is an upper bound. A segment leads from the nearest visible point of the
+/// spiral to the foot, and its farthest visible point is used.
 fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 {
     let d = p - splat.center;
     let foot = V2::new(d.dot(splat.s) / splat.s.length_squared(), d.dot(splat.t) / splat.t.length_squared());

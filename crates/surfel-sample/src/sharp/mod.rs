@@ -1,12 +1,13 @@
-//! Clipped splats with sharp features, from meshes (C12 §4, §5) and from points.
+//! Conversion to clipped splats that reproduce sharp edges, from meshes (C12 §4, §5) and from points.
 //!
 //! From a mesh:
 //!
-//! 1. `surface`: detects creases by dihedral angle, and borders, and chains them into smooth ridges from corner to
+//! 1. `surface`: detects creases by dihedral angle, and open edges, and chains both into smooth ridges from corner to
 //!    corner;
 //! 2. `collapse`: simplifies the mesh without losing a ridge or making a splat that can't be clipped;
-//! 3. `conic`: fits one curve in space to each piece of a ridge, so that both sides are clipped by the same curve;
-//! 4. `clip`: makes an ellipse per triangle, clips it exactly by its own ridges, and excludes the area beyond others;
+//! 3. `conic`: fits one curve in space to each piece of a ridge, so that the same curve clips the splats on both sides;
+//! 4. `clip`: makes an ellipse per triangle, clips it exactly by the triangle's own ridges, and excludes the area
+//!    beyond other ridges;
 //! 5. `measure`: measures the distances between splats and mesh.
 //!
 //! `points` needs no mesh: it clips the splats of a point cloud along edges detected in the points.
@@ -33,30 +34,31 @@ use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid,
 pub use measure::SharpErrors;
 pub use points::{SharpPointsReport, sharpen_points};
 
-/// Largest distance of a ridge from its chord at which a line clips it, relative to the largest side of the bounds: a
-/// twentieth of a pixel in an image 1000 px wide.
+/// Largest distance of a ridge from its chord, relative to the largest side of the bounds, at which a line clips splats
+/// instead of a curve. It is a twentieth of a pixel in an image 1000 px wide.
 const STRAIGHT: f64 = 5e-5;
 
-/// Smallest overlap of the two sides of a ridge, relative to the largest side of the bounds: 50 times the rounding of
-/// f32.
+/// Smallest overlap of the splats on the two sides of a ridge, relative to the largest side of the bounds: 50 times the
+/// rounding of f32.
 const LEAST_OVERLAP: f64 = 5e-6;
 
-/// Largest distance of a splat from the mesh beyond its own triangle before it is cut back, relative to the largest
-/// side of the bounds: a quarter of a pixel in an image 1000 px wide. Larger distances are visible past silhouettes.
+/// Largest distance of a splat from the mesh beyond its own triangle, relative to the largest side of the bounds. It is
+/// a quarter of a pixel in an image 1000 px wide. Splats farther away would be visible past silhouettes and are cut
+/// back.
 const STRAY: f64 = 2.5e-4;
 
-/// Largest distance of a splat from the mesh, relative to its larger radius. On a curved surface, splats must overlap
-/// to blend. A larger limit covers too much beyond a silhouette, a smaller one makes facets visible.
+/// Largest distance of a splat from the mesh, relative to the splat's radius. On a curved surface, splats must overlap
+/// to blend. A larger limit covers too much beyond a silhouette, and a smaller one makes facets visible.
 const STRAY_SHARE: f64 = 0.035;
 
 /// Options of the conversion of a mesh to clipped splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SharpOptions {
-    /// Dihedral angle, in degrees, from which there is a crease between two faces; 1 to 179, default 40.
+    /// Smallest dihedral angle of a crease between two faces, in degrees; 1 to 179, default 40.
     pub crease_angle_deg: f64,
-    /// Maximum number of splats; `None` means one per triangle, unless `error` is given.
+    /// Requested number of splats, as a maximum; `None` means one per triangle, unless `error` is given.
     pub splats: Option<usize>,
-    /// Largest distance between splats and mesh due to simplification, in object units; `None` means no bound.
+    /// Largest distance between splats and mesh that simplification may cause, in object units; `None` means no limit.
     pub error: Option<f64>,
     /// Factor for every radius; greater than 0, default 1.
     pub radius_scale: f64,
@@ -94,16 +96,18 @@ pub struct SharpReport {
     pub splats: usize,
     /// Number of splats clipped by a curve.
     pub with_curve: usize,
-    /// Number of splats clipped by lines (and perhaps a curve).
+    /// Number of splats clipped by lines, including those with a curve too.
     pub with_lines: usize,
-    /// Number of splats cut back to about their triangle, because one curve and four lines couldn't exclude the rest.
+    /// Number of splats cut back to about their triangle, because one curve and four lines couldn't exclude all other
+    /// areas.
     pub cut_back: usize,
-    /// Number of ridges (smooth chains of creases and borders), and number of mesh edges in them.
+    /// Number of ridges (smooth chains of creases and open edges), and number of mesh edges in them.
     pub ridges: [usize; 2],
-    /// Mean distance between ridges and curves (C12 eq. 12) before and after fitting, in object units.
+    /// Mean distance between ridges and curves (C12 eq. 12), before and after fitting, in object units.
     pub curve_errors: [f64; 2],
-    /// Mean distance of curved ridges from the planes of the splats on both sides (C12 fig. 11), in object units: with
-    /// each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as in the result.
+    /// Mean distance of curved ridges from the planes of the splats on both sides (C12 fig. 11), in object units. The
+    /// first value is for splats in their triangles' planes. The second one is for the result, in which planes are
+    /// moved to the ridge's mean height.
     pub mismatch: [f64; 2],
     /// Distances between splats and mesh.
     pub errors: SharpErrors,
@@ -113,13 +117,14 @@ pub struct SharpReport {
     pub interior_weight: Option<f64>,
 }
 
-/// Makes clipped splats of a mesh: one ellipse per triangle, clipped along creases and borders, so that a few large
-/// splats reproduce the mesh's edges.
+/// Converts a mesh to clipped splats: one ellipse per triangle, clipped along creases and open edges. A few large
+/// splats thus reproduce the mesh's edges.
 ///
 /// With [`SharpOptions::splats`] or [`SharpOptions::error`], the mesh is simplified first. If [`SharpOptions::splats`]
-/// is at least four times the number of triangles, the mesh is refined instead: each triangle is divided into four
-/// while the total stays within the requested number. Colours are sampled at the splats' centres. Origin, up axis and
-/// comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is set.
+/// is at least four times the number of triangles, the mesh is refined instead. Each triangle is then divided into
+/// four, repeatedly, while the total stays within the requested number. Colours are sampled at the splats' centres.
+/// Origin, up axis and comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is
+/// set.
 ///
 /// Sources: C12 §4 and §5; edge collapse by quadrics (Garland and Heckbert 1997).
 ///
@@ -209,19 +214,19 @@ pub fn sharp_splats_from_mesh(
     Ok((cloud, report))
 }
 
-/// Borders of a surface's smooth regions.
+/// Borders and smooth regions of a surface.
 struct Sides {
-    /// Two borders for each piece of a ridge, one for either side.
+    /// Borders, two for each piece of a ridge: one for the surface on either side.
     borders: Borders,
-    /// Borders along the edges of each triangle, as indices.
+    /// Indices of the borders along the three edges of each triangle.
     own: Vec<[Option<usize>; 3]>,
-    /// Smooth region of each triangle.
+    /// Index of each triangle's smooth region.
     regions: Vec<u32>,
-    /// Mean errors of the curves before and after fitting.
+    /// Mean errors of the curves, before and after fitting.
     curve_errors: [f64; 2],
 }
 
-/// Fits one curve to each piece of a ridge and makes a border for either of its sides.
+/// Fits one curve to each piece of a ridge, and makes a border for the surface on either side.
 fn borders(surface: &Surface, straight: f64) -> Sides {
     let regions = regions(surface);
     let mut pieces: Vec<_> = surface.pieces.iter().map(|(e, p)| (*e, *p)).collect();
@@ -296,10 +301,11 @@ fn regions(surface: &Surface) -> Vec<u32> {
     regions
 }
 
-/// Computes the distance by which each triangle's plane is moved along its normal toward its own curved borders. They
-/// bulge out of the plane where the surface is curved across the ridge. Also returns the mean distance of these borders
-/// from the planes before and after (C12 fig. 11). The remaining distance opens a gap between the two sides of a ridge,
-/// so both overlap by that distance. They overlap at least by `least_overlap`, which exceeds the rounding of f32 axes.
+/// Computes the distance by which each triangle's plane is moved along its normal, to the mean height of its own curved
+/// borders. These bulge out of the plane if the surface is curved across the ridge. Also returns the mean distance of
+/// the borders from the planes, before and after (C12 fig. 11). The remaining distance would open a gap between the two
+/// sides of a ridge, so both sides overlap by that distance. They overlap at least by `least_overlap`, which exceeds
+/// the rounding of f32 axes.
 fn lift(
     surface: &Surface,
     borders: &mut Borders,

@@ -1,8 +1,8 @@
-//! Clipping of the splats of points along edges. Where a neighbourhood consists of two or three planes, each splat is
-//! assigned to one of them and clipped by the others. Both sides of an edge thus end at the same line (Z04: clip
-//! lines).
+//! Clipping of the splats of points along detected edges. If a neighbourhood consists of two or three planes, each
+//! splat is assigned to one of them and clipped by the others. Both sides of an edge thus end at the same line (Z04:
+//! clip lines).
 //!
-//! The method is our own. Z04 and C12 clip, but take edges as given.
+//! The method is our own. Z04 and C12 clip too, but require edges as input.
 
 use crate::eigen::symmetric3;
 use crate::nearest::Search;
@@ -14,31 +14,34 @@ use glam::DVec3;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, OnInvalid, SplatCloud};
 
-/// Number of neighbours that decide if a point is in a flat patch: few, so that patches reach close to edges.
+/// Number of neighbours that decide if a point is in a flat patch. The number is small, so that patches reach close to
+/// edges.
 const FLAT_NEIGHBOURS: usize = 12;
-/// Number of neighbours among which planes are searched: enough that each of a corner's three faces has flat patches.
+/// Number of neighbours among which planes are searched. With this many, each of a corner's three faces has flat
+/// patches.
 const WIDE: usize = 112;
-/// Smallest number of flat neighbours in a plane.
+/// Smallest number of flat patches in a plane.
 const LEAST_ON_PLANE: usize = 4;
-/// Largest residual of a flat neighbourhood, relative to the cloud's median, so that noise counts as flat.
+/// Largest residual of a flat neighbourhood, relative to the cloud's median residual. Noise thus counts as flat.
 const NOISE_MARGIN: f64 = 2.0;
-/// Largest residual of a flat neighbourhood, relative to its extent, without noise: the bow of a curved surface.
+/// Largest residual of a flat neighbourhood without noise, relative to its extent. It admits the bow of a curved
+/// surface.
 const BOW: f64 = 0.02;
-/// Largest angle between normals of one plane, relative to the crease angle.
+/// Largest angle between the normals of one plane, relative to the crease angle.
 const SAME_SHARE: f64 = 0.625;
-/// Smallest ratio of an edge's angle to the spread of the normals on each of its sides, both in radians. Two halves of
-/// a bend of any strength have 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
+/// Smallest ratio of an edge's angle to the spread of the normals on each of its sides. The two halves of any bend have
+/// a ratio of 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
 const JUMP: f64 = 6.0;
-/// Smallest fraction of an edge's angle that remains at the edge itself if each side is assumed to continue its bend.
+/// Smallest fraction of an edge's angle that must remain at the edge if each side is assumed to continue its bend.
 const AT_EDGE: f64 = 0.7;
-/// Smallest fraction by which a face is on one side of another face's plane where they meet in an edge: 1 if all of it
-/// is on one side, 0 if both sides are equal.
+/// Smallest amount by which a face is on one side of another face's plane if they meet in an edge. The amount is 1 if
+/// the whole face is on one side, and 0 if both sides are equal.
 const ONE_SIDED: f64 = 0.5;
-/// Distance from a plane, in spacings, within which a patch counts only partly for its side.
+/// Distance from a plane, in spacings, within which a patch is counted only partly for its side.
 const SIDE_SPACINGS: f64 = 0.5;
-/// Distance from every plane, in spacings, from which a point belongs to none.
+/// Distance from every plane, in units of the point spacing, above which a point belongs to no plane.
 const FAR_SPACINGS: f64 = 0.35;
-/// Distance from every plane, in median residuals, from which a point belongs to none.
+/// Distance from every plane, in units of the median residual, above which a point belongs to no plane.
 const FAR_RESIDUALS: f64 = 4.0;
 
 /// Report of [`sharpen_points`].
@@ -46,23 +49,23 @@ const FAR_RESIDUALS: f64 = 4.0;
 pub struct SharpPointsReport {
     /// Number of splats clipped by a line.
     pub clipped: usize,
-    /// Number of splats clipped by two lines, at corners.
+    /// Number of splats clipped by at least two lines, at corners.
     pub corners: usize,
-    /// Number of splats that were turned into a plane beside an edge, and moved onto it.
+    /// Number of splats that were moved onto a plane at an edge, and turned into it.
     pub turned: usize,
 }
 
-/// Clips splats made of points (by [`crate::splats_from_points`]) along edges detected in the points: where planes meet
-/// at more than `crease_angle_deg` (1 to 179 degrees). Disks become ellipses of equal axes.
+/// Clips splats made of points (by [`crate::splats_from_points`]) along edges detected in the points. An edge is where
+/// planes meet at more than `crease_angle_deg` (1 to 179 degrees). Disks become ellipses of equal axes.
 ///
-/// Planes are means of flat patches, weighted by nearness, in up to three clusters by normal. A point among them is
-/// assigned to the nearest plane, and its splat ends where that plane meets the others. Both sides intersect the same
-/// planes, up to the difference of their weights.
+/// Each plane is the mean of flat patches, weighted by nearness; patches form up to three clusters by normal. A point
+/// is assigned to the nearest plane, and its splat ends where that plane meets the others. Both sides of an edge use
+/// the same planes, apart from different weights.
 ///
 /// Two planes meet in an edge only if their normals differ by several times the spread on either side. Most of the
-/// difference must remain if either side is assumed to continue its bend: a curved surface has no edge, however
-/// sparsely it is sampled. Where a face turns around a reflex corner, its visible part is the union of two half-planes.
-/// Features narrower than about three spacings stay round. The method is our own; Z04 defines the clip lines.
+/// difference must remain if either side is assumed to continue its bend, because a curved surface has no edge, however
+/// sparsely sampled. If a face turns around a reflex corner, its visible part is the union of two half-planes. Features
+/// narrower than about three spacings stay round. The method is our own; Z04 defines the clip lines.
 ///
 /// # Errors
 /// [`SampleError::Option`] for the angle, and [`SampleError::TooMany`] above 268 million splats. [`SampleError::Model`]
@@ -85,7 +88,7 @@ pub fn sharpen_points(
     assemble_cloud(cloud, &points, &sides, &positions)
 }
 
-/// Flat patch around a point, in working coordinates.
+/// Flat patch around a point, in grid steps from the centre of all points.
 #[derive(Clone, Copy, Default)]
 struct Patch {
     center: DVec3,
@@ -94,15 +97,15 @@ struct Patch {
     is_flat: bool,
 }
 
-/// Plane fitted to a point and its neighbours, in working coordinates.
+/// Plane fitted to a point and its neighbours, in grid steps.
 #[derive(Clone, Copy, Default)]
 struct PlaneFit {
     patch: Patch,
-    /// Standard deviation of the points along the plane's normal.
+    /// Standard deviation of the points along the plane's normal (the residual).
     residual: f64,
-    /// Largest standard deviation of the points within the plane.
+    /// Largest standard deviation of the points along a direction in the plane.
     extent: f64,
-    /// Mean distance of the nearest neighbours.
+    /// Mean distance of the six nearest neighbours.
     spacing: f64,
 }
 
@@ -113,7 +116,7 @@ struct Plane {
     normal: DVec3,
     /// Root mean square angle between the patches' normals and their mean, in radians.
     spread: f64,
-    /// Patches that belong to the plane.
+    /// Flat patches that belong to the plane.
     members: Vec<Patch>,
 }
 
@@ -122,14 +125,15 @@ impl Plane {
         self.normal.dot(p - self.center)
     }
 
-    /// Returns the side of another plane on which this plane's patches are: from −1 (all behind it) to 1.
+    /// Returns the mean side of another plane on which this plane's patches are: from −1 (all behind it) to 1 (all in
+    /// front).
     fn side_of(&self, other: &Self, width: f64) -> f64 {
         let side = |patch: &Patch| (other.distance(patch.center) / width).clamp(-1.0, 1.0);
         self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
     }
 
-    /// Returns the angle, in radians from `across` toward `away`, of the patches' normals at the edge through `edge`.
-    /// The angle is extrapolated by a linear fit over the distance from the edge along `outward`, in the plane.
+    /// Extrapolates the direction of the patches' normals to the edge through `edge`. Returns the angle in radians,
+    /// from `across` toward `away`, by a linear fit over the distance from the edge along `outward`, in the plane.
     fn angle_at_edge(&self, edge: DVec3, outward: DVec3, [across, away]: [DVec3; 2]) -> f64 {
         let count = self.members.len().max(1) as f64;
         let place = |patch: &Patch| (patch.center - edge).dot(outward);
@@ -143,13 +147,14 @@ impl Plane {
     }
 }
 
-/// Splat beside an edge, turned and clipped, in working coordinates.
+/// Splat next to an edge, turned and clipped, in grid steps from the centre of all points.
 #[derive(Clone, Debug)]
 struct Side {
     center: DVec3,
-    /// Normal of the plane if the splat is turned.
+    /// Normal of the plane into which the splat is turned, if it is turned.
     turned: Option<DVec3>,
-    /// Half-spaces that clip the splat: unit normals into them, and the signed distance of the centre.
+    /// Half-spaces that clip the splat, each as the unit normal into the half-space and the signed distance of the
+    /// splat's centre.
     keeps: Vec<(DVec3, f64)>,
     mode: ClipMode,
 }
@@ -157,7 +162,7 @@ struct Side {
 struct Patches<'a> {
     points: &'a Neighbours,
     patches: Vec<Patch>,
-    /// Median distance of flat neighbourhoods' points from their planes.
+    /// Median residual of all points: the standard deviation of a neighbourhood from its plane.
     residual: f64,
     spacing: f64,
     crease_cos: f64,
@@ -193,7 +198,7 @@ impl<'a> Patches<'a> {
         Self { points, patches, residual, spacing, crease_cos: crease.cos(), same_cos: (SAME_SHARE * crease).cos() }
     }
 
-    /// Returns the planes around a point; none or one if there is no edge.
+    /// Returns the planes around a point; an edge needs at least two.
     fn planes(&self, slot: usize, wide: &[u32]) -> Vec<Plane> {
         let p = self.points.point(slot);
         let flat: Vec<Patch> = std::iter::once(slot)
@@ -201,7 +206,7 @@ impl<'a> Patches<'a> {
             .filter(|j| self.patches[*j].is_flat)
             .map(|j| self.patches[j])
             .collect();
-        // The nearest flat normal, the one farthest from it, and the one farthest from both.
+        // The seeds are the nearest flat normal, the one farthest from it, and the one farthest from both.
         let mut seeds: Vec<DVec3> = flat.first().map(|f| f.normal).into_iter().collect();
         for _ in 0..2 {
             let nearness = |n: DVec3| seeds.iter().map(|s| s.dot(n)).fold(f64::NEG_INFINITY, f64::max);
@@ -243,8 +248,8 @@ impl<'a> Patches<'a> {
         planes
     }
 
-    /// Returns the kind of edge in which two planes meet near the point: −1 for a convex edge (each is behind the
-    /// other), 1 for a concave one, `None` if there is no edge.
+    /// Returns the kind of edge in which two planes meet near the point; `None` if there is no edge. −1 is a convex
+    /// edge (each plane is behind the other), and 1 a concave one.
     fn meet(&self, a: &Plane, b: &Plane) -> Option<f64> {
         let jump = a.normal.dot(b.normal).clamp(-1.0, 1.0).acos();
         if jump.cos() >= self.same_cos || jump < JUMP * a.spread.max(b.spread) {
@@ -253,8 +258,8 @@ impl<'a> Patches<'a> {
         if self.turn_at_edge(a, b) < AT_EDGE * jump {
             return None;
         }
-        // A face that turns around a reflex corner is on both sides of the other plane, but the other face is on one
-        // side only.
+        // A face that turns around a reflex corner is on both sides of the other plane. The other face is on one side
+        // only, so the clearer side counts.
         let width = SIDE_SPACINGS * self.spacing;
         let sides = [a.side_of(b, width), b.side_of(a, width)];
         let purest = if sides[0].abs() > sides[1].abs() { sides[0] } else { sides[1] };
@@ -262,7 +267,8 @@ impl<'a> Patches<'a> {
     }
 
     /// Returns the angle, in radians, by which the surface turns at the line where two planes meet, if either side
-    /// continues its bend up to the line. In an edge it is the whole angle between the planes, in an even bend nothing.
+    /// continues its bend up to the line. At an edge it is the whole angle between the planes, and in an even bend it
+    /// is 0.
     fn turn_at_edge(&self, a: &Plane, b: &Plane) -> f64 {
         let cosine = a.normal.dot(b.normal);
         let along = unit(a.normal.cross(b.normal));
@@ -276,7 +282,8 @@ impl<'a> Patches<'a> {
         after - before
     }
 
-    /// Returns the planes that clip one of the planes, with their visible sides, and the mode that combines them.
+    /// Returns the planes that clip the splats of plane `own`, with their visible sides, and the mode that combines the
+    /// clips.
     fn cuts<'b>(&self, planes: &'b [Plane], own: usize) -> (Vec<(&'b Plane, f64)>, ClipMode) {
         let meeting: Vec<(&Plane, f64)> = (0..planes.len())
             .filter(|i| *i != own)
@@ -294,7 +301,7 @@ impl<'a> Patches<'a> {
         (meeting.into_iter().filter(ends).collect(), ClipMode::And)
     }
 
-    /// Returns the splat of a point beside an edge; `None` if there is no edge.
+    /// Returns the turned and clipped splat of a point next to an edge; `None` if there is no edge.
     fn side(&self, slot: usize, wide: &[u32]) -> Option<Side> {
         let planes = self.planes(slot, wide);
         if planes.len() < 2 {
@@ -307,7 +314,7 @@ impl<'a> Patches<'a> {
         let far = (FAR_RESIDUALS * self.residual).max(FAR_SPACINGS * self.spacing);
         let mut nearest: Vec<usize> = (0..planes.len()).collect();
         nearest.sort_by(|a, b| rank(&planes[*a]).total_cmp(&rank(&planes[*b])));
-        // The nearest plane that isn't clipped away at the point.
+        // Of the planes whose clips leave the point visible, the nearest one is used.
         let (own, (cuts, mode)) =
             nearest.into_iter().map(|i| (&planes[i], self.cuts(&planes, i))).find(|(_, (cuts, mode))| {
                 let keeps = |(plane, side): &(&Plane, f64)| side * plane.distance(p) > -far;

@@ -1,31 +1,31 @@
-//! A welded triangle surface with its creases and borders chained into ridges (C12 §5, step 1).
+//! Welded triangle surface, with creases and open edges chained into ridges (C12 §5, step 1).
 
 use crate::mesh::geometry::Geometry;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Cosine of 45°: a ridge that turns by more has a corner there.
+/// Cosine of 45°, the largest angle by which a ridge may turn at a vertex; otherwise the vertex is a corner.
 const SHARP_TURN_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// Edge, as its two vertices in ascending order.
+/// Mesh edge, as its two vertices in ascending order.
 pub(crate) type Edge = (u32, u32);
 
 pub(crate) fn edge(a: u32, b: u32) -> Edge {
     (a.min(b), a.max(b))
 }
 
-/// Feature that constrains a vertex.
+/// Freedom of a vertex to move during simplification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// No feature: the vertex may move over the surface.
+    /// Vertex on no ridge, which may move over the surface.
     Smooth,
-    /// The vertex is inside a ridge, and may move along it.
+    /// Vertex inside a ridge, which may move along the ridge.
     Ridge,
-    /// Ridges end or meet here, or turn sharply: the vertex is fixed.
+    /// Fixed vertex, where ridges end, meet or turn sharply.
     Corner,
 }
 
-/// Part of a ridge between two vertices, as indices into the ridge's points, with `from` < `to`.
+/// Piece of a ridge between two vertices, as indices into the ridge's points, with `from` < `to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub ridge: u32,
@@ -33,17 +33,17 @@ pub(crate) struct Piece {
     pub to: u32,
 }
 
-/// A welded surface.
+/// Triangle surface with welded vertices and its ridges.
 pub(crate) struct Surface {
     pub positions: Vec<DVec3>,
     pub faces: Vec<[u32; 3]>,
     pub kinds: Vec<Kind>,
-    /// Every crease and border edge.
+    /// Piece of a ridge for every crease and open edge.
     pub pieces: HashMap<Edge, Piece>,
-    /// Smooth chains of creases and borders, from corner to corner, as vertices. A loop starts and ends at the same
-    /// corner.
+    /// Smooth chains of creases and open edges, from corner to corner, as vertex indices. A loop starts and ends at the
+    /// same corner.
     pub ridges: Vec<Vec<u32>>,
-    /// Largest side of the bounds.
+    /// Largest side of the bounding box.
     pub extent: f64,
 }
 
@@ -53,8 +53,9 @@ pub(crate) fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
 }
 
 impl Surface {
-    /// Welds vertices in the same place, drops triangles without area, and finds the ridges. These are edges at which
-    /// faces meet at more than the crease angle, and edges without exactly one face on either side, wound alike.
+    /// Welds vertices in the same place, drops triangles without area, and finds the ridges. Ridges consist of edges at
+    /// which faces meet at more than the crease angle, and of edges without exactly one face on either side, wound
+    /// consistently.
     pub(crate) fn new(geometry: &Geometry, crease_cos: f64) -> Self {
         let weld = geometry.weld();
         let mut index = HashMap::new();

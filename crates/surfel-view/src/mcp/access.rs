@@ -2,15 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-/// Folders and files that may be read.
+/// Folders and files that tools may read.
 #[derive(Clone, Debug)]
 pub(super) struct Access {
-    /// Canonical paths.
+    /// Canonical paths of the folders and files.
     roots: Vec<PathBuf>,
 }
 
 impl Access {
-    /// Allows these files, and all below these folders; without any, all below the current folder.
+    /// Allows these files, and all files below these folders. If `roots` is empty, allows all files below the current
+    /// folder.
     pub(super) fn new(roots: &[PathBuf]) -> Result<Self, String> {
         let current = [PathBuf::from(".")];
         let roots = if roots.is_empty() { &current[..] } else { roots };
@@ -21,7 +22,7 @@ impl Access {
         Ok(Self { roots: roots.iter().map(canonical).collect::<Result<_, _>>()? })
     }
 
-    /// Returns the path if it may be read. Links count as what they lead to.
+    /// Returns the canonical path of a file if it may be read. For a link, the target of the link decides.
     pub(super) fn check(&self, path: &str) -> Result<PathBuf, String> {
         let name = path.escape_debug();
         let real = Path::new(path).canonicalize().map_err(|e| format!("{name}: can't read it: {e}"))?;

@@ -1,10 +1,11 @@
-//! Tools for programs that look: a server of the Model Context Protocol (MCP) on stdin and stdout.
+//! Tools for other programs that draw and inspect scenes: a server of the Model Context Protocol (MCP) on stdin and
+//! stdout.
 //!
 //! A host, such as an assistant or an agent, starts the program and calls four tools: `inspect`, `render`, `pick` and
-//! `compare`. Messages are JSON-RPC 2.0, one a line (specification of 2025-06-18, transport "stdio").
+//! `compare`. Messages are JSON-RPC 2.0, one per line (specification of 2025-06-18, transport "stdio").
 //!
 //! - `protocol` reads messages and writes answers;
-//! - `tools` describes the tools, reads their arguments, and draws by the sessions that the page uses, too;
+//! - `tools` describes the tools, reads their arguments, and draws by the same sessions as the page;
 //! - `access` decides which files may be read.
 
 mod access;
@@ -16,8 +17,8 @@ use std::path::PathBuf;
 use surfel_backend::BackendOptions;
 use surfel_io::lines::{Line, read_line};
 
-/// Answers messages from `input` until it ends. Tools read only `roots` and files below them; without roots, files
-/// below the current folder. Drawing uses this number of threads; 0: one per CPU.
+/// Answers the messages of `input` until it ends. Tools read only `roots` and files below them; without roots, files
+/// below the current folder. `threads` is the number of drawing threads; 0 for one per CPU.
 ///
 /// # Errors
 /// A message that names a root that can't be read, or says that the input or output failed.

@@ -3,9 +3,9 @@
 use super::tools::Tools;
 use serde_json::{Value, json};
 
-/// Longest message in bytes.
+/// Maximum length of a message, in bytes.
 pub(super) const MAX_LINE: usize = 1 << 20;
-/// Known versions of the protocol, the newest last. They differ in nothing that this server uses.
+/// Supported versions of the protocol, the newest last. Their differences don't concern this server.
 const VERSIONS: [&str; 3] = ["2024-11-05", "2025-03-26", "2025-06-18"];
 
 /// Error code for text that isn't JSON.
@@ -14,17 +14,17 @@ const PARSE_ERROR: i32 = -32700;
 const INVALID_REQUEST: i32 = -32600;
 /// Error code for a method that doesn't exist.
 const NO_METHOD: i32 = -32601;
-/// Error code for parameters that a method doesn't have.
+/// Error code for parameters that are wrong for a method.
 const INVALID_PARAMETERS: i32 = -32602;
 
-/// Guidance for the host's model.
+/// Instructions that the server gives to the host's language model.
 const INSTRUCTIONS: &str = "Surfel draws point clouds, scans, splats and meshes as surfaces. Begin with inspect, which \
                             tells what a file holds. render returns images: of the view that suits the file, of \
                             views that you name, or a contact sheet of several. pick tells the position, row and \
                             attributes of what is seen at a pixel. compare measures the difference between two \
                             settings or files.";
 
-/// Returns the answer to a line that is too long.
+/// Returns the answer to a message that is too long.
 pub(super) fn too_long() -> Value {
     failure(&Value::Null, INVALID_REQUEST, &format!("the message has more than {MAX_LINE} bytes"))
 }
@@ -33,7 +33,7 @@ fn failure(id: &Value, code: i32, message: &str) -> Value {
     json!({ "jsonrpc": "2.0", "id": id, "error": { "code": code, "message": message } })
 }
 
-/// Returns the answer to a message; `None` if it needs none.
+/// Returns the answer to a message; `None` for notifications and blank lines.
 pub(super) fn answer(line: &[u8], tools: &mut Tools) -> Option<Value> {
     if line.trim_ascii().is_empty() {
         return None;
@@ -44,7 +44,7 @@ pub(super) fn answer(line: &[u8], tools: &mut Tools) -> Option<Value> {
     };
     let id = &message["id"];
     let Some(method) = message["method"].as_str() else {
-        // Answers to requests need no answer, and this server sends no requests.
+        // This server sends no requests, so it ignores answers.
         let is_answer = message.get("result").is_some() || message.get("error").is_some();
         let problem = "expected a JSON object with \"method\", the name of a method";
         return (!is_answer).then(|| failure(id, INVALID_REQUEST, problem));
@@ -68,7 +68,7 @@ pub(super) fn answer(line: &[u8], tools: &mut Tools) -> Option<Value> {
     })
 }
 
-/// Returns the result of `initialize`: the client's version of the protocol if it is known, otherwise the newest.
+/// Returns the result of `initialize`. The protocol version is the client's if it is supported, otherwise the newest.
 fn welcome(parameters: &Value) -> Value {
     let wanted = parameters["protocolVersion"].as_str();
     let version = VERSIONS.into_iter().find(|version| wanted == Some(*version)).or(VERSIONS.last().copied());

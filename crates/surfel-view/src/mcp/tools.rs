@@ -1,4 +1,4 @@
-//! The tools: their descriptions, their arguments, and their results.
+//! Tools of the server: their descriptions, arguments and results.
 
 use super::access::Access;
 use crate::sessions::{Difference, Key, Sessions, draw_png, draw_timed, picked_json};
@@ -16,19 +16,19 @@ use surfel_load::scene::is_scene_file;
 use surfel_render::{Frame, Planes, Renderer as _};
 use surfel_sample::NoProgress;
 
-/// Largest number of views of a request.
+/// Maximum number of views per request.
 const MAX_VIEWS: usize = 12;
-/// Largest number of files of a request.
+/// Maximum number of files per request.
 const MAX_FILES: usize = 64;
-/// Largest number of pixels of all images of a request.
+/// Maximum number of pixels of all images of a request together.
 const MAX_PIXELS: u64 = 1 << 23;
-/// Size of an image by default.
+/// Default size of an image, in pixels.
 const SIZE: [u32; 2] = [768, 768];
-/// Size of an image of a contact sheet by default.
+/// Default size of each image of a contact sheet, in pixels.
 const SHEET_SIZE: [u32; 2] = [384, 384];
-/// Height of the words of a contact sheet, as a fraction of an image's shorter side.
+/// Font height on a contact sheet, as a fraction of an image's shorter side.
 const SHEET_FONT: f64 = 0.045;
-/// Largest number of notes in an answer.
+/// Maximum number of notes in an answer.
 const MAX_NOTES: usize = 16;
 
 /// Returns the descriptions of all tools, with the schemas of their arguments.
@@ -118,11 +118,11 @@ pub(super) fn descriptions() -> Value {
     ])
 }
 
-/// Arguments of a call.
+/// Arguments of a tool call.
 struct Arguments<'a>(&'a Map<String, Value>);
 
 impl Arguments<'_> {
-    /// Refuses arguments that the tool doesn't have.
+    /// Returns an error for arguments that the tool doesn't have.
     fn check(&self, known: &[&str]) -> Result<(), String> {
         match self.0.keys().find(|key| !known.contains(&key.as_str())) {
             Some(key) => Err(format!("there is no argument {key}, expected {}", known.join(", "))),
@@ -143,7 +143,7 @@ impl Arguments<'_> {
         list.iter().map(path).collect()
     }
 
-    /// Returns a pair of whole numbers.
+    /// Returns an argument that is a pair of whole numbers; `None` if it is absent.
     fn pair(&self, name: &str) -> Result<Option<[u32; 2]>, String> {
         let Some(value) = self.0.get(name) else { return Ok(None) };
         let list = value.as_array().filter(|list| list.len() == 2);
@@ -152,7 +152,7 @@ impl Arguments<'_> {
         Ok(Some([number(0).ok_or_else(wrong)?, number(1).ok_or_else(wrong)?]))
     }
 
-    /// Returns the options of `surfel render`.
+    /// Returns the argument `options`: options of `surfel render` by their long names.
     fn options(&self) -> Result<State, String> {
         match self.0.get("options") {
             None => Ok(State::new()),
@@ -176,7 +176,7 @@ impl Arguments<'_> {
     }
 }
 
-/// A scene, its options and its image's size.
+/// Request for an image: a scene, its options and the image's size.
 struct Asked {
     fixed: Fixed,
     state: State,
@@ -197,7 +197,7 @@ impl Asked {
         Ok(Self { fixed, state, size, key, options })
     }
 
-    /// Describes the shown scene's image, and how to draw it again.
+    /// Returns the view, camera and size of the image, and the command that draws it.
     fn described(&self, session: &Session) -> Result<Value, String> {
         let camera = session.shown().map(|shown| &shown.file.camera);
         let command = state::command(&self.fixed, &self.state, self.size)?;
@@ -206,23 +206,23 @@ impl Asked {
     }
 }
 
-/// Returns a block of text.
+/// Returns a content block with text.
 fn text_block(value: &Value) -> Value {
     json!({ "type": "text", "text": value.to_string() })
 }
 
-/// Returns a block with an image.
+/// Returns a content block with an image.
 fn image_block(png: &[u8]) -> Value {
     json!({ "type": "image", "data": BASE64.encode(png), "mimeType": "image/png" })
 }
 
-/// Returns a result: an object, as text and as structured content, and images.
+/// Returns the result of a tool call. `value` is given both as text and as structured content; images follow.
 fn result(value: Value, images: Vec<Value>) -> Value {
     let content: Vec<Value> = std::iter::once(text_block(&value)).chain(images).collect();
     json!({ "content": content, "structuredContent": value, "isError": false })
 }
 
-/// Tools, with scenes in memory.
+/// Tools with their resident scenes.
 pub(super) struct Tools {
     access: Access,
     sessions: Sessions,
@@ -233,10 +233,10 @@ impl Tools {
         Self { access, sessions: Sessions::new(None, backend_options) }
     }
 
-    /// Calls a tool. A call that fails is a result, too: its text tells the model what is wrong.
+    /// Calls a tool. The result of a call that fails is a text that describes the problem to the model.
     ///
     /// # Errors
-    /// A message if there is no such tool, or if its arguments are no object.
+    /// A message if there is no such tool, or if `arguments` isn't an object.
     pub(super) fn call(&mut self, name: &str, arguments: &Value) -> Result<Value, String> {
         let empty = Map::new();
         let arguments = match arguments {
@@ -275,7 +275,7 @@ impl Tools {
         Ok(result(facts, Vec::new()))
     }
 
-    /// Shows a scene, and returns notes about it.
+    /// Shows a scene, loading it if necessary. Returns the notes about it.
     fn show(&mut self, asked: &Asked) -> Result<Vec<String>, String> {
         let mut notes = Vec::new();
         let session = self.sessions.of(&asked.key)?;
@@ -371,7 +371,7 @@ impl Tools {
     }
 }
 
-/// Refuses images that are too large together.
+/// Returns an error if `count` images of this size have too many pixels together.
 fn check_pixels(size: [u32; 2], count: usize) -> Result<(), String> {
     let pixels = (u64::from(size[0]) * u64::from(size[1])).saturating_mul(count as u64);
     if pixels == 0 || pixels > MAX_PIXELS {
@@ -383,14 +383,14 @@ fn check_pixels(size: [u32; 2], count: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the frame drawn last as a numbered panel.
+/// Returns the last drawn frame as a numbered panel.
 fn panel(session: &Session, view: &str, number: usize) -> Panel {
     let frame = session.frame();
     let picture = Picture { size: [frame.width(), frame.height()], rgba: to_srgb8(frame.color()) };
     Panel::new(picture).with_caption(&format!("{number}: {view}"))
 }
 
-/// Lays panels out in a grid about as high as wide, and encodes it.
+/// Arranges panels in an approximately square grid, and encodes the grid as a PNG.
 fn sheet(panels: Vec<Panel>, size: [u32; 2]) -> Vec<u8> {
     let columns = (panels.len() as f64).sqrt().ceil() as usize;
     let mut rows = Vec::new();

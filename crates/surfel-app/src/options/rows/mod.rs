@@ -1,4 +1,4 @@
-//! The rows, a module for each part of a command line.
+//! Rows of the options table, one module for each group of options.
 
 mod appearance;
 mod camera;
@@ -11,7 +11,7 @@ mod splats;
 
 use super::Row;
 
-/// Returns all rows; those of a group are in the order in which help lists them.
+/// Returns all rows. Rows of one group are in the order in which help lists them.
 pub(super) fn all() -> Vec<Row> {
     [output::ROWS, figure::ROWS, ortho::ROWS, camera::ROWS, appearance::ROWS, points::ROWS, splats::ROWS, program::ROWS]
         .concat()

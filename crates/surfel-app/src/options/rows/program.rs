@@ -3,7 +3,7 @@
 use crate::options::row::{Commands, Group, Row, put, put_path};
 use crate::values;
 
-/// Names of the backends, as `--backend` has them.
+/// Names of the backends, which are the values of `--backend`.
 const BACKENDS: [&str; 5] = ["auto", "cpu", "wgpu", "ash", "reference"];
 
 const fn backend(row: Row) -> Row {

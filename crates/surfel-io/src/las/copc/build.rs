@@ -24,12 +24,13 @@ pub(super) struct Part {
     pub(super) bits: u32,
     /// Level of the octant that contains all points of the part.
     pub(super) depth: u32,
-    /// Level of an enclosing octant that isn't divided, if there is one.
+    /// Level of an enclosing octant that isn't divided, if any: its points all get this level at most.
     pub(super) leaf_at: Option<u32>,
 }
 
 /// Assigns a level to each of the points, which are sorted by code. `stands` receives the index of each selected point
-/// and the range of points that it represents. `taken` contains the occupied cells that are larger than the part.
+/// and the range of points that it represents. `taken` contains the occupied cells that are larger than the part: their
+/// levels and Morton codes.
 pub(super) fn levels(
     points: &[Coded],
     part: &Part,

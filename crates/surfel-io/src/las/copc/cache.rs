@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
-/// Path, size and modification time of a file when it was opened. A later file of the same path is a different one.
+/// Identity of a file: path, size and modification time when it was opened. A file that changes later has another
+/// identity.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FileState {
     pub(super) path: PathBuf,
@@ -16,7 +17,7 @@ pub struct FileState {
 }
 
 impl FileState {
-    /// Returns the present state of an existing file.
+    /// Returns the current state of an existing file; `None` if it isn't a regular file or can't be opened.
     pub fn of(path: &Path) -> Option<Self> {
         RegularFile::open(path).ok()?.map(|file| Self::of_opened(path, &file))
     }
@@ -27,7 +28,7 @@ impl FileState {
     }
 }
 
-/// The fields of a node's points that are decoded.
+/// Selection of the fields of a node's points that are decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Decoded {
     /// All fields.
@@ -55,7 +56,7 @@ struct Kept {
 }
 
 impl NodeCache {
-    /// Sets the maximum number of cached bytes; 0 before the first call.
+    /// Sets the maximum number of cached bytes, which is 0 initially.
     pub fn limit(&self, most_bytes: u64) {
         let mut kept = self.lock();
         kept.most_bytes = most_bytes;
@@ -67,7 +68,7 @@ impl NodeCache {
         self.lock().bytes
     }
 
-    /// Returns the number of compressed bytes of points that were read from files so far, for nodes not in the cache.
+    /// Returns the number of compressed bytes that were read from files so far, for nodes that weren't cached.
     pub fn read_bytes(&self) -> u64 {
         self.lock().read_bytes
     }

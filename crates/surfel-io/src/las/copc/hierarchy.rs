@@ -22,8 +22,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Limits in bytes for the nodes that are decoded together: their compressed and their decompressed size. A single
-/// larger node is decoded by itself.
+/// Maximum compressed and decompressed size, in bytes, of nodes that are decoded together. A single larger node is
+/// decoded alone.
 const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
 /// Maximum level below the root.
@@ -36,13 +36,13 @@ pub struct CopcNode {
     pub level: u32,
     /// `VoxelKey` of the node within its level: x, y and z.
     pub cell: [u32; 3],
-    /// Size of its chunk of compressed points, in bytes.
+    /// Size of the node's chunk of compressed points, in bytes.
     pub bytes: u64,
-    /// Number of points in its own chunk, without those of nodes above or below.
+    /// Number of points in the node's chunk, without those of ancestors or descendants.
     pub points: u64,
-    /// Indices of its child nodes; at most 8.
+    /// Indices of the child nodes; at most 8.
     pub children: Range<u32>,
-    /// Byte offset of its chunk in the file.
+    /// Byte offset of the node's chunk in the file.
     at: u64,
 }
 
@@ -76,9 +76,9 @@ pub enum LevelValues {
     /// Own values only.
     #[default]
     Without,
-    /// Own values and those of the level.
+    /// Own values, and the mean values of the level.
     With,
-    /// Values of the level only; own values where the file has no others.
+    /// Mean values of the level only; own values if the file has no mean values.
     Alone,
 }
 
@@ -179,7 +179,7 @@ impl Copc {
         self.header_points
     }
 
-    /// Returns the distance between points of a level, in object units; each level halves it.
+    /// Returns the distance between neighbouring points of a level, in object units; each level halves it.
     pub fn spacing(&self, level: u32) -> f64 {
         self.spacing * (-f64::from(level)).exp2()
     }
@@ -204,7 +204,7 @@ impl Copc {
         cell.map(|c| c >> MAX_LEVEL.saturating_sub(level))
     }
 
-    /// Returns the row of each node's first point, in the order in which the file stores points.
+    /// Returns the row number of each node's first point, in the order in which the file stores points.
     pub fn first_rows(&self) -> Vec<u64> {
         let mut order: Vec<usize> = (0..self.nodes.len()).collect();
         order.sort_by_key(|i| self.nodes[*i].at);
@@ -229,9 +229,9 @@ impl Copc {
         self.kept_points_of(nodes, (columns, None), options)
     }
 
-    /// Reads points like [`Self::points_of`], filtered by `keeps`. Rejected points take no memory once their node is
-    /// decoded. If no point passes the filter, all points of the first node are returned. Rows are indices among the
-    /// returned points.
+    /// Reads points like [`Self::points_of`], filtered by `keeps`. Rejected points take memory only while their node is
+    /// decoded. If no point passes the filter, all points of the first node are returned. Row numbers are indices among
+    /// the returned points.
     ///
     /// # Errors
     /// Errors of [`Self::points_of`].
@@ -285,7 +285,7 @@ impl Copc {
             NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
         };
         let is_of_level = marked_bytes(header, [LEVEL_COLORS, LEVEL_NORMALS].as_flattened());
-        // Values of the level replace a point's own.
+        // The level's mean values replace a point's own values.
         let [has_colors, has_normals] = [LEVEL_COLORS, LEVEL_NORMALS]
             .map(|names| names.iter().all(|name| header.extra.iter().any(|e| e.name == *name)));
         let is_own = marked_bytes(header, if has_normals { &NORMALS } else { &[] });
@@ -391,7 +391,7 @@ fn check_node(source: &mut dyn Source, node: &CopcNode, vlr: &LazVlr, record_byt
     Ok(())
 }
 
-/// Hierarchy pages while they are read, and the nodes found in them.
+/// State of reading the hierarchy's pages: the file's limits and the nodes found so far.
 struct Pages<'a> {
     header: &'a Header,
     file_bytes: u64,
@@ -460,7 +460,7 @@ impl Pages<'_> {
         }
     }
 
-    /// Returns the nodes, each with its children.
+    /// Returns the nodes, level by level, with the range of each node's children.
     fn finish(self) -> Result<Vec<CopcNode>, Problem> {
         let all = self.entries.values().fold(0_u64, |sum, node| sum.saturating_add(node.points));
         super::super::laz::check_size(self.header, all, self.file_bytes)?;

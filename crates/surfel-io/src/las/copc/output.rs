@@ -119,10 +119,10 @@ pub(super) struct Cube {
     pub(super) spacing: f64,
 }
 
-/// A node's chunk in a file of chunks.
+/// Position of a node's chunk in a file of chunks, and its checksum.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 pub(super) struct Chunk {
-    /// Index of the chunk file, where there are several.
+    /// Index of the chunk file, if there are several.
     #[serde(skip)]
     pub(super) file: usize,
     pub(super) level: u32,
@@ -134,7 +134,7 @@ pub(super) struct Chunk {
     pub(super) sum: u32,
 }
 
-/// Header fields and records that are copied from the first input.
+/// Header fields and variable length records that the output copies from the first input.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Template {
     /// The first 375 bytes of its header; bytes that the header lacks are zero.
@@ -162,8 +162,8 @@ impl Template {
 /// Callback that reads the bytes of a chunk.
 pub(super) type ReadChunk<'a> = &'a mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>;
 
-/// Writes the file. Nodes are in order of level, so that coarse levels are read in one go. `read` reads a chunk;
-/// `copied` receives the number of chunk bytes written so far.
+/// Writes the COPC file. Chunks are in order of level, so that the coarse levels of a file can be read at once. `read`
+/// reads a chunk; `copied` receives the number of chunk bytes written so far.
 pub(super) fn write(
     out: &mut dyn Write,
     of: &Template,
@@ -229,7 +229,7 @@ pub(super) fn write(
     }
     out.write_all(&packed_table)?;
     let mut tail = Vec::new();
-    // The hierarchy is an extended record, however short it is.
+    // The hierarchy is stored as an extended record, even if it is short.
     let mut pages = Record::new("copc", 1000, Vec::new());
     pages.description[..13].copy_from_slice(b"EPT Hierarchy");
     tail.extend_from_slice(&pages.head);
@@ -240,7 +240,8 @@ pub(super) fn write(
     out.write_all(&tail)
 }
 
-/// Returns the nodes in chunk order, with the empty nodes that lead to them.
+/// Returns the level, Morton code and chunk of the nodes with chunks and of their ancestors, in order of level.
+/// Ancestors without points have no chunk.
 fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     let mut nodes: std::collections::BTreeMap<(u32, u64), Option<Chunk>> = std::collections::BTreeMap::new();
     for chunk in chunks {

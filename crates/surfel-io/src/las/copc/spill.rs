@@ -1,5 +1,5 @@
-//! Lists of records that are larger than memory, in a temporary file. The file usually has no name, so that it
-//! disappears when the process ends, however it ends.
+//! Lists of records that are larger than memory, stored in a temporary file. The file usually has no name, so that the
+//! system removes it when the process ends for any reason.
 
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -8,7 +8,7 @@ use std::hash::Hash;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Bytes of a list that are written at a time.
+/// Number of bytes of a list that are written to the file at a time.
 const BLOCK_BYTES: usize = 256 << 10;
 /// Maximum number of bytes of all lists in memory.
 const HELD_BYTES: usize = 32 << 20;
@@ -18,7 +18,7 @@ pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
     tempfile::tempfile_in(folder)
 }
 
-/// A list of records: all but the last ones are on disk.
+/// A list of records. The last records are in memory, the others in the file.
 #[derive(Debug, Default)]
 pub(super) struct List {
     held: Vec<u8>,
@@ -41,7 +41,8 @@ pub(super) struct Spill<K> {
 pub(super) type Block = (u64, usize, u32);
 pub(super) type Blocks = Vec<Block>;
 
-/// Returns a checksum. Changes within eight consecutive bytes are always detected; others are missed once in 2³² times.
+/// Returns a checksum. Changes within eight consecutive bytes are always detected; other changes are missed with a
+/// probability of 2⁻³².
 pub(super) fn checksum(bytes: &[u8]) -> u32 {
     let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     let (words, rest) = bytes.as_chunks::<8>();
@@ -51,7 +52,7 @@ pub(super) fn checksum(bytes: &[u8]) -> u32 {
     (sum ^ sum >> 32) as u32
 }
 
-/// Positions of the lists in the file, from which writing can continue.
+/// Positions of the lists in a finished or interrupted file, from which writing can continue.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Index<K> {
     /// Length of the file, in bytes.
@@ -60,7 +61,7 @@ pub(super) struct Index<K> {
     pub(super) lists: Vec<(K, Blocks)>,
 }
 
-/// Error: the block at this byte offset has changed since it was written.
+/// Error for a block, at this byte offset, that has changed since it was written.
 #[derive(Debug, thiserror::Error)]
 #[error("bytes from {0} on have changed since they were written")]
 pub(super) struct Changed(pub(super) u64);
@@ -142,7 +143,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         self.index.len()
     }
 
-    /// Renames the lists; joins lists that get the same key.
+    /// Changes the key of each list to `key(old key)`; joins lists that get the same key.
     pub(super) fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
         self.flush()?;
         let mut old: Vec<(K, usize)> = std::mem::take(&mut self.index).into_iter().collect();
