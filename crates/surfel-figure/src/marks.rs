@@ -67,10 +67,9 @@ impl Placer<'_> {
         self.drawing.areas.push(("mark", area));
     }
 
-    /// Returns the place of a mark that should lie in one of these areas in corners of the panel. From each area, in
-    /// their order, the mark moves by the shortest way to a place where the image has one colour. Without such a place
-    /// near any area, it moves to where it lies wholly inside the content of the image, or wholly outside of it; without
-    /// that, it stays in the first area.
+    /// Returns the area of a mark that is wanted in one of these corners of the panel, in order of preference. From
+    /// each corner, the nearest area is searched in which the image has one colour. If there is none, the result is the
+    /// nearest area wholly inside the content of the image or wholly outside of it; otherwise the first corner.
     fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
         let steps = (MOST_MOVE / MOVE) as i32;

@@ -141,9 +141,8 @@ fn marks_move_to_an_area_of_one_color() {
         .with_mark(Mark::Label { at: [220.0, 150.0], text: "bank".into() });
     let figure = Figure { rows: vec![vec![Some(panel)].into()], style: Style::new(16.0), ..Figure::default() };
     let drawing = figure.layout();
-    let area = |name: &str| -> Vec<Rect> {
-        drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
-    };
+    let area =
+        |name: &str| -> Vec<Rect> { drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect() };
     let (panel, marks) = (area("panel")[0], area("mark"));
     let places = [(60.0, 300.0, 100.0), (230.0, 0.0, 300.0)];
     let strips = places.map(|(x, y, height)| Rect::new([panel.at[0] + x, panel.at[1] + y], [40.0, height]));
@@ -162,9 +161,8 @@ fn a_label_is_beside_its_row_and_the_rows_below_it() {
     };
     let rows = vec![row(Some("Chair")), row(None), row(Some("Table")), row(None)];
     let drawing = Figure { rows, style: Style::new(12.0), ..Figure::default() }.layout();
-    let area = |name: &str| -> Vec<Rect> {
-        drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
-    };
+    let area =
+        |name: &str| -> Vec<Rect> { drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect() };
     let (labels, panels) = (area("row label"), area("panel"));
     for (label, rows) in labels.iter().zip([0..2, 2..4]) {
         assert_eq!(label.at[1], panels[rows.start].at[1]);

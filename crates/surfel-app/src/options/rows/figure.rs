@@ -56,8 +56,8 @@ pub(super) const ROWS: &[Row] = &[
         .help(
             "Add a row of panels coloured by the distance to the first file: to its points, or to its surface if it is \
              a mesh.",
-            "The value is a colour map (default viridis). Their captions state Chamfer distances (CD-L1), or mean distances \
-             to a mesh.",
+            "The value is a colour map (default viridis). Captions of these panels state Chamfer distances (CD-L1), or \
+             mean distances to a mesh.",
         )
         .everyday()
         .python("str | bool")
