@@ -33,7 +33,7 @@ fn figures_are_pdf_svg_and_png() {
         assert!(["Both", "Truth", "Ours", "distance [m]"].iter().all(|words| text.contains(words)), "{text}");
     }
     let image = f.image("fig.png");
-    assert!(image.width > 180 && image.height > 120);
+    assert!(image.width > 270 && image.height > 60, "three panels in a row");
     f.run(&format!("{words} -o fig.png")).fails(1, "fig.png");
     f.run(&format!("{words} -o fig.png --force")).code(0);
     f.run(&format!("{words} -o fig.exr")).fails(2, ".pdf, .svg or .png");
@@ -87,9 +87,9 @@ fn errors_of_overlapping_splats_have_colours_of_the_bar() {
     f.run(&format!("{words} --error-max 0.001 --titles A,B --font-size 4 -o a.png")).code(0);
     let image = f.image("a.png");
     let (width, color) = (image.width as usize, image.color.unwrap());
-    // The middle of the panel at the lower right.
-    let rows = image.height as usize * 5 / 8..image.height as usize * 7 / 8;
-    let inside = |y: usize| &color[y * width + width * 5 / 8..y * width + width * 7 / 8];
+    // The middle of the panel on the right.
+    let rows = image.height as usize * 3 / 8..image.height as usize * 5 / 8;
+    let inside = |y: usize| &color[y * width + width * 9 / 12..y * width + width * 11 / 12];
     let sum = |k: usize| rows.clone().flat_map(inside).map(|c| c[k]).sum::<f32>();
     // The middle of viridis is teal. A mean of its ends, purple and yellow, is brown.
     assert!(sum(1) > 1.5 * sum(0) && sum(2) > 1.5 * sum(0), "{:?}", [sum(0), sum(1), sum(2)]);

@@ -64,6 +64,34 @@ impl Panel {
         Self { caption: Some(caption.to_owned()), ..self }
     }
 
+    /// Returns the rows of the image with a pixel that differs from a colour; `None` without an image or such a pixel.
+    pub fn rows_unlike(&self, color: [u8; 4]) -> Option<Range<u32>> {
+        let picture = self.picture.as_ref()?;
+        let width = picture.size[0].max(1) as usize;
+        let mut differing =
+            picture.rgba.chunks(width).enumerate().filter(|(_, row)| row.iter().any(|pixel| *pixel != color));
+        let first = differing.next()?.0 as u32;
+        Some(first..differing.last().map_or(first, |(row, _)| row as u32) + 1)
+    }
+
+    /// Reduces the panel to these rows of its image. Marks move with the image.
+    pub fn crop_rows(&mut self, rows: Range<u32>) {
+        let Range { start, end } = rows.start.min(self.size[1])..rows.end.min(self.size[1]);
+        if let Some(picture) = &self.picture {
+            let width = picture.size[0] as usize;
+            let rgba = picture.rgba[start as usize * width..end as usize * width].to_vec();
+            self.picture = Some(Arc::new(Picture { size: [picture.size[0], end - start], rgba }));
+        }
+        self.size[1] = end - start;
+        for mark in &mut self.marks {
+            match mark {
+                Mark::Label { at, .. } => at[1] -= f64::from(start),
+                Mark::Line { points, .. } => points.iter_mut().for_each(|point| point[1] -= f64::from(start)),
+                Mark::Scale { .. } | Mark::Axes(_) | Mark::North { .. } => {}
+            }
+        }
+    }
+
     /// Adds a mark.
     #[must_use]
     pub fn with_mark(mut self, mark: Mark) -> Self {
@@ -207,5 +235,27 @@ impl Style {
 impl Default for Style {
     fn default() -> Self {
         Self::new(12.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn panels_are_cropped_with_their_marks() {
+        let mut picture = Picture::filled([3, 10], [255; 4]);
+        picture.rgba[3 * 4 + 1] = [0; 4];
+        picture.rgba[3 * 6] = [0; 4];
+        let label = Mark::Label { at: [1.0, 4.5], text: "a".into() };
+        let line = Mark::Line { points: vec![[0.0, 3.0], [1.0, 6.0]], color: [0; 3] };
+        let mut panel = Panel::new(picture).with_mark(label).with_mark(line);
+        assert_eq!((panel.rows_unlike([255; 4]), Panel::empty([3, 3]).rows_unlike([255; 4])), (Some(4..7), None));
+        panel.crop_rows(3..8);
+        let cropped = panel.picture.as_ref().unwrap();
+        assert_eq!((panel.size, cropped.size, cropped.rgba.len()), ([3, 5], [3, 5], 15));
+        assert_eq!(cropped.rgba[4], [0; 4]);
+        let [Mark::Label { at, .. }, Mark::Line { points, .. }] = &panel.marks[..] else { panic!() };
+        assert_eq!((at, &points[..]), (&[1.0, 1.5], &[[0.0, 0.0], [1.0, 3.0]][..]));
     }
 }

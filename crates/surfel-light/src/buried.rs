@@ -1,15 +1,15 @@
-//! Detection of buried splats: splats that no light reaches although their neighbours are lit.
+//! Detection of buried splats: splats that are dark although their neighbours are lit.
 //!
-//! In folds of scanned surfaces, some splats are below their neighbours or face inward, so that they receive no light
-//! from the sky. Visible rims of such splats would be black spots.
+//! In folds of scanned surfaces, some splats are below their neighbours or face inward or along the fold, so that they
+//! receive little light from the sky. Visible rims of such splats would be dark spots.
 
 use crate::receivers::Light;
 use surfel_model::SplatCloud;
 
-/// Largest light of a buried splat, as a fraction of the cloud's mean. Where light fades gradually, splats have values
+/// Largest light of a black splat, as a fraction of the cloud's mean. Where light fades gradually, splats have values
 /// between `DARK` and `BRIGHT`.
 const DARK: f32 = 0.05;
-/// Smallest light of a lit splat, as a fraction of the cloud's mean.
+/// Smallest light of a splat that is lit beside a black one, as a fraction of the cloud's mean.
 const BRIGHT: f32 = 0.25;
 /// Number of splats, before and after a splat in Morton order, among which neighbours are searched.
 const WINDOW: usize = 32;
@@ -17,36 +17,50 @@ const WINDOW: usize = 32;
 const AROUND: f64 = 3.0;
 /// Smallest number of neighbours of a buried splat.
 const FEWEST: u32 = 8;
-/// Smallest fraction of lit neighbours of a buried splat. On a thin surface whose lower side is dark, half of the
-/// neighbours are lit.
+/// Smallest fraction of lit neighbours from which a black splat is buried. On a thin surface whose lower side is dark,
+/// half of the neighbours are lit.
 const LIT: f64 = 0.6;
+/// Smallest ratio of the light of a lit neighbour to that of a splat that isn't black.
+const BRIGHTER: f32 = 2.0;
+/// Smallest fraction of lit neighbours from which a splat that isn't black is buried. At the corner of a shadow with
+/// right angles, three quarters of the neighbours are lit.
+const MOST_LIT: f64 = 0.8;
 
 /// Finds the buried splats of a cloud. Returns pairs of a buried splat and its nearest lit neighbour, whose light
 /// replaces the buried splat's own. `light` has one entry per splat.
 pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
-    let total = |i: usize| light[i].total();
-    let mean = (0..light.len()).map(|i| f64::from(total(i))).sum::<f64>() / light.len().max(1) as f64;
-    let (dark, bright) = (DARK * mean as f32, BRIGHT * mean as f32);
-    if mean <= 0.0 || !(0..light.len()).any(|i| total(i) <= dark) {
+    let mean = light.iter().map(|own| f64::from(own.total())).sum::<f64>() / light.len().max(1) as f64;
+    if mean <= 0.0 {
         return Vec::new();
     }
+    let (dark, bright) = (DARK * mean as f32, BRIGHT * mean as f32);
     let order = cloud.morton_order();
+    let total: Vec<f32> = order.iter().map(|i| light[*i as usize].total()).collect();
     let lit_near = |at: usize| {
+        let window = at.saturating_sub(WINDOW)..(at + WINDOW + 1).min(order.len());
+        let (least, fraction) = if total[at] <= dark { (bright, LIT) } else { (BRIGHTER * total[at], MOST_LIT) };
+        // Distances are computed only where enough splats are lit.
+        let lit = total[window.clone()].iter().filter(|light| **light >= least).count();
+        if (lit as f64) < fraction * f64::from(FEWEST) {
+            return None;
+        }
         let i = order[at] as usize;
         let (center, reach) = (cloud.center(i), AROUND * cloud.axes(i).0.length());
-        let window = at.saturating_sub(WINDOW)..(at + WINDOW + 1).min(order.len());
-        let around = order[window].iter().map(|j| *j as usize).filter(|j| *j != i);
-        let around = around.map(|j| (cloud.center(j).distance(center), j)).filter(|(distance, _)| *distance <= reach);
         let (mut count, mut lit, mut nearest) = (0u32, 0u32, None::<(f64, usize)>);
-        for (distance, j) in around {
+        for other in window.filter(|other| *other != at) {
+            let j = order[other] as usize;
+            let distance = cloud.center(j).distance(center);
+            if distance > reach {
+                continue;
+            }
             count += 1;
-            if total(j) >= bright {
+            if total[other] >= least {
                 lit += 1;
                 nearest = nearest.filter(|(least, _)| *least <= distance).or(Some((distance, j)));
             }
         }
-        let is_buried = count >= FEWEST && f64::from(lit) >= LIT * f64::from(count);
+        let is_buried = count >= FEWEST && f64::from(lit) >= fraction * f64::from(count);
         nearest.filter(|_| is_buried).map(|(_, j)| (i, j))
     };
-    (0..order.len()).filter(|at| total(order[*at] as usize) <= dark).filter_map(lit_near).collect()
+    (0..order.len()).filter_map(lit_near).collect()
 }

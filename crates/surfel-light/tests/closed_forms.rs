@@ -273,6 +273,13 @@ fn splats_that_face_into_a_body_have_the_light_of_its_outside() {
     for cull in [Cull::None, Cull::Back] {
         assert_near(&found(&points, cull), |_| Some(1.0));
     }
+    // A floor of which every 41st splat is tilted so far that it would have at most (1 − 0.31)/2 of the sky, as in
+    // folds: it gets the light of a neighbour, on which tilted splats cast shadows.
+    let tilted = DVec3::new(0.95, 0.0, -0.31).normalize();
+    let in_folds = points.iter().enumerate().map(|(i, (p, n))| (*p, if i % 41 == 7 { tilted } else { *n }));
+    let in_folds = found(&in_folds.collect::<Vec<_>>(), Cull::None);
+    let darkest = in_folds.iter().map(|(_, light)| *light).fold(1.0, f64::min);
+    assert!(darkest > 0.6, "{darkest}");
     // A floor that faces down altogether.
     let down: Vec<_> = points.iter().map(|(p, _)| (*p, DVec3::NEG_Z)).collect();
     assert_near(&found(&down, Cull::None), |_| Some(1.0));

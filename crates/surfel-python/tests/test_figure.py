@@ -13,7 +13,7 @@ def test_figures_of_arrays_have_their_titles_and_an_error_row():
     clouds = {"truth": points, "ours": points * 1.01}
     figure = surfel.figure(clouds, error_row=True, unit="m", title="Spheres", **SMALL)
     width, height = figure.size
-    assert width > 240 and height > 180 and figure.rgba.shape == (height, width, 4)
+    assert width > 360 and 90 < height < 180 and figure.rgba.shape == (height, width, 4)
     svg = figure.svg()
     assert all(f">{words}<" in svg for words in ("truth", "ours", "Spheres", "distance [m]", "CD 0.0100 m"))
     assert figure.pdf().startswith(b"%PDF") and figure._repr_png_().startswith(b"\x89PNG")

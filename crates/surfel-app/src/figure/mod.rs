@@ -191,6 +191,11 @@ impl FigureRequest<'_> {
         self.figure.wrap.map_or(all, |most| all.min(most as usize)).max(1)
     }
 
+    /// True if the distances between two files are shown beside them rather than in a row below.
+    fn has_errors_beside(&self) -> bool {
+        self.figure.error_row.is_some() && self.inputs.len() == 2 && self.columns() == 2
+    }
+
     /// Returns the resolution in pixels per inch.
     fn dpi(&self) -> f64 {
         self.figure.dpi.unwrap_or(DPI)
@@ -220,6 +225,7 @@ impl FigureRequest<'_> {
         for at in 0..panels.cells.len() {
             panels.draw(at, &subjects, (error_colors.as_ref(), coloring.is_some()), &frusta, backend)?;
         }
+        panels.crop(subjects.len());
         let is_perspective = subjects.iter().any(|subject| is_perspective(&subject.resolved.file.camera));
         if self.figure.marks.contains(&MarkKind::Scale) && is_perspective {
             note(
@@ -298,12 +304,13 @@ impl FigureRequest<'_> {
     /// Returns the colour bars and legends of the figure.
     fn keys(&self, coloring: Option<&Coloring>, errors: Option<&ErrorColors>) -> Vec<Key> {
         let is_one_row = self.subjects() == 1 && self.columns() == self.inputs.len();
+        let has_two_rows = is_one_row && errors.is_some() && !self.has_errors_beside();
         let of_values = coloring.and_then(|coloring| color_bar::key(coloring, Some(&self.value_title(coloring))));
         let of_errors = errors.map(|colors| {
             Key::bar(&self.with_unit("distance"), colors.map.levels(), [0.0, colors.end]).exceeded(colors.is_exceeded)
         });
         // If the figure has one row of values and one of errors, each key is placed beside its row.
-        let rows = |row: usize| if is_one_row && errors.is_some() { row..row + 1 } else { 0..0 };
+        let rows = |row: usize| if has_two_rows { row..row + 1 } else { 0..0 };
         let of_values = of_values.map(|key| key.beside(rows(0)));
         of_values.into_iter().chain(of_errors.map(|key| key.beside(rows(1)))).collect()
     }

@@ -2,6 +2,7 @@
 
 use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks, values};
 use crate::camera::resized;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use surfel_backend::Backend;
@@ -26,11 +27,13 @@ const PANELS_SHARE: f64 = 0.85;
 const LEAST_WIDTH: f64 = 16.0;
 /// Number of typographic points per inch.
 const POINTS: f64 = 72.0;
+/// Margin above and below the content of cropped panels, in ems.
+const CROP_MARGIN: f64 = 0.4;
 
 /// One panel: its position in the grid, and the file it shows.
 pub(super) struct Cell {
-    row: usize,
-    column: usize,
+    /// Row and column in the figure.
+    place: [usize; 2],
     subject: usize,
     /// Index of the file within its subject.
     member: usize,
@@ -57,7 +60,8 @@ fn fixed_width(request: &FigureRequest<'_>) -> Option<f64> {
 pub(super) fn first_size(request: &FigureRequest<'_>, given: Option<[u32; 2]>) -> [u32; 2] {
     let [width, height] = given.unwrap_or(PANEL);
     let Some(whole) = fixed_width(request) else { return [width, height] };
-    let own = (PANELS_SHARE * whole / request.columns() as f64).max(LEAST_WIDTH);
+    let columns = request.columns() + usize::from(request.has_errors_beside());
+    let own = (PANELS_SHARE * whole / columns as f64).max(LEAST_WIDTH);
     sized(own, [width, height])
 }
 
@@ -104,16 +108,16 @@ impl<'a> Panels<'a> {
                 };
                 Some(Panel { caption: caption.filter(|text| !text.is_empty()), ..Panel::empty(self.size) })
             });
-            self.figure.rows.push(Row { label: row_title, panels: panels.collect() });
-            let cell = |member: usize, row: usize, is_error: bool| Cell {
-                row,
-                column: member - first,
-                subject,
-                member,
-                is_error,
-            };
-            self.cells.extend(members.clone().map(|member| cell(member, row, false)));
-            if content.errors.is_empty() {
+            let mut panels: Vec<Option<Panel>> = panels.collect();
+            let cell = |member: usize, place: [usize; 2], is_error: bool| Cell { place, subject, member, is_error };
+            self.cells.extend(members.clone().map(|member| cell(member, [row, member - first], false)));
+            if self.request.has_errors_beside() {
+                let caption = content.errors.first().map(|errors| errors.caption(options.unit.as_deref()));
+                panels.push(Some(Panel { caption, ..Panel::empty(self.size) }));
+                self.cells.push(cell(1, [row, 2], true));
+            }
+            self.figure.rows.push(Row { label: row_title, panels });
+            if content.errors.is_empty() || self.request.has_errors_beside() {
                 continue;
             }
             // The reference file has no error, so that its panel in the error row is empty.
@@ -122,7 +126,8 @@ impl<'a> Panels<'a> {
                 Some(Panel { caption: Some(caption), ..Panel::empty(self.size) })
             });
             self.figure.rows.push(Row { label: None, panels: panels.collect() });
-            self.cells.extend(members.filter(|member| *member > 0).map(|member| cell(member, row + 1, true)));
+            let errors = members.filter(|member| *member > 0);
+            self.cells.extend(errors.map(|member| cell(member, [row + 1, member - first], true)));
         }
     }
 
@@ -152,6 +157,30 @@ impl<'a> Panels<'a> {
     fn resize(&mut self, size: [u32; 2]) {
         self.size = size;
         self.figure.rows.iter_mut().flat_map(|row| &mut row.panels).flatten().for_each(|panel| panel.size = size);
+    }
+
+    /// Crops the panels of each subject to the rows of pixels in which one of them shows something, if there are several
+    /// subjects. Objects of different proportions then don't leave white bands between the rows.
+    pub(super) fn crop(&mut self, subjects: usize) {
+        if subjects < 2 {
+            return;
+        }
+        let background = self.figure.style.background;
+        let margin = (CROP_MARGIN * self.figure.style.font).round() as u32;
+        for subject in 0..subjects {
+            let places: Vec<[usize; 2]> =
+                self.cells.iter().filter(|cell| cell.subject == subject).map(|cell| cell.place).collect();
+            let panel = |[row, column]: &[usize; 2]| self.figure.rows[*row].panels[*column].as_ref();
+            let shown = places.iter().filter_map(panel).filter_map(|panel| panel.rows_unlike(background));
+            let union = |a: Range<u32>, b: Range<u32>| a.start.min(b.start)..a.end.max(b.end);
+            let Some(rows) = shown.reduce(union) else { continue };
+            let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.size[1]);
+            for [row, column] in places {
+                if let Some(panel) = &mut self.figure.rows[row].panels[column] {
+                    panel.crop_rows(rows.clone());
+                }
+            }
+        }
     }
 
     /// Draws the image of the panel with index `at`. `errors` is the colour scale of the error row. `has_values` is
@@ -202,7 +231,8 @@ impl<'a> Panels<'a> {
         }
         let marks = marks::of_panel(&camera, &view, self.request.figure, frusta, frame.depth());
         let rgba = surfel_io::to_srgb8(frame.color());
-        let place = self.figure.rows.get_mut(cell.row).and_then(|row| row.panels.get_mut(cell.column));
+        let [row, column] = cell.place;
+        let place = self.figure.rows.get_mut(row).and_then(|row| row.panels.get_mut(column));
         if let Some(panel) = place.and_then(Option::as_mut) {
             (panel.picture, panel.marks) = (Some(Arc::new(Picture { size: self.size, rgba })), marks);
         }
