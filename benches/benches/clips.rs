@@ -27,11 +27,12 @@ mod simd {
 use simd::lanes::{LANES, Lanes};
 use simd::level::{Instructions, SimdLevel, with_instructions};
 
-/// Number of timed pairs of a splat and a block; they fit the second-level cache.
+/// Number of pairs of a splat and a block of pixels over which each way is timed. They fit the second-level cache.
 const TIMED: usize = 1024;
-/// Number of pairs over which differing decisions are counted.
+/// Number of pairs of a splat and a block of pixels over which differences from the implicit test in f64 are counted.
 const COUNTED: usize = 1 << 16;
 
+/// Way to evaluate a splat's clip curve over a block of pixels.
 #[derive(Clone, Copy, Debug)]
 enum Way {
     /// Implicit form of the conic, composed with the mapping into forms over pixels.
@@ -46,6 +47,7 @@ enum Way {
     Chord,
 }
 
+/// All ways, in the order of the results.
 const WAYS: [Way; 5] = [Way::Implicit, Way::ImplicitBounded, Way::Paper, Way::PaperBounded, Way::Chord];
 
 /// Splat with a clip curve, and a block of its pixels.
@@ -74,7 +76,7 @@ impl Random {
     }
 }
 
-/// Largest distance between the curve and the first pixel of a block beside it, in pixels.
+/// Largest distance, in pixels, from the curve to the first pixel of a block that is chosen beside the curve.
 const NEAR_PX: f64 = 1e-4;
 
 /// Returns the pixel offset at which a footprint has the coordinates `q`.

@@ -7,12 +7,13 @@ use std::fmt::Write as _;
 /// Layers that have a depth threshold, and therefore a visibility pass.
 const THRESHOLD_LAYERS: [&str; 4] = ["front", "shown", "edge_background", "peeled"];
 
-/// Sums of an attribute pass over a layer.
+/// Layer, and the sets of sums that attribute passes over it accumulate.
 struct LayerSums {
     layer: &'static str,
     sums: &'static [&'static str],
 }
 
+/// All layers with an attribute pass.
 const LAYERS: [LayerSums; 8] = [
     LayerSums { layer: "front", sums: &["color", "surface", "material_counts"] },
     LayerSums { layer: "mesh_blend", sums: &["color", "surface", "material_counts"] },
@@ -28,7 +29,7 @@ const LAYERS: [LayerSums; 8] = [
 const NEAREST_LAYERS: [(&str, bool); 5] =
     [("front", false), ("mesh_blend", true), ("shown", false), ("shown_mesh_blend", true), ("remaining", false)];
 
-/// Clip variants: the prefix of the entry points' names, and an additional parameter of the entry points.
+/// Clip variants of splats: the prefix of the entry points' names, and an additional parameter of the entry points.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
 
 /// Returns the WGSL type of a set of sums.

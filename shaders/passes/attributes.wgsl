@@ -101,7 +101,7 @@ fn mesh_blend_accumulates(in: AttributeVertex, z: f32) -> bool {
     return nearest <= reversed_depth(z) && (!shows || z - in.w.w <= polygon);
 }
 
-// Returns Σw·(colour, 1).
+// Returns a fragment's sums w·(colour, 1).
 fn color_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return vec4f(in.color, 1.0) * c.weight;
 }
@@ -111,12 +111,12 @@ struct SurfaceSums {
     @location(1) surface: vec4f,
 }
 
-// Returns Σw·(colour, 1) and Σw·(normal, z).
+// Returns a fragment's sums w·(colour, 1) and w·(normal, z).
 fn surface_sums_of(in: AttributeVertex, c: Contribution) -> SurfaceSums {
     return SurfaceSums(color_sums_of(in, c), vec4f(in.normal, c.z * frame.per_depth_unit) * c.weight);
 }
 
-// Returns Σw·material factors.
+// Returns a fragment's sums w·(ambient, diffuse and specular factor, shininess).
 fn material_sums_of(in: AttributeVertex, c: Contribution) -> vec4f {
     return objects[in.flags >> RECORD_OBJECT].material * c.weight;
 }

@@ -6,15 +6,17 @@
 // layers.
 @group(1) @binding(31) var<storage, read_write> balls: array<u32>;
 
+// Offsets of the header's words: columns of cells, first word of the records and of the pixels' states, and first entry
+// of each cell.
 const BALLS_COLUMNS: u32 = 0u;
 const BALLS_RECORDS_AT: u32 = 1u;
 const BALLS_STATES_AT: u32 = 2u;
 const BALLS_STARTS: u32 = 3u;
 
-// Side of a cell in pixels.
+// Side of a cell, a square of pixels with its own list of balls, in pixels.
 const BALL_CELL: u32 = 8u;
 
-// Offsets of the words of a record. Positions are offsets from the whole pixel BALL_BASE of the targets.
+// Offsets of a record's fields, in words. Positions are relative to the whole pixel BALL_BASE of the targets.
 const BALL_BASE: u32 = 0u;
 const BALL_ANCHOR: u32 = 2u;
 const BALL_MIDDLE: u32 = 4u;
@@ -28,10 +30,13 @@ const BALL_ALPHA: u32 = 14u;
 const BALL_FLAGS: u32 = 15u;
 const BALL_COLOR: u32 = 16u;
 const BALL_MATERIAL: u32 = 19u;
-// Stored light. It takes the place of the material, which the shader that shows stored light doesn't need.
+// Offset of the stored light in a record. It takes the place of the material, which the shader that shows stored light
+// doesn't need.
 const BALL_LIGHT: u32 = 19u;
+// Number of words of a record.
 const BALL_WORDS: u32 = 28u;
 
+// Bits of a record's BALL_FLAGS: a dot; an outline too large for the exact coverage; stored light.
 const BALL_IS_FLAT: u32 = 1u;
 const BALL_IS_LARGE: u32 = 2u;
 const BALL_HAS_LIGHT: u32 = 4u;

@@ -12,8 +12,9 @@ fn cell_depth(pixel: vec2i) -> f32 {
     return planes[frame.surfaces_at + 4u * (u32(pixel.y) * pixel_targets_px().x + u32(pixel.x)) + 3u];
 }
 
-// Words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the threshold, or 0.
-// Then follow the coverage, and 1 if the pixel has a surface. For samples, the last word is 1 if the pixel is sampled.
+// Offsets of the words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the
+// depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface. For samples, the last word is 1 if
+// the pixel is sampled.
 const EDGE_THRESHOLD: u32 = 0u;
 const EDGE_EPSILON: u32 = 1u;
 const EDGE_COVERAGE: u32 = 2u;

@@ -2,17 +2,20 @@
 // through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
 // to it. Then the pixel's sums are divided by Σw, lit and written from registers.
 
-// Records of a batch, and number of words with one bit per record.
+// Number of records of a batch, which a workgroup reads at a time.
 const BATCH: u32 = 92u;
+// Number of words with one bit for each record of a batch.
 const BATCH_WORDS: u32 = 3u;
 // Blocks of 8×4 pixels of a cell. For each block the records of a batch that touch it are found once for all of its
 // pixels.
 const BLOCK_COLUMNS: u32 = 8u;
 const BLOCK_ROWS: u32 = 4u;
+// Number of blocks of a cell.
 const CELL_BLOCKS: u32 = 8u;
-// A splat is small if it touches at most this many pixels of the cell. Two invocations visit the pixels of a small
-// splat. Larger ones are visited by the pixels of each block that they touch.
+// Largest number of pixels of the cell that a small splat touches. Two invocations visit the pixels of a small splat.
+// Larger ones are visited by the pixels of each block that they touch.
 const SMALL_SPLAT_PX: u32 = 64u;
+// Bit of `staged_boxes` that marks a small splat.
 const IS_SMALL: u32 = 0x80000000u;
 
 // Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
@@ -737,14 +740,14 @@ fn cell_sided_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @built
     draw_cell(cell.xy, i, CellPass(true, true, true, true, false));
 }
 
-// Number of pairs above which a cell is dense. Dense cells are drawn in parts, each by its own workgroup, so that no
-// workgroup's work grows with the number of splats. The parts are combined in order.
+// Largest number of pairs of a cell that isn't dense. Dense cells are drawn in parts, each by its own workgroup, so
+// that no workgroup's work grows with the number of splats. The parts are combined in order.
 const DENSE_PAIRS: u32 = 4096u;
 // Maximum number of pairs of a part. Within this many pairs two parts may begin: the last of one dense cell and the
 // first of the next.
 const PART_PAIRS: u32 = 2048u;
-// Words of a part per pixel: its threshold and the threshold's writer, sums of colours, surface, material, fragments
-// and coverage, and its nearest fragment.
+// Number of words of a part per pixel: its threshold and the splat that defines it, sums of colours, surface, material,
+// fragments and coverage, and its nearest fragment.
 const PART_WORDS: u32 = 19u;
 
 // Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.

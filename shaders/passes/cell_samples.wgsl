@@ -3,9 +3,9 @@
 // of cells.wgsl set up and sort the splats of active cells alone. A workgroup then draws the samples of a cell, and
 // writes their means to the colours of the sampled pixels.
 
-// Number of pixels along the side of a cell of samples, and number of cells along the side of a workgroup of
-// `cell_steps`.
+// Number of image pixels along the side of a cell of samples.
 const SAMPLED_SIDE: u32 = 4u;
+// Number of cells along the side of a workgroup of `cell_steps`.
 const STEP_CELLS: u32 = 2u;
 
 @group(1) @binding(57) var<storage, read_write> cell_active_out: array<u32>;

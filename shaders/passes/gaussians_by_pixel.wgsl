@@ -9,8 +9,10 @@ struct WaitingGaussian {
     at: u32,
 }
 
-// Steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of a loop.
+// Maximum number of steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of
+// a loop.
 const GAUSSIAN_STEPS: u32 = 1024u;
+// Both words of the limit of a turn that accepts fragments of any key.
 const NO_LIMIT: u32 = 0xffffffffu;
 // Number of fragments that may wait in a pixel's first turn. Each further turn quadruples the number, up to the size of
 // the heap.

@@ -1,9 +1,9 @@
 // Balls and dots (rendering model §11): coverage of a pixel by the ellipse on the screen, and the point of the sphere
 // that a pixel shows. Twin: surfel-math, ball.rs.
 
-// Smallest coverage at which a pixel counts as fully covered: 1 − 2⁻¹².
+// Smallest coverage with which a fragment counts as covering the whole pixel: 1 − 2⁻¹², which allows for rounding.
 const BALL_FULL: f32 = 0.999755859375;
-// Smallest coverage at which a fragment is visible in the planes of depth, normal and nearest splat.
+// Smallest coverage with which a fragment is visible in the planes of depth, normal and nearest splat.
 const BALL_SOLID: f32 = 0.5;
 
 // Outline of a ball on the screen: the ellipse dx = extent.x·(skew·v + width·u), dy = extent.y·v over the unit disk u²
@@ -14,6 +14,7 @@ struct Outline {
     width: f32,
 }
 
+// Returns an area of a pixel as a coverage from 0 to 1, which is 1 from BALL_FULL on.
 fn ball_limited(area: f32) -> f32 {
     return select(max(area, 0.0), 1.0, BALL_FULL <= area);
 }

@@ -6,10 +6,13 @@ const DEPTH_RECIPROCAL: u32 = 0u;
 // Form of the depth z = scale + gradient·d: orthographic, or perspective with the affine mapping.
 const DEPTH_LINEAR: u32 = 1u;
 
+// Kind of a depth tolerance: a multiple of the larger radius of the splat.
 const TOLERANCE_RELATIVE: u32 = 0u;
+// Kind of a depth tolerance: a length in world units.
 const TOLERANCE_ABSOLUTE: u32 = 1u;
 
-// Margin of the slope term beyond the filter radius, in pixels: half a pixel's diagonal.
+// Margin by which the slope term of the depth tolerance reaches beyond the filter radius, in pixels: half a pixel's
+// diagonal.
 const SLOPE_MARGIN_PX: f32 = 0.7;
 
 struct DepthPlane {
@@ -28,7 +31,7 @@ struct Tolerance {
 }
 
 // Returns the depth of the splat's plane at offset d, clamped to the disk's range on 1/z. A plane behind the eye gives
-// the far end (§3).
+// the far end (rendering model §3).
 fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     let value = fma(plane.gradient.x, d.x, plane.gradient.y * d.y);
     if form == DEPTH_LINEAR {
@@ -39,8 +42,8 @@ fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     return select(plane.z_max, max(min(z, plane.z_max), plane.z_min), 0.0 < w);
 }
 
-// Returns the depth tolerance ε (§5) in world units; h_px is 0 for a splat drawn without a filter. The slope term is
-// Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
+// Returns the depth tolerance ε (rendering model §5) in world units; h_px is 0 for a splat drawn without a filter. The
+// slope term is Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
 fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
     let p = splat.p;
     let n = splat.n;
@@ -64,6 +67,7 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
     return min(0.2 * z, min(setting.value * radius_max, 0.1 * z) + slope);
 }
 
+// Returns v, moved away from zero to an absolute value of at least `least`.
 fn away_from_zero(v: f32, least: f32) -> f32 {
     return select(max(v, least), -max(-v, least), v < 0.0);
 }
@@ -78,7 +82,7 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     return across * -(p.z * p.z / away_from_zero(v3_dot(n, p), 0.02 * v3_length(p)));
 }
 
-// Distance over which a polygon's slope may explain a depth step to one of its eight neighbours, in pixels.
+// Distance, in pixels, to which a polygon's slope is extended to explain a depth step to one of its eight neighbours.
 const STEP_PX: f32 = 2.0;
 
 // Returns the largest distance behind a polygon's depth z at which a neighbouring pixel may still show the same

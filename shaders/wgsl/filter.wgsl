@@ -2,11 +2,12 @@
 
 struct Filtered {
     footprint: Footprint,
-    // Factor of the weight: the area ratio if the filter includes the ratio in the weight, else 1.
+    // Factor of the weight: the ratio of the splat's area to the filtered one if the filter includes it in the weight,
+    // else 1.
     weight_scale: f32,
-    // Factor of the coverage (§5): the area ratio if the weight doesn't include the ratio, else 1.
+    // Factor of the coverage (rendering model §5): the area ratio if the weight doesn't include it, else 1.
     coverage_scale: f32,
-    // Map from the footprint's (u, v) to the splat's own. Only clips use it (§7).
+    // Map from the footprint's (u, v) to the splat's own. Only clips use it (rendering model §7).
     turn: Turn,
 }
 
@@ -14,9 +15,9 @@ fn filtered_unfiltered(footprint: Footprint) -> Filtered {
     return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 
-// Surfel's own filter (§4): lengthens the projected ellipse's axes to at least h pixels, and multiplies the weight by ∏
-// min(1, ℓ/h). An axis of at least h stays exact; a lengthened one becomes parallel to the screen (Guennebaud et al.
-// 2006 eq. 9).
+// Surfel's own filter (rendering model §4): lengthens the projected ellipse's axes to at least h pixels, and multiplies
+// the weight by ∏ min(1, ℓ/h). An axis of at least h stays exact; a lengthened one becomes parallel to the screen
+// (Guennebaud et al. 2006 eq. 9).
 fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     let major = svd.major_axis;
@@ -58,12 +59,14 @@ fn principal_turn(projected: Projected, svd: Svd2) -> Turn {
     return Turn(first, vec2f(-first.y, first.x) * select(1.0, -1.0, projected.det_j < 0.0));
 }
 
-// Returns ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` apply to the coverage (§5) instead of the weight.
+// Returns ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` apply to the coverage (rendering model §5) instead of
+// the weight.
 fn area_ratio(projected: Projected, h_px: f32) -> f32 {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     return (svd.major / max(svd.major, h_px)) * (svd.minor / max(svd.minor, h_px));
 }
 
+// Projected half-axis, lengthened to the filter radius h if it was too short, with its change of depth.
 struct Lengthened {
     j: vec2f,
     slope: f32,
@@ -95,7 +98,7 @@ fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     return Filtered(footprint, 1.0, area_ratio(projected, h_px), turn_none());
 }
 
-// Returns the half-axes that `adjust` lengthens (§4), and the map from their (u, v) to the given ones.
+// Returns the half-axes that `adjust` lengthens (rendering model §4), and the map from their (u, v) to the given ones.
 //
 // The axes are an ellipse's principal ones. For a disk (axes equal within 1e-3) they are those of Guennebaud et al.
 // 2006 eq. 10: s along p × n, t along n × s, where p is the view direction in an orthographic projection. The twin uses

@@ -7,7 +7,7 @@ struct GaussianForms {
     v: vec2f,
     w: vec3f,
     z: vec3f,
-    // Factor of |d|² in the low-pass filter.
+    // Factor of |d|² in the low-pass filter, a disk on the screen that a Gaussian is never smaller than.
     low_pass: f32,
 }
 
@@ -22,7 +22,7 @@ fn gaussian_forms_at(forms: GaussianForms, d: vec2f) -> vec2f {
     return vec2f(min(on_plane, on_screen), fma(forms.z.x, d.x, fma(forms.z.y, d.y, forms.z.z)) * inverse);
 }
 
-// Returns a positive depth rounded to 17 bits, which pixels use as the sort key of fragments.
+// Returns a positive depth rounded to 17 bits of significand, by which pixels sort fragments.
 fn depth_step_f32(z: f32) -> u32 {
     return (bitcast<u32>(z) + 64u) >> 7u;
 }
@@ -32,7 +32,7 @@ fn distortion_depth(z: f32) -> f32 {
     return (1.0 - 0.2 / z) * 1.002004008;
 }
 
-// Largest f32, minus a margin for a few roundings.
+// Largest absolute value of a colour channel: the largest f32, minus a margin for a few roundings.
 const LARGEST_COLOR: f32 = 3.4028e38;
 
 // Clamps a channel of a colour to ±LARGEST_COLOR.

@@ -6,7 +6,7 @@
 const PERSPECTIVE: u32 = 0u;
 const ORTHOGRAPHIC: u32 = 1u;
 
-// Cosine at which a splat is edge-on: |n·p| is at most this value times |p| (§2). No pass draws an edge-on splat.
+// Largest |n·p|/|p| at which a splat is edge-on (rendering model §2). No pass draws an edge-on splat.
 const EDGE_ON: f32 = 1e-5;
 
 struct Projection {
@@ -104,7 +104,7 @@ fn projected_is_edge_on(projected: Projected) -> bool {
     return projected.facing_cosine <= EDGE_ON;
 }
 
-// Returns r_max (§2): the larger singular value of [s t], at any scale.
+// Returns r_max (rendering model §2): the larger singular value of [s t], at any scale.
 fn radius_max(s: vec3f, t: vec3f) -> f32 {
     let scale = max(v3_max_abs(s), v3_max_abs(t));
     let u = s * (1.0 / scale);
@@ -118,7 +118,7 @@ fn radius_max(s: vec3f, t: vec3f) -> f32 {
 }
 
 // Returns the pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates
-// (§3).
+// (rendering model §3).
 fn projection_offset_from(projection: Projection, p: vec3f, base_px: vec2f) -> vec2f {
     let b = base_px - projection.principal_px;
     let focal = projection.focal_px;

@@ -1,5 +1,6 @@
 // Shadow map lookup (rendering model §5). Twin: surfel-math, shadow.rs and, for the slope, depth.rs.
 
+// Bias of a lookup as a fraction of the depth in the map, or of the map's height in an orthographic projection.
 const LOOKUP_BIAS: f32 = 5e-4;
 
 // Returns the bias of a lookup at depth z of a map: the distance by which the point is moved toward the light.
@@ -7,6 +8,7 @@ fn lookup_bias(z: f32, projection: Projection) -> f32 {
     return LOOKUP_BIAS * select(z, projection.height, projection.kind == ORTHOGRAPHIC);
 }
 
+// Texels along an axis that a lookup reads: the first of four, and their weights.
 struct Taps {
     first: f32,
     weights: vec4f,
@@ -20,8 +22,8 @@ fn taps(texel: f32) -> Taps {
     return Taps(whole - 1.0, tap_weights(share));
 }
 
-// Returns the weights of the taps. `share` is the position of the point between the second texel's centre (0) and the
-// third's (1).
+// Returns the weights of the four texels that a lookup reads along an axis. `share` is the position of the point
+// between the second texel's centre (0) and the third's (1).
 fn tap_weights(share: f32) -> vec4f {
     let third = 1.0 / 3.0;
     return vec4f((1.0 - share) * third, third, third, share * third);

@@ -1,6 +1,8 @@
 // The shader `toon` (rendering model §5): stepped light, and outlines. Twin: surfel-math, toon.rs.
 
+// Half the width of the smooth transition between two steps of light.
 const TOON_HALF_WIDTH: f32 = 0.02;
+// Strength of a highlight at the edge of its spot.
 const TOON_HIGHLIGHT: f32 = 0.5;
 
 // Returns 0 up to `low`, 1 from `high` on, and 3x² − 2x³ in between.
@@ -9,6 +11,7 @@ fn toon_smoothstep(x: f32, low: f32, high: f32) -> f32 {
     return t * t * (3.0 - 2.0 * t);
 }
 
+// Returns a smooth step of the light from 0 to 1 around the value `at`.
 fn toon_step(light: f32, at: f32) -> f32 {
     return toon_smoothstep(light, at - TOON_HALF_WIDTH, at + TOON_HALF_WIDTH);
 }

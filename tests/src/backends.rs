@@ -38,9 +38,10 @@ impl Backend {
 pub struct Run {
     /// Backend and adapter that drew the images.
     pub info: RendererInfo,
-    /// Note on the run: that the calls weren't validated, if so.
+    /// Note that the backend's calls weren't validated, with the reason; `None` if they were.
     pub note: Option<String>,
-    /// Results of the truths, in their order, followed by results without an image.
+    /// Results of comparing the truths, in their order. Results without an image follow: unused expectations and
+    /// messages of validation layers.
     pub checked: Vec<Checked>,
 }
 
@@ -90,6 +91,7 @@ pub struct Session {
     note: Option<String>,
 }
 
+/// Renderer of a running backend.
 enum Drawing {
     Cpu(Box<surfel_cpu::Renderer>),
     Wgpu(Box<surfel_wgpu::Renderer>),

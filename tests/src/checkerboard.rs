@@ -1,5 +1,5 @@
 //! Measurement of filters on a checkerboard that extends to the horizon: the detail that a filter preserves, and the
-//! aliasing that remains (§5).
+//! aliasing that remains (rendering model §5).
 //!
 //! The scene is a square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, with 40×40 fields and
 //! 400×400 disks of r = spacing = 0.005; fov_y 60°, 512². The truth is the exact pattern under a box filter of one
@@ -14,11 +14,17 @@ use surfel_render::{Frame, Planes, RenderError, Renderer, View};
 
 /// Side of the image, in pixels.
 pub const SIZE: u32 = 512;
+/// Number of disks along a side of the square.
 const DISKS: usize = 400;
+/// Distance between neighbouring disks, which is also their radius, in world units.
 const SPACING: f64 = 0.005;
+/// Number of black and white fields along a side of the square.
 const SQUARES: f64 = 40.0;
+/// Depth of the square's centre, in world units.
 const DISTANCE: f64 = 1.2;
+/// Angle by which the square is turned about x from facing the eye, in degrees.
 const TURN_DEG: f64 = 80.0;
+/// Number of samples of the exact image along a side of a pixel.
 const SAMPLES: u32 = 16;
 
 /// RMSE in five bands of the square's rows, from far to near. The bands have 1/16, 1/16, 1/8, 1/4 and 1/2 of the rows.

@@ -18,7 +18,7 @@ pub struct Expectation {
     pub scene: &'static str,
     /// Plane that differs.
     pub plane: Plane,
-    /// Maximum error in multiples of the tolerance; above 1.
+    /// Largest error of the plane that is expected, in multiples of the tolerance; above 1.
     pub factor: f64,
     /// Reason why the difference is right or unavoidable.
     pub because: &'static str,

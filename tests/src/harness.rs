@@ -15,9 +15,9 @@ use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 /// tolerance is about 1/16 of an 8-bit level, which is invisible. It is also 16 times the rounding error of a sum of a
 /// hundred f32 fragments.
 pub const ABSOLUTE: f64 = 2e-4;
-/// Relative tolerance of every plane.
+/// Tolerance of every plane relative to the expected value, in addition to [`ABSOLUTE`].
 pub const RELATIVE: f64 = 1e-3;
-/// Maximum fraction of an image's pixels that may be forgiven outliers (rendering model, ties).
+/// Largest fraction of an image's pixels whose outliers may be forgiven (rendering model, *Ties and margins*).
 pub const FORGIVEN_SHARE: f64 = 0.025;
 
 /// Plane of an image that is compared.

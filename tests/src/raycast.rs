@@ -12,7 +12,7 @@ use surfel_render::Frame;
 
 /// Vertical field of view of the cameras, in degrees.
 const FOV_Y_DEG: f64 = 30.0;
-/// Angle between two normals, in degrees, above which they count as different.
+/// Largest angle between two normals, in degrees, with which they count as the same.
 const DIFFERENT_DEG: f64 = 20.0;
 
 /// Mesh prepared for ray casting. Traversal uses boxes in f32, and intersections are in f64.

@@ -206,8 +206,9 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
     Ok(entries.iter().all(Entry::is_ok))
 }
 
-/// Number of frames of a scene that are hashed. The second number is for devices that compute on the CPU.
+/// Number of frames of a scene whose planes are hashed, to find out whether repeated frames are identical.
 const HASHED: usize = 5;
+/// Number of frames of a scene whose planes are hashed on devices that compute on the CPU, which are slow.
 const HASHED_BY_SOFTWARE: usize = 2;
 
 /// Returns the record of a scene that was compared, with hashes of further frames.

@@ -13,6 +13,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use surfel_render::{Frame, Planes};
 
+/// First line of a file, which names its format and version.
 const FORMAT: &str = "surfel truths 1";
 
 /// Maximum side of an image in the file, in pixels.

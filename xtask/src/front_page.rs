@@ -5,7 +5,8 @@ use std::process::Command;
 
 use crate::{cargo, python};
 
-/// Stack size of the optimised program's threads, in bytes: the smallest default of any operating system.
+/// Stack size with which the optimised program's threads are tested, in bytes: the smallest default of any operating
+/// system.
 const LEAST_STACK: &str = "524288";
 
 /// Builds and runs the program of README.md, unoptimised and in release mode. Prints failures; returns true if there

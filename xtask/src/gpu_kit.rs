@@ -6,8 +6,9 @@ use std::process::Command;
 
 use crate::cargo;
 
-/// Folder of the kit.
+/// Folder into which the kit is built, relative to the workspace.
 const FOLDER: &str = "target/gpu-kit";
+/// Page of the kit's measurements, relative to the workspace.
 const PAGE: &str = "docs/data/gpu.md";
 /// Maximum size of the kit's folder, in bytes. It has to fit the 64 MiB that can be transferred to a borrowed machine.
 const MOST_BYTES: u64 = 66_000_000;

@@ -17,6 +17,7 @@ pub(crate) struct Package {
     pub(crate) version: String,
     /// Licence as an SPDX expression.
     pub(crate) licence: String,
+    /// Address of the package's source repository, if its manifest states one.
     pub(crate) repository: Option<String>,
     /// Folder of the package's sources.
     pub(crate) folder: PathBuf,

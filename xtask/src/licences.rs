@@ -10,8 +10,9 @@ use serde_json::{Value, json};
 
 use crate::graph::{self, Package};
 
-/// Files that the command writes.
+/// Output file with the licence texts of all dependencies, relative to the workspace.
 pub(crate) const LICENCES: &str = "THIRD-PARTY.txt";
+/// Output file with the software bill of materials, relative to the workspace.
 pub(crate) const SBOM: &str = "packaging/surfel.cdx.json";
 
 /// Packages that are shipped: the program, and the extension module of the Python package.

@@ -5,14 +5,18 @@ use std::process::{Command, Stdio};
 
 use crate::{FEATURES, cargo_for_tests, lab};
 
-/// Folder of the package.
+/// Folder of the Python package, relative to the workspace.
 const PACKAGE: &str = "crates/surfel-python";
+/// Folder of the package's Python modules, relative to the workspace.
 pub(crate) const SOURCE: &str = "crates/surfel-python/python";
+/// Folder of the package's tests, relative to the workspace.
 const TESTS: &str = "crates/surfel-python/tests";
 /// Packages that the tests need: pip requirement and module name.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
+/// Packages that build the wheels: pip requirement and module name.
 pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
-/// Further packages, for notebooks, rendering engines, comparisons with other programs, and tests of other packages.
+/// Packages for the tests with `full` (notebooks, rendering engines, comparisons with other programs, tests of other
+/// packages): pip requirement and module name.
 const SHOWN_BY: [(&str, &str); 18] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
@@ -41,6 +45,7 @@ pub(crate) struct Platform {
     pub(crate) tag: &'static str,
     /// Docker platform of the container in which the wheel is tested.
     pub(crate) docker: &'static str,
+    /// Docker image in which the wheel is tested.
     pub(crate) image: &'static str,
 }
 

@@ -16,15 +16,15 @@ Times surfel on inputs of sizes n, 2n, 4n and 8n, of every shape or of those who
 exponent of the CPU time over the size: of the line fitted through the four, and of the last doubling. It fails where a
 fitted exponent is above 1.2. Needs GNU time as /usr/bin/time. The program is built for release unless one is named.";
 
-/// Largest exponent of growth that a shape may have.
+/// Largest exponent p with which a shape passes, if its CPU time grows as the p-th power of its size.
 const MOST: f64 = 1.2;
 
 /// Mean CPU time that GNU time loses by rounding, in seconds. It rounds the times of the user and of the system down to
 /// 0.01 s each.
 const ROUNDED_S: f64 = 0.01;
-/// Duration in seconds below which a run is repeated, and times are averaged.
+/// Duration in seconds below which a run is repeated [`SHORT_RUNS`] times, and the times are averaged.
 const SHORT_S: f64 = 0.1;
-/// Number of repetitions of a short run.
+/// Number of repetitions of a run shorter than [`SHORT_S`].
 const SHORT_RUNS: u32 = 6;
 
 /// Exit code of the program for invalid input.
@@ -33,8 +33,9 @@ const WRONG_INPUT: i32 = 3;
 /// Kind of hostile input, with the command that is run on it.
 struct Shape {
     name: &'static str,
-    /// Name of the parts that `n` counts.
+    /// Name of the parts of the input whose number is its size, such as `points`.
     counts: &'static str,
+    /// Smallest of the four sizes; the others are 2, 4 and 8 times as large.
     n: usize,
     /// Function that writes an input of size `n` into a folder. It returns the arguments of the program, which runs in
     /// this folder.
@@ -60,7 +61,7 @@ impl Shape {
     }
 }
 
-/// Measured times of a shape at its four sizes.
+/// Shortest CPU times of a shape at its four sizes, and its peak memory.
 struct Row {
     shape: Shape,
     seconds: [f64; 4],

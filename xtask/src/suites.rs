@@ -145,6 +145,7 @@ fn packages(root: &Path) -> Vec<(String, PathBuf)> {
     named
 }
 
+/// Numbers of tests of a suite by result.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Suite {
     name: String,
@@ -152,6 +153,7 @@ struct Suite {
     failed: usize,
     /// Number of ignored tests and of tests that passed only because their data was missing.
     skipped: usize,
+    /// True if the suite ended with a report; otherwise it counts as failed.
     reported: bool,
 }
 
@@ -201,20 +203,26 @@ impl Summary {
     }
 }
 
-/// Position of the parser within the captured output of passed tests.
+/// Position of the parser within the captured output of passed tests. A test whose data is missing prints a line that
+/// begins with `skip`, its excuse.
 #[derive(PartialEq)]
 enum Excuse {
+    /// Outside of the output of any test.
     Outside,
+    /// In the output of a test without an excuse so far.
     InBlock,
+    /// In the output of a test whose excuse was counted.
     Counted,
 }
 
 struct Parser<'a> {
     packages: &'a [(String, PathBuf)],
     summary: Summary,
-    /// Package of the last suite.
+    /// Name of the package of the last suite, which the package of the next suite follows.
     package: Option<String>,
+    /// Position within the captured output of passed tests.
     excuse: Excuse,
+    /// Number of excuses that the current suite's tests printed.
     excuses: usize,
 }
 

@@ -48,11 +48,12 @@ fn problems(root: &Path) -> Vec<String> {
     problems
 }
 
-/// Text that pages must contain until a GPU is measured.
+/// Text that the pages in [`GPU_CLAIMS`] must contain until a GPU is measured, and only until then.
 const NO_GPU: &str = "No GPU has been measured";
 
 /// Pages that state whether a GPU was measured.
 const GPU_CLAIMS: [&str; 2] = ["README.md", "docs/performance.md"];
+/// Page of GPU measurements, relative to the root.
 const GPU_PAGE: &str = "docs/data/gpu.md";
 
 /// Returns the pages that disagree with the page of GPU measurements on whether a GPU was measured.

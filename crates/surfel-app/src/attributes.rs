@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 use surfel_io::Content;
 use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
-/// Names of the classes in LAS 1.4 R15, table 17. The numbers 8 and 12, which it reserves, have names of older
-/// versions.
+/// Names of the ASPRS point classes, by number, from LAS 1.4 R15, table 17. The numbers 8 and 12, which it reserves,
+/// have names of older versions.
 const ASPRS_CLASSES: [&str; 23] = [
     "never classified",
     "unclassified",
@@ -115,7 +115,8 @@ fn of_numbers(numbers: Option<&[f32]>) -> Value {
     spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))
 }
 
-/// Returns the minimum and maximum of each component. Rows with a component that isn't finite are skipped.
+/// Returns the minimum and maximum of each component over all rows; `None` without rows. Rows with a component that
+/// isn't finite are skipped.
 fn spread<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> Option<([f64; N], [f64; N])> {
     rows.filter(|row| row.iter().all(|v| v.is_finite())).fold(None, |found, row| {
         let (lo, hi) = found.unwrap_or((row, row));
@@ -131,7 +132,7 @@ fn nothing() -> Value {
     json!({ "min": null, "max": null })
 }
 
-/// Widens a range to include another range, or zero if `other` is `None`.
+/// Widens an attribute's range, in JSON, so that it includes another range, or zero if `other` is `None`.
 pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     let zero = json!(0.0);
     let Some(sides) = range.as_object_mut() else { return };

@@ -23,7 +23,7 @@ pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     }
 }
 
-/// True if an option changes the camera. An invalid camera is then a usage error.
+/// True if an option changes the camera. An error of the camera is then reported as a usage error.
 pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
     options.eye.is_some()
         || options.target.is_some()
@@ -112,8 +112,8 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
     }
 }
 
-/// Returns the scene's up direction. If the camera looks along it, returns the up direction of the top or bottom view
-/// instead.
+/// Returns the direction that appears upward in a new view: the scene's up axis. If the camera looks along the up axis,
+/// returns the up direction of the top or bottom view instead.
 fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     let forward = (DVec3::from(camera.target) - DVec3::from(camera.eye)).normalize_or_zero();
     let along = up.vector();
@@ -125,8 +125,8 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     ViewAxes::named(view, up).up.into()
 }
 
-/// Fits the near and far planes to the scene. The near plane changes only if `own_near` is true, the far plane only if
-/// needed.
+/// Fits the near and far planes of a camera to the scene. The near plane changes only if `own_near` is true (no option
+/// or file states it), and the far plane only if the scene extends beyond it.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
     let Some((first, last)) = surfel_framing::depth_range(scene, camera.eye.into(), forward) else { return };
@@ -184,7 +184,7 @@ pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     camera
 }
 
-/// Axis around which the camera and its lights turn.
+/// Axis around which the camera and its lights turn in a turntable movie.
 #[derive(Clone, Copy, Debug)]
 pub struct Turntable {
     /// A point on the axis, in world space.

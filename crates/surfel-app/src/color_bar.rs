@@ -5,7 +5,7 @@ use surfel_figure::{Drawing, Figure, Key, Style};
 use surfel_io::IoError;
 use surfel_load::coloring::{ColorScale, Coloring};
 
-/// Font size of a colour bar's image, in pixels.
+/// Font size of the image of a colour bar or legend, in pixels.
 const FONT_PX: f64 = 18.0;
 
 /// Returns the colour bar or legend of a colouring, for figures. Returns `None` if the colours don't represent values.

@@ -14,7 +14,7 @@ use surfel_metrics::{CompareOptions, Comparison, Image, MetricsError, PlaneCompa
 pub struct ImageComparison {
     /// Differences of the colours.
     pub colors: Comparison,
-    /// Differences of the other planes that both images have, by channel name.
+    /// Differences of the other planes that both images have, each with its channel name.
     pub planes: Vec<(String, PlaneComparison)>,
 }
 

@@ -7,20 +7,20 @@ use surfel_model::Colormap;
 /// Width of a figure, on paper or on a screen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Length {
-    /// Length in pixels.
+    /// Length in pixels of the image.
     Pixels(f64),
-    /// Length in inches.
+    /// Length in inches on paper.
     Inches(f64),
 }
 
 /// Kind of mark that is drawn over all panels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MarkKind {
-    /// Scale bar.
+    /// Scale bar of a round length.
     Scale,
     /// Arrows for the directions of x, y and z.
     Axes,
-    /// Arrow along y, for north.
+    /// Arrow along the y axis of the coordinates, which points north on a map.
     North,
 }
 
@@ -34,15 +34,15 @@ pub struct FigureOptions {
     pub titles: Vec<String>,
     /// Titles to the left of the rows, one for each row.
     pub row_titles: Vec<String>,
-    /// Number of subjects, at least 1; `None` means 1. The files are divided, in their order, into this many groups of
-    /// equal size.
+    /// Number of subjects, at least 1; `None` means 1. A subject is a group of files with one camera and one light. The
+    /// files are divided, in their order, into this many groups of equal size.
     pub subjects: Option<u32>,
-    /// Maximum number of panels side by side, at least 1. Further panels begin a new row.
+    /// Largest number of panels side by side, at least 1. Further panels begin a new row.
     pub wrap: Option<u32>,
     /// Colour map for an additional row of panels, which shows distances to the first file. `None` adds no row.
     pub error_row: Option<Colormap>,
-    /// Distance that gets the last colour of the error row, more than 0, in the units of the coordinates. `None` uses
-    /// the 98th percentile.
+    /// Distance to the first file, in the units of the coordinates, that gets the last colour of the error row; more
+    /// than 0. `None` uses the 98th percentile of all distances.
     pub error_max: Option<f64>,
     /// Marks over the panels.
     pub marks: Vec<MarkKind>,
@@ -52,11 +52,11 @@ pub struct FigureOptions {
     pub value_title: Option<String>,
     /// True if colour bars and legends are left out.
     pub no_legend: bool,
-    /// File of cameras that are drawn as frusta.
+    /// File of cameras that are drawn over the panels as frusta: pyramids that show position and direction.
     pub frusta: Option<PathBuf>,
-    /// Labels, each placed at a point in world space.
+    /// Labels, each a point in world space and the text that is placed there.
     pub texts: Vec<([f64; 3], String)>,
-    /// Width of the figure.
+    /// Width of the whole figure; `None` derives it from the size of the panels.
     pub width: Option<Length>,
     /// Resolution in pixels per inch, more than 0.
     pub dpi: Option<f64>,
@@ -64,7 +64,7 @@ pub struct FigureOptions {
     pub font_pt: Option<f64>,
 }
 
-/// All marks, with their names.
+/// All kinds of marks, each with its name in options.
 pub const MARKS: &[(&str, MarkKind)] =
     &[("scale", MarkKind::Scale), ("axes", MarkKind::Axes), ("north", MarkKind::North)];
 

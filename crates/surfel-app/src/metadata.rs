@@ -19,21 +19,21 @@ use surfel_render::RendererInfo;
 
 /// Version of this package and the program.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Metadata key of the program version.
+/// Metadata key of the version of the program that drew the image.
 pub const VERSION_KEY: &str = "surfel:version";
 /// Metadata key of the scene file, whose paths are relative to the image's folder.
 pub const SCENE_KEY: &str = "surfel:scene";
-/// Metadata key of the drawing options that aren't part of the scene.
+/// Metadata key of the drawing options that aren't part of the scene, such as the backend and the region.
 pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Metadata key of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
 
-/// Maximum size in bytes of a file that is hashed completely. Hashing a larger file would take longer than drawing it
-/// with levels of detail.
+/// Largest size, in bytes, up to which a file is hashed completely. Of larger files, evenly spaced blocks are hashed:
+/// hashing all would take longer than drawing with levels of detail.
 const WHOLE_BYTES: u64 = 256 << 20;
-/// Number of blocks that are hashed of a larger file, evenly spaced from its beginning to its end.
+/// Number of blocks that are hashed of a file larger than [`WHOLE_BYTES`], evenly spaced from its beginning to its end.
 const PARTS: u64 = 64;
-/// Size of each hashed block in bytes.
+/// Size, in bytes, of each hashed block of a file larger than [`WHOLE_BYTES`].
 const PART_BYTES: u64 = 1 << 20;
 
 /// An input file of an image.
@@ -45,7 +45,7 @@ pub struct Input {
     pub content: Content,
 }
 
-/// Identity of a file's content.
+/// Identity of a file's content, by which `surfel again` detects that an input has changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Content {
     /// A file with known size and hash.

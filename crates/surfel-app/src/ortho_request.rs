@@ -21,7 +21,7 @@ use surfel_sample::Progress;
 pub struct OrthoRequest<'a> {
     /// Paths of the input files; `-` stands for the content of `stdin`.
     pub inputs: &'a [PathBuf],
-    /// Grid and content of the image. Its loading options are ignored; they are derived from `splats`.
+    /// Grid and content of the image. Its loading options are ignored, because they are derived from `splats`.
     pub options: OrthoOptions,
     /// Options for converting files to splats.
     pub splats: &'a SplatOptions,

@@ -7,12 +7,12 @@ use surfel_load::{Error, levels};
 use surfel_sample::Progress;
 
 /// Largest number of points per file in the coarse scene, for files without levels of detail. For files with levels, it
-/// is the smallest point limit of a coarse scene, unless the full scene has a smaller limit.
+/// is a lower bound on the point limits of coarse scenes, unless the full scene's limit is smaller.
 pub const FIRST_POINTS: u32 = 100_000;
-/// Number of coarse scenes before the full scene, if files have levels of detail.
+/// Number of successively finer scenes that are drawn before the full scene, if files have levels of detail.
 const STEPS: u32 = 2;
 
-/// Fidelity of a progressively loaded scene.
+/// Step of progressive loading that a scene belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// A coarse scene; a finer one follows.
@@ -87,15 +87,15 @@ pub fn resolve<E: From<Error>>(
     each(request.resolve(loaded, progress, note)?, Detail::Full)
 }
 
-/// Returns the request for a coarse scene: [`FIRST_POINTS`] of each file, evenly selected, with a separate cache of
-/// estimates.
+/// Returns the request for the coarse scene of files without levels: [`FIRST_POINTS`] of each file, evenly selected. It
+/// has its own cache of estimates.
 fn sample_of(request: &Request) -> Request {
     let coarse = request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0);
     coarse.with_estimates(Arc::default())
 }
 
-/// Returns the loaded objects of a sample that includes all points, as if `request` had loaded them. The point limit
-/// that the sample added isn't reported as an unused option.
+/// Returns the loaded objects of a sample that turned out to include all points, as if `request` had loaded them. The
+/// point limit that the sample added isn't reported as an option without effect.
 fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
     if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
         // The request itself states no point limit.
@@ -104,7 +104,7 @@ fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
     loaded
 }
 
-/// Result of the first step of progressive loading.
+/// Result of loading a coarse selection of points first.
 pub(crate) enum First {
     /// No objects, because the files have levels of detail.
     Nothing,

@@ -3,14 +3,14 @@
 use surfel_model::{Column3, Mesh, PointCloud, SplatCloud};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, PointOptions};
 
-/// Largest number of points whose radii are all estimated. For larger clouds, a sample is used.
+/// Largest number of points at which the radii of all points are estimated. For larger clouds, patches are sampled.
 pub(crate) const ALL: usize = 12_000;
 
-/// Number of patches from which the radii of larger clouds are estimated.
+/// Number of patches (points with their neighbours) from which the radii of larger clouds are estimated.
 pub(crate) const PATCHES: usize = 16;
 
-/// Number of points nearest to a patch's centre that are converted, and number of the nearest ones whose radii are
-/// used. Points farther out lack neighbours, which biases their radii.
+/// Number of points nearest to a patch's centre that are converted to splats, and number of the nearest of these whose
+/// radii are used. Points farther out lack neighbours, which biases their radii.
 pub(crate) const PATCH: (usize, usize) = (600, 200);
 
 /// Statistics of splat radii, in object units.
@@ -18,7 +18,7 @@ pub(crate) struct Radii {
     pub(crate) median: f64,
     pub(crate) min: f64,
     pub(crate) max: f64,
-    /// Method of the estimate in words, or "given" for radii from the file.
+    /// Description, for the user, of how the radii were estimated, or "given" for radii from the file.
     pub(crate) how: &'static str,
 }
 
@@ -30,7 +30,7 @@ impl Radii {
     }
 }
 
-/// Returns the memory of points in bytes.
+/// Returns the memory that the columns of a point cloud take, in bytes.
 pub(crate) fn bytes_of_points(p: &PointCloud) -> usize {
     p.positions.bytes()
         + p.normals.as_ref().map_or(0, Column3::bytes)
@@ -43,7 +43,8 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
     (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
 }
 
-/// Estimates the radii of the first `count` points. The flag is true if the radii come from the file.
+/// Estimates the radii of the first `count` points, with all of `points` as neighbours. The flag is true if the radii
+/// come from the file.
 fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
     let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
     made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()

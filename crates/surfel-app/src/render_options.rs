@@ -23,7 +23,7 @@ pub enum CameraSource {
     Given {
         /// The camera.
         camera: Box<Camera>,
-        /// True if its near and far planes are replaced by ones fitted to the scene.
+        /// True if the camera's near and far planes are replaced by ones fitted to the scene.
         fits_depth: bool,
     },
 }
@@ -54,13 +54,12 @@ pub struct RenderOptions {
     pub size: Option<[u32; 2]>,
     /// Camera: a file or a value, in the form of a scene file's camera object.
     pub camera: Option<CameraSource>,
-    /// Lights that replace the scene's lights, or the default lights that follow the camera. There is no flag for this
-    /// option.
+    /// Lights that replace the scene's own or default lights. Only programs can set them; there is no flag.
     pub lights: Option<Vec<Light>>,
     /// True if the images have another program's cameras. One light along the view then serves all cameras, and near
     /// planes are fitted to the scene.
     pub cameras: bool,
-    /// Direction from which the scene is viewed, by name or by angles.
+    /// Direction from which the scene is viewed, by name or by angles, if no camera is given.
     pub view: Option<ViewChoice>,
     /// Position of the eye in world space.
     pub eye: Option<[f64; 3]>,
@@ -81,19 +80,19 @@ pub struct RenderOptions {
     pub ortho: bool,
     /// Height of the view in world units, for orthographic projection; `None` frames the scene.
     pub ortho_height: Option<f64>,
-    /// Named trade-off between speed and accuracy.
+    /// Named set of settings, which promises an accuracy.
     pub preset: Option<Preset>,
     /// Screen-space filter.
     pub filter: Option<Filter>,
-    /// Mapping of pixels to positions on splats.
+    /// Mapping by which a pixel finds its position on a splat: exact or approximate.
     pub mapping: Option<Mapping>,
     /// Kernel cutoff: more than 0, at most 50.
     pub cutoff: Option<f64>,
-    /// Minimum half-width of a filtered splat in pixels, 0 to 10,000.
+    /// Smallest half-width h of a filtered splat in pixels, 0 to 10,000.
     pub prefilter: Option<f64>,
-    /// Depth tolerance: depth range behind the nearest surface in which fragments are blended with it.
+    /// Depth tolerance: largest distance behind the nearest surface at which fragments are blended with it.
     pub depth_tolerance: Option<DepthTolerance>,
-    /// Minimum precision of the sums over fragments.
+    /// Smallest precision in which fragments are summed.
     pub accumulate: Option<Accumulate>,
     /// Method for drawing transparent splats.
     pub transparency: Option<Transparency>,
@@ -102,14 +101,14 @@ pub struct RenderOptions {
     pub composite: Option<Composite>,
     /// Order in which trained Gaussians are composited, per Gaussian or per pixel.
     pub sort: Option<Sort>,
-    /// Method by which clip curves are evaluated.
+    /// Method by which clip curves and lines cut splats.
     pub clip: Option<ClipPolicy>,
     /// Shader: rule for the colour of a pixel.
     pub shader: Option<Shader>,
     /// Path of the matcap, an image of a lit sphere. It selects the shader matcap; `builtin` names the built-in image.
     pub matcap: Option<PathBuf>,
-    /// Largest projected splat radius in pixels, more than 0, by which LOD nodes of octrees and COPC files are
-    /// selected.
+    /// Largest projected splat radius, in pixels, that is accepted when LOD nodes of octrees and COPC files are
+    /// selected; more than 0.
     pub lod_error: Option<f64>,
     /// True if all points of COPC files are drawn; false if only LOD nodes that the view needs are drawn.
     pub all_levels: bool,
@@ -123,7 +122,7 @@ pub struct RenderOptions {
     pub bounce: Option<bool>,
     /// Style of the ground below the scene; `Some(None)` draws no ground.
     pub ground: Option<Option<GroundStyle>>,
-    /// Named set of defaults for options that aren't set.
+    /// Style: named set of defaults for options that aren't set.
     pub style: Option<Style>,
     /// Colour of all objects, which replaces the colours in their files.
     pub color: Option<Color>,
@@ -153,9 +152,9 @@ pub struct SplatOptions {
     pub convert: ConvertOptions,
     /// Culling of back-facing splats; `None` culls them for watertight objects only.
     pub cull: Option<Cull>,
-    /// True if images of one input each share one range of values ([`crate::request::shared_coloring`]).
+    /// True if several images, one per input, share one range of values ([`crate::request::shared_coloring`]).
     pub shared_range: bool,
-    /// Path of the image of the colour bar.
+    /// Path of the image file to which the colour bar is written.
     pub colorbar: Option<PathBuf>,
     /// Colouring shared with other images; `None` derives it from the values of this image.
     pub legend: Option<Arc<Coloring>>,
@@ -165,7 +164,7 @@ pub struct SplatOptions {
     pub memory: Option<u64>,
 }
 
-/// Filters that trained Gaussians support.
+/// Screen-space filters that trained Gaussians support.
 const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 
 impl SplatOptions {
@@ -375,14 +374,14 @@ impl RenderOptions {
         }
     }
 
-    /// True if no option conflicts with the light of a sky, so that a style may choose one.
+    /// True if no option conflicts with the light of a sky, so that the style's light is used.
     fn takes_light_of_style(&self) -> bool {
         let is_plain = self.shader.is_none_or(|shader| shader == Shader::Phong);
         is_plain && self.matcap.is_none() && !self.shadows && self.lights.is_none() && !self.cameras
     }
 
-    /// Returns the light, whether reflected light is included, and the ground. `can_store` is true if the objects can
-    /// store light.
+    /// Returns three choices from options and style: the named light, whether light reflected between surfaces is
+    /// included, and the ground. `can_store` is true if the objects can store light.
     pub(crate) fn light(&self, can_store: bool) -> (Option<NamedLight>, bool, Option<GroundStyle>) {
         let style = self.style.filter(|_| can_store && self.takes_light_of_style()).map(Style::choices);
         let of_ground = self.ground.flatten().map(|_| NamedLight::Studio);

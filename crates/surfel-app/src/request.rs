@@ -38,15 +38,15 @@ use surfel_sample::Progress;
 use surfel_stage::Estimates;
 use surfel_stage::Lighting;
 
-/// Input of an image.
+/// Input of an image, as the user names it.
 pub enum Source {
     /// A scene file.
     Scene(Box<SceneSource>),
-    /// Files of geometry that form one scene.
+    /// Paths of geometry files, which form one scene.
     Geometry(Vec<PathBuf>),
 }
 
-/// A scene file that has been read.
+/// Scene file that has been read but whose files aren't loaded yet.
 pub struct SceneSource {
     /// Content of the scene file, parsed.
     pub file: SceneFile,
@@ -116,17 +116,17 @@ pub struct Resolved {
     pub has_own_camera: bool,
     /// Absolute paths of other files that the input files refer to, such as textures, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
-    /// Colourings by attribute; empty unless the options or the scene file request some.
+    /// Colourings by attributes, for colour bars; empty unless the options or the scene file request some.
     pub colorings: Colorings,
-    /// Default lights, which follow the camera; `None` if the scene has lights of its own.
+    /// Properties from which default lights, which follow the camera, are derived. `None` if the scene has lights of
+    /// its own.
     pub(crate) lighting: Option<Lighting>,
     /// True if automatic framing includes stray points ([`LoadedObjects::frames_all`]).
     pub(crate) frames_all: bool,
 }
 
 impl Resolved {
-    /// Returns the camera for the given options. The options change the camera `given`, or the scene's own if it is
-    /// `None`.
+    /// Returns the camera `given`, or the scene's own if it is `None`, with the camera options applied.
     pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
         let given = given.unwrap_or(&self.file.camera);
         let leaves_strays = options.view.is_some() && !self.frames_all;
@@ -186,7 +186,7 @@ pub enum Pictures {
     One,
     /// One image from each of a list of cameras, such as the cameras of another program.
     Cameras(Vec<Camera>),
-    /// Turntable movie with this number of frames.
+    /// Turntable movie, of this number of frames.
     Turn(u32),
     /// Film from a camera that moves along a path, with one camera for each frame. Default lights follow the camera.
     Path(Vec<Camera>),
@@ -233,17 +233,18 @@ pub struct Request {
     camera: Option<Camera>,
     settings: Settings,
     objects: Vec<ObjectFile>,
-    /// Folder to which the objects' paths are relative.
+    /// Folder to which the paths of the objects' files are relative.
     base: PathBuf,
-    /// Scene file and its name, if the input is one.
+    /// Scene file and its name for messages, if the input is one.
     scene: Option<(SceneFile, PathBuf)>,
     /// True if the scene file has lights, but neither the file nor the options choose a shader. The lights then have no
     /// effect.
     has_unused_lights: bool,
     level_store: Arc<LevelStore>,
-    /// True if splats get the numbers of their rows in the file, even if no plane needs them.
+    /// True if splats get the numbers of their rows in the file, even if no plane needs them, such as for picking.
     has_rows: bool,
-    /// Cache of estimates about the loaded objects, such as their centre.
+    /// Cache of estimates about the loaded objects, such as their centre, shared with other requests for the same
+    /// objects.
     estimates: Arc<Estimates>,
 }
 
@@ -368,8 +369,8 @@ impl Request {
         named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
     }
 
-    /// Returns a coarser version of the request, for quick previews. `most` maps the current limit of points to the
-    /// coarser limit. The largest projected radius of octree splats is multiplied by `times`.
+    /// Returns a coarser version of the request, for quick previews. `most` maps the current point limit (`None` for no
+    /// limit) to the coarser one. The largest projected radius of octree splats is multiplied by `times`.
     pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
@@ -626,7 +627,8 @@ fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
     Ok(Some(camera))
 }
 
-/// Applies a preset to the settings of a scene file, except to settings that the file states.
+/// Returns the settings of a preset, with those settings of the scene file that the file states. `keys` are the stated
+/// ones.
 fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>) -> Settings {
     let Some(preset) = preset else { return file };
     let mut settings = preset.apply(file);
@@ -649,7 +651,8 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
     settings
 }
 
-/// Sets the filter of trained Gaussians to that of the options, if they are composited with [`Composite::Over`].
+/// Returns the settings with the options' filter as the filter of trained Gaussians, if these are composited with
+/// [`Composite::Over`].
 fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
     let over = options.filter.filter(|_| settings.composite == Composite::Over);
     settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))

@@ -23,7 +23,7 @@ use surfel_sample::NoProgress;
 use surfel_sample::Progress;
 use surfel_stage::Estimates;
 
-/// Number of splats of all loaded scenes together, above which only one scene stays in memory.
+/// Number of splats above which only one loaded scene stays in memory. It is compared with the sum over two scenes.
 const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 
 /// Loaded scenes of one set of input files. The scene shown last is resident in a backend.
@@ -57,37 +57,39 @@ pub struct Session {
     backend_name: String,
     backend_options: BackendOptions,
     level_store: Arc<LevelStore>,
-    /// True if the cameras of images aren't fixed yet when the scene is shown ([`Session::for_any_camera`]).
+    /// True if the scene must suit any camera, because the cameras of images aren't known when it is shown
+    /// ([`Session::for_any_camera`]).
     is_for_any_camera: bool,
-    /// True if some file has levels of detail; empty until this is first needed.
+    /// True if some file has levels of detail; empty until the files have been examined.
     has_levels: OnceCell<bool>,
     /// Loaded scenes, most recently shown first.
     loaded: Vec<LoadedScene>,
     frame: Frame,
 }
 
-/// Input files, loaded with certain options.
+/// Input files that were loaded with certain options, and data derived from them.
 struct LoadedScene {
     options: LoadOptions,
     files: Vec<ObjectFile>,
     objects: LoadedObjects,
-    /// Cache of estimates about the objects, such as their centre.
+    /// Cache of estimates about the objects, such as their centre, reused from image to image.
     estimates: Arc<Estimates>,
-    /// True if the files are a coarse selection of their points.
+    /// True if only a coarse selection of the files' points is loaded.
     is_coarse: bool,
-    /// Eight corners of the bounding box, in world space; empty if there are no bounds.
+    /// Eight corners of the objects' bounding box, in world space, for the depth planes of previews and for the
+    /// description; empty if there are no bounds.
     corners: Vec<DVec3>,
-    /// Names and hashes of the files; `None` until they are first needed.
+    /// Names and hashes of the input files, for metadata; `None` until they are first needed.
     hashes: Option<Vec<Input>>,
-    /// Result of [`described`]; null until it is first needed.
+    /// Description of the scene as JSON ([`described`]); null until it is first needed.
     description: Value,
     shown: Option<Shown>,
 }
 
-/// Scene that is shown, and its copy in the backend.
+/// Scene that was shown last, and its copy in the backend.
 struct Shown {
-    /// Options with which the scene is shown. `None` for a coarse selection, and after the lights have followed another
-    /// camera.
+    /// Options with which the scene is shown, to detect that nothing has changed. `None` for a coarse selection, and
+    /// after the lights have followed another camera.
     options: Option<RenderOptions>,
     resolved: Resolved,
     /// Scene resident in the backend; `None` until a camera selects its levels of detail.
@@ -96,7 +98,8 @@ struct Shown {
     camera: Option<Camera>,
 }
 
-/// Loader for the files of a session, which can run on another thread.
+/// Loader for the files of a session. It can run on another thread while the session draws a coarse selection of
+/// points.
 pub struct Loader {
     request: Request,
     stdin: Option<Arc<[u8]>>,
@@ -126,7 +129,7 @@ pub struct Picked {
     pub normal: [f32; 3],
     /// Depth: distance from the eye along the viewing direction, in world units.
     pub depth: f64,
-    /// Index of the object, and row of the nearest splat in the object's file; `None` for polygons and Gaussians.
+    /// Index of the object, and row of the nearest splat in the object's file. `None` for polygons and Gaussians.
     pub row: Option<(usize, u32)>,
     /// Names and values of the splat's attributes.
     pub values: Vec<(String, f64)>,
@@ -290,7 +293,8 @@ impl Session {
         self.shown().ok_or_else(nothing_shown)
     }
 
-    /// Moves the scene that is loaded for a request to the front of the list, or loads it.
+    /// Makes the scene for a request the first of the loaded ones: moves it to the front if it is loaded, and loads it
+    /// otherwise.
     fn load(&mut self, request: &Request, progress: &dyn Progress) -> Result<(), Error> {
         self.loaded.retain(|loaded| !loaded.is_coarse);
         if let Some(place) = self.loaded.iter().position(|loaded| loaded.is_for(request)) {
@@ -303,8 +307,8 @@ impl Session {
         Ok(())
     }
 
-    /// Drops loaded scenes before another one is loaded. The scene shown last is retained if two scenes of the current
-    /// size have at most [`MOST_SPLATS_OF_TWO`] splats.
+    /// Drops loaded scenes before another one is loaded. The scene shown last is retained if two scenes of its size
+    /// have at most [`MOST_SPLATS_OF_TWO`] splats together.
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
@@ -511,7 +515,7 @@ impl LoadedScene {
         self.files == request.objects() && self.options == request.load_options(None)
     }
 
-    /// True if only the coarse levels of detail of some file are loaded.
+    /// True if only an overview of some file is loaded, which lacks finer levels of detail.
     fn is_partial(&self) -> bool {
         self.objects.facts.iter().any(|facts| facts.partial)
     }

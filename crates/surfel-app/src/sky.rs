@@ -7,7 +7,7 @@ use surfel_load::Error;
 use surfel_model::{Camera, Geometry, Ground, GroundStyle, Object, Scene, SceneFile, Shader, Sky};
 use surfel_render::ball_scale;
 
-/// Sky and ground of a scene, after options have been applied.
+/// Sky and ground of a scene, after options have been applied; `None` for each that the scene lacks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SkyAndGround {
     pub(crate) sky: Option<Sky>,
@@ -74,7 +74,8 @@ impl SkyAndGround {
     }
 }
 
-/// Returns the ground below a scene, at its lowest point within the sphere `kept`. `None` if no point is within it.
+/// Returns the ground below a scene, at the height of its lowest point within the sphere `kept`. `None` for the sphere
+/// includes all points. Returns `None` if there is no such point.
 pub(crate) fn ground(style: GroundStyle, scene: &Scene, kept: Option<Sphere>, up: DVec3) -> Option<Ground> {
     let heights = scene.objects.iter().filter_map(|object| lowest(object, kept, up));
     let height = heights.fold(f64::INFINITY, f64::min);
@@ -82,8 +83,8 @@ pub(crate) fn ground(style: GroundStyle, scene: &Scene, kept: Option<Sphere>, up
     height.is_finite().then_some(ground)
 }
 
-/// Returns the smallest height of an object along `up`. Balls are measured at their lowest points, other splats at
-/// their centres.
+/// Returns the smallest height of an object along `up`, within the sphere `kept`. Balls are measured at their lowest
+/// points, other splats at their centres.
 fn lowest(object: &Object, kept: Option<Sphere>, up: DVec3) -> Option<f64> {
     let m = &object.world_from_object;
     let is_kept = |p: &DVec3| kept.is_none_or(|kept| kept.contains(*p));

@@ -73,7 +73,7 @@ impl ConvertRequest<'_> {
     }
 }
 
-/// Adds the comment that states whether back-facing splats are culled.
+/// Adds the comment to a cloud that states whether back-facing splats are culled.
 fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     data.comments.retain(|comment| comment != CLOSED_MESH && comment != BOTH_SIDES);

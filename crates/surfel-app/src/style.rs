@@ -15,7 +15,7 @@ pub(crate) struct Choices {
     pub(crate) size: [u32; 2],
     pub(crate) background: [f64; 4],
     pub(crate) edge_aa: EdgeAa,
-    /// Light for objects that can store light; otherwise neither light nor ground is applied.
+    /// Light for objects that can store light. If an object can't, neither light nor ground is applied.
     pub(crate) light: NamedLight,
     pub(crate) bounce: bool,
     pub(crate) ground: GroundStyle,

@@ -14,7 +14,7 @@ use surfel_model::{Column3, PointCloud};
 pub(crate) struct Survey {
     pub read: PointSurvey,
     pub points: usize,
-    /// Size of the points in memory, in bytes.
+    /// Size of all points, if they were loaded into memory, in bytes.
     pub bytes: usize,
     pub attributes: Value,
     pub classes: Value,
@@ -45,15 +45,15 @@ pub(crate) fn survey(path: &Path, count: u64, options: &LoadOptions) -> Result<O
     Ok(Some(Survey { read, points: whole.points, bytes: whole.bytes, attributes, classes, radii }))
 }
 
-/// Statistics over the points that were read so far.
+/// Statistics over all points of a file that were read so far.
 struct Whole {
-    /// Approximate total number of points.
+    /// Approximate total number of points of the file.
     count: u64,
     points: usize,
     bytes: usize,
     attributes: Map<String, Value>,
     classes: Option<[u64; 256]>,
-    /// Points at regular intervals in the file, which become the centres of patches.
+    /// Positions of points at regular intervals in the file, which become the centres of patches for estimating radii.
     middles: Vec<DVec3>,
 }
 
@@ -105,12 +105,13 @@ impl Whole {
     }
 }
 
-/// The points nearest to a centre, for estimating radii from neighbours.
+/// Points nearest to a centre, which are collected while the file is read. Radii are estimated from them.
 struct Patch {
     middle: DVec3,
-    /// Squared distance to the centre, position relative to the centre, and normal of each point.
+    /// Collected points: squared distance to the centre, position relative to the centre, and normal of each.
     near: Vec<(f64, DVec3, DVec3)>,
-    /// Squared distance to the centre; points beyond it are outside of the patch.
+    /// Squared distance to the centre from which points are too far to belong to the patch. It shrinks as nearer points
+    /// are found.
     limit: f64,
     has_normals: bool,
 }

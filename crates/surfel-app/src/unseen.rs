@@ -6,12 +6,12 @@ use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
 
-/// Range of extents and coordinates, in object units, whose squares f32 can represent: smallest extent and largest
-/// coordinate.
+/// Two limits, in object units, within which f32 can represent squares: smallest extent of an object, and largest
+/// coordinate. Beyond them, an image may be blank.
 const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
-/// Difference from the background up to which a pixel counts as background, in 8-bit sRGB levels. Single stray points
-/// in an otherwise white image differ by less.
+/// Largest difference from the background, in 8-bit sRGB levels, at which a pixel still counts as background. Single
+/// stray points in an otherwise white image differ by less.
 const UNSEEN: u8 = 8;
 
 /// Alpha below which a splat doesn't change any pixel of an 8-bit image.

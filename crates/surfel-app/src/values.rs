@@ -27,7 +27,7 @@ fn by_name<T: Copy>(named: &[(&str, T)], text: &str) -> Result<T, String> {
     named.iter().find(|(name, _)| *name == text).map(|(_, value)| *value).ok_or_else(|| format!("expected {}", names()))
 }
 
-/// Defines a table of named values and its parser.
+/// Defines a table of named values, and a parser that finds a value by its name.
 macro_rules! named {
     ($function:ident, $all:ident, $type:ty, [$($name:literal => $value:expr),+ $(,)?]) => {
         #[doc = concat!("Names and values of every [`", stringify!($type), "`].")]
@@ -80,7 +80,7 @@ named!(composite, COMPOSITES, Composite, ["surface" => Composite::Surface, "over
 named!(sort, SORTS, Sort, ["center" => Sort::Center, "pixel" => Sort::Pixel]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
 
-/// Largest number of parts of a [`Part`].
+/// Largest accepted number of parts N of a [`Part`].
 const MAX_PARTS: u32 = 1_000_000;
 
 /// One of N equal parts, such as a shard of a job or a tile of an image, written `I/N`. I may count from 0 or from 1,
@@ -288,7 +288,7 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
 pub enum RangeChoice {
     /// One range over all inputs, even if each has its own image.
     Shared,
-    /// Values at the ends of the colour map, the first less than the second.
+    /// Stated values at the two ends of the colour map, the first less than the second.
     Values([f64; 2]),
 }
 

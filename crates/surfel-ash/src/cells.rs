@@ -54,7 +54,7 @@ impl CellBuffers {
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
     stages: &'a [CellStage],
-    /// Descriptor sets of each dispatch, stage by stage.
+    /// Descriptor sets of each dispatch, stage by stage: the frame's set and the dispatch's own.
     sets: Vec<Vec<[vk::DescriptorSet; 2]>>,
     _buffers: Vec<Buffer>,
     /// Pool of the descriptor sets.

@@ -21,7 +21,9 @@ pub(crate) struct Device {
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
     /// Recorder of the last submission, reused for the next one. `None` before the first submission and while one runs.
     pub recorder: Mutex<Option<Recorder>>,
+    /// Functions that set names of objects; `None` without the extension for debug utilities.
     names: Option<ext::debug_utils::Device>,
+    /// True if this value created the device, and therefore destroys it.
     is_own: bool,
 }
 
@@ -35,7 +37,7 @@ pub(crate) struct DeviceCaps {
     pub memory_bytes: u64,
     /// True if targets of f32 can be blended.
     pub blends_f32: bool,
-    /// Duration of a timestamp tick, in nanoseconds; 0 without timestamps.
+    /// Duration of a timestamp tick, in nanoseconds; 0 if the queue has no timestamps.
     pub timestamp_period: f64,
     /// True if queries can exactly count the samples that pass the depth test.
     pub counts_samples: bool,

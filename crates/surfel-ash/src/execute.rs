@@ -30,16 +30,19 @@ pub(crate) struct Tile<'a> {
     frame: vk::DescriptorSet,
     setup_frame: vk::DescriptorSet,
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
-    /// Descriptor sets of the textures that draws read.
+    /// Descriptor sets of the targets that draws read, by draw.
     reads: HashMap<Draw, vk::DescriptorSet>,
     /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
     /// Size of the shaded region, in pixels.
     shaded: [u32; 2],
+    /// Descriptor sets of each segment of splats; `None` for segments that can't touch the tile.
     segments: Vec<Option<SegmentSets>>,
+    /// Draw calls of splats at the near plane.
     near: Vec<RecordDraw>,
+    /// Descriptor set of the polygons, and their number.
     polygons: (vk::DescriptorSet, u32),
-    /// Buffer with the number of splats that were set up and touch the tile.
+    /// Buffer of a counter: the number of splats that were set up and touch the tile.
     drawn: Buffer,
     /// Host-readable copy of `drawn`.
     pub drawn_readback: Buffer,
@@ -70,13 +73,15 @@ pub(crate) struct TileInputs<'a> {
     pub drawn_shadow_texels: &'a Buffer,
 }
 
+/// Descriptor sets of a segment of splats.
 struct SegmentSets {
-    /// Descriptor sets of setup: the first counts drawn splats, the second doesn't.
+    /// Descriptor sets of setup. The first counts the splats that are drawn, the second doesn't, for repeated setups.
     setup: [vk::DescriptorSet; 2],
+    /// Draw call of the segment's records.
     drawn: RecordDraw,
 }
 
-/// Draw call of a run of records.
+/// Draw call of some ranges of one buffer of records.
 #[derive(Clone)]
 struct RecordDraw {
     variant: Variant,
@@ -86,7 +91,7 @@ struct RecordDraw {
     lit: Option<vk::DescriptorSet>,
     /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Index of this draw among the indirect draws of layers.
+    /// Index of this draw among the indirect draws of transparent layers.
     index: usize,
 }
 

@@ -15,6 +15,7 @@ pub(crate) struct Instance {
     pub raw: ash::Instance,
     /// True if debug utilities are enabled, so that objects can have names.
     pub has_names: bool,
+    /// Messages of the validation layers that haven't been taken yet.
     messages: Arc<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// True if this value created the instance, and therefore destroys it.

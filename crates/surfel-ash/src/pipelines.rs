@@ -56,7 +56,7 @@ pub(crate) struct PixelPipeline {
     pub set: SetLayout,
 }
 
-/// Setup pipeline of a clip variant, with the layouts of the sets of setup and of records.
+/// Setup pipeline of a clip variant of splats ([`Variant`]), with the layouts of the sets of setup and of records.
 pub(crate) struct SplatPipeline {
     pub setup: Pipeline,
     pub setup_set: SetLayout,
@@ -67,7 +67,7 @@ pub(crate) struct SplatPipeline {
 pub(crate) struct DrawPipeline {
     pub pipeline: Pipeline,
     pub pass: Pass,
-    /// Layout of the textures that the draw reads.
+    /// Layout of the set of targets that the draw reads.
     pub reads_set: SetLayout,
 }
 

@@ -12,12 +12,13 @@ use surfel_render::{PassTime, Stats};
 /// Maximum number of steps of a tile that are timed. Further steps, in scenes with very many segments, aren't timed.
 const MOST_STEPS: u32 = 512;
 
-/// Shader stages whose invocations are counted, in the order of the flags' bits.
+/// Shader stages whose invocations are counted, in the order of the flags' bits, in which Vulkan writes the counts.
 const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags::from_raw(
     vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS.as_raw()
         | vk::QueryPipelineStatisticFlags::FRAGMENT_SHADER_INVOCATIONS.as_raw()
         | vk::QueryPipelineStatisticFlags::COMPUTE_SHADER_INVOCATIONS.as_raw(),
 );
+/// Names of the counts of [`COUNTED`] in the statistics, in the same order.
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
 /// Queries of a tile. The pools of queries that the device doesn't support are `None`.
@@ -28,7 +29,7 @@ pub(crate) struct Queries {
     samples: Option<Owned<vk::QueryPool>>,
     /// Maximum number of steps that can be timed.
     most_steps: u32,
-    /// Name that replaces the names of the steps, if any.
+    /// Name that replaces the names of all steps in the statistics; `None` if steps have their own names.
     label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,

@@ -48,9 +48,9 @@ pub struct RawDevice {
 pub struct Renderer {
     // Fields are declared in the order of their destruction, although each has a reference to the device.
     targets: Option<Targets>,
-    /// Targets of the last frame's shadow maps.
+    /// Targets into which the last frame's shadow maps were drawn.
     map_targets: Option<Targets>,
-    /// Shadow maps of the last frame.
+    /// Shadow maps of the last frame, which the next frame reuses if nothing changed.
     maps: Option<ShadowMapCache<Arc<Buffer>>>,
     /// Buffers of the compute path.
     cells: CellBuffers,
@@ -500,7 +500,7 @@ struct TileWork {
     /// Pixel passes among the steps.
     pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
-    /// Samples of the tile's edges.
+    /// Parts of the tile's samples at edges; empty without edge antialiasing by samples.
     samples: Vec<SamplePart>,
 }
 

@@ -20,9 +20,11 @@ pub struct ResidentScene {
     pub(crate) texels: Buffer,
     /// True if all segments share one buffer of records.
     pub(crate) shared_records: bool,
+    /// Device memory of the splats in bytes, without their records.
     pub(crate) bytes: u64,
 }
 
+/// Buffers of a segment of splats: uniform, splats and records, and the number of splats.
 pub(crate) struct ResidentSegment {
     pub uniform: Buffer,
     pub splats: Buffer,

@@ -13,6 +13,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 
+/// Images and buffers that a tile's passes write, for one [`TargetKey`].
 pub(crate) struct Targets {
     pub key: TargetKey,
     // Declared before the images that they refer to, so that they are destroyed first.

@@ -48,7 +48,8 @@ pub use surfel_wgpu::GpuPath;
 #[cfg(not(any(feature = "cpu", feature = "wgpu", feature = "ash", feature = "reference")))]
 compile_error!("Surfel draws by a backend: build it with one at least of its features cpu, wgpu, ash and reference");
 
-/// Names of all backends, fastest first. `reference`, the slowest, is last.
+/// Names of all backends, fastest first, which is the order in which automatic selection tries them. `reference`, the
+/// slowest, is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
 /// Names of the backends that are enabled in this build.
 const BUILT: &[&str] = &[
@@ -62,7 +63,7 @@ const BUILT: &[&str] = &[
     "reference",
 ];
 
-/// Returns the Cargo feature that enables a backend.
+/// Returns the name of the Cargo feature that enables a backend.
 fn feature_of(name: &'static str) -> &'static str {
     match name {
         "ash" | "wgpu" => "gpu",
@@ -76,7 +77,7 @@ fn feature_of(name: &'static str) -> &'static str {
 pub struct BackendOptions {
     /// Number of threads of a CPU backend; 0 uses as many as the machine has.
     pub threads: usize,
-    /// Part of the adapter's name, in any case; `None` accepts any adapter.
+    /// Part of the name of the GPU adapter to use, in any case; `None` accepts any adapter. CPU backends ignore it.
     pub adapter: Option<String>,
     /// True if splats are stored as 16-bit numbers, relative to their chunk's bounds. This
     /// takes half the memory or less, with a measured error (docs/accuracy.md). The reference backend ignores the
@@ -131,13 +132,16 @@ pub enum Backend {
 /// Scene resident in a [`Backend`], with the stored light of its sky.
 pub struct BackendScene {
     resident: Resident,
-    /// Parts of the scene on which its stored light depends; `None` without a sky.
+    /// Parts of the scene on which its stored light depends; `None` without a sky. A changed scene with the same parts
+    /// reuses the light.
     light: Option<LitBy>,
-    /// Ground, and background behind it in linear premultiplied RGBA.
+    /// Ground with its stored light, and the scene's background in linear premultiplied RGBA, which is drawn behind the
+    /// ground; `None` without a ground.
     ground: Option<(LitGround, [f32; 4])>,
 }
 
-/// Parts of a scene on which its stored light depends, for detecting whether the light of another scene is the same.
+/// Parts of a scene on which its stored light depends. They are compared to detect whether the light of a changed scene
+/// is the same.
 #[derive(Clone, Debug)]
 struct LitBy {
     geometry: SceneGeometry,
@@ -154,7 +158,7 @@ impl LitBy {
         Self { geometry: SceneGeometry::of(scene), sky, ground, background, objects }
     }
 
-    /// True if another scene has the same stored light.
+    /// True if the light of `scene` would be the same as that stored for these parts.
     fn is_of(&self, scene: &Scene) -> bool {
         let of = |object: &Object| (object.world_from_object, object.material);
         self.geometry.is_of(scene)
@@ -163,7 +167,7 @@ impl LitBy {
     }
 }
 
-/// Scene in the memory of a renderer.
+/// Scene in the memory of the backend that draws it, one variant per backend.
 enum Resident {
     /// Scene of the ash backend, in the memory of a Vulkan device.
     #[cfg(feature = "ash")]
@@ -206,7 +210,7 @@ pub fn backends() -> Vec<BackendInfo> {
     NAMES.into_iter().map(info).collect()
 }
 
-/// Selected backend, and the reasons why faster ones were rejected.
+/// Result of choosing a backend automatically: the selected one, and the reasons why faster ones were rejected.
 pub struct Chosen {
     /// Selected backend.
     pub backend: Backend,
@@ -401,7 +405,7 @@ impl Backend {
         Ok(stats)
     }
 
-    /// Uploads a scene in which the light of its sky is already stored.
+    /// Uploads a scene whose splats already have the light of its sky in their colours.
     fn upload_stored(
         &mut self,
         scene: &Scene,
@@ -433,13 +437,14 @@ impl BackendScene {
         }
     }
 
-    /// Returns the planes that must be drawn for the requested planes. A ground needs linear colours.
+    /// Returns the planes that the backend must draw so that all requested planes can be returned. A ground also needs
+    /// linear colours, because it is drawn behind them.
     fn planes(&self, planes: Planes) -> Planes {
         let has_ground = self.ground.is_some() && planes.shows_color();
         planes.with_color(planes.color || has_ground)
     }
 
-    /// Draws ground and background behind the colours of a frame.
+    /// Draws ground and background behind the colours of a frame. Does nothing if the scene has no ground.
     fn draw_ground(&self, view: &View, planes: Planes, frame: &mut Frame) {
         let Some((ground, background)) = self.ground.as_ref().filter(|_| planes.shows_color()) else { return };
         ground.draw_behind(view, *background, frame.color_mut());
@@ -454,8 +459,8 @@ pub fn summary_of(scene: &Scene) -> SceneSummary {
     SceneSummary { has_sky: false, ..SceneSummary::of(scene) }
 }
 
-/// Returns a function for [`Backend::choose`]. It returns the reason why a backend with certain capabilities can't draw
-/// the scene with the settings and planes, or `None` if it can.
+/// Returns a function to pass to [`Backend::choose`]. The function returns the reason why a backend with the given
+/// capabilities can't draw the scene with the settings and planes, or `None` if it can.
 pub fn refusals(
     scene: &Scene,
     settings: &Settings,
@@ -465,7 +470,7 @@ pub fn refusals(
     move |capabilities| unsupported(&summary, &settings, planes, capabilities).map(|missing| missing.to_string())
 }
 
-/// Returns the capabilities of a backend that are known before it is started, if there are any.
+/// Returns the capabilities of a backend without starting it, or `None` if they depend on the device.
 fn capabilities_of(name: &str) -> Option<Capabilities> {
     match name {
         #[cfg(feature = "ash")]
@@ -487,7 +492,7 @@ fn has_device_for(name: &str) -> bool {
     ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"].into_iter().any(has)
 }
 
-/// Returns the error for a scene in which the light of its sky can't be stored.
+/// Returns the error to report if the light of a scene's sky can't be computed or stored.
 fn not_lit(backend: &Backend, error: LightError) -> RenderError {
     match error {
         LightError::Model(error) => error.into(),
@@ -495,7 +500,7 @@ fn not_lit(backend: &Backend, error: LightError) -> RenderError {
     }
 }
 
-/// Returns the error for a scene that was uploaded to a different backend.
+/// Returns the error to report if a scene that another backend uploaded is drawn with `backend`.
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }

@@ -19,8 +19,11 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(85, 85, 85),
     RGBColor(0, 0, 0),
 ];
+/// Colour of grid lines.
 const GRID: RGBColor = RGBColor(221, 221, 221);
+/// Colour of the shaded range of a chart.
 const SHADE: RGBColor = RGBColor(232, 242, 228);
+/// Colour of the name of the shaded range.
 const SHADE_TEXT: RGBColor = RGBColor(74, 122, 58);
 
 /// Logarithmic axis of a chart.

@@ -10,6 +10,7 @@ pub(crate) struct Machine {
     pub cpu: String,
     /// Number of hardware threads that the system reports.
     pub threads: usize,
+    /// Names of the operating system and of the processor architecture.
     pub system: String,
     /// Mean system load in the minute before the run. A value above 0 means that other processes were running.
     pub load: Option<f64>,

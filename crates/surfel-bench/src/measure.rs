@@ -16,6 +16,7 @@ use crate::{Arguments, Failure, Simd};
 
 /// Default number of frames of each scene and thread count.
 const RUNS: usize = 11;
+/// Default number of frames of each scene and thread count with `--quick`.
 const QUICK_RUNS: usize = 5;
 
 /// Parameters of a measurement.
@@ -71,11 +72,11 @@ fn is_on_cpu(backend: crate::Backend) -> bool {
 
 /// Scene that is uploaded and ready to be drawn.
 struct Ready {
-    /// Index of the uploaded source.
+    /// Index of the scene's source among the uploaded ones.
     upload: usize,
     view: View,
     settings: Settings,
-    /// Measurements, one entry per backend.
+    /// Measurements of the scene, one entry per backend.
     samples: Vec<Samples>,
 }
 

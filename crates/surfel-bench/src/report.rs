@@ -27,6 +27,7 @@ pub(crate) struct Report {
 pub(crate) struct FillRate {
     /// Name of the probe: `clear`, `depth`, `fill`, `blend` or `blend two`.
     pub name: String,
+    /// Pixels cleared or fragments drawn per second.
     pub fragments_per_s: f64,
 }
 
@@ -34,7 +35,7 @@ pub(crate) struct FillRate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BackendFacts {
     pub name: String,
-    /// Name of the GPU, or SIMD instructions of the CPU.
+    /// Name of the GPU, or of the SIMD instructions that the CPU backend uses.
     pub adapter: String,
     pub driver: String,
     /// True for a GPU interface that computes on the CPU. Its times aren't representative of GPUs.
@@ -52,7 +53,9 @@ pub(crate) struct Row {
     pub size: [u32; 2],
     /// Wall-clock time of every frame in drawing order, in milliseconds.
     pub frames_ms: Vec<f64>,
+    /// Median wall-clock time per frame, in milliseconds.
     pub median_ms: f64,
+    /// Shortest wall-clock time of a frame, in milliseconds.
     pub min_ms: f64,
     /// CPU time of every frame, summed over threads, in milliseconds; empty for GPUs, and if the system doesn't report
     /// it.
@@ -63,6 +66,7 @@ pub(crate) struct Row {
     pub stages_ms: BTreeMap<String, f64>,
     /// Number of splats of the scene, including culled ones.
     pub splats: u64,
+    /// Number of splats that were drawn, without culled ones.
     pub drawn: u64,
     /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
@@ -70,7 +74,9 @@ pub(crate) struct Row {
     pub covered_px: u64,
     /// Number of splats of the scene, including culled ones, divided by the median time.
     pub splats_per_s: f64,
+    /// Number of drawn splats divided by the median time.
     pub drawn_per_s: f64,
+    /// Number of fragments divided by the median time, per second; `None` if the backend doesn't count fragments.
     pub fragments_per_s: Option<f64>,
     /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets.
     #[serde(default)]
@@ -107,7 +113,9 @@ pub(crate) struct Samples {
     pub frames_ms: Vec<f64>,
     /// CPU time of each frame, summed over threads, in milliseconds.
     pub busy_ms: Vec<f64>,
+    /// Statistics of each frame.
     pub stats: Vec<Stats>,
+    /// Number of pixels to which any splat contributes.
     pub covered_px: u64,
     /// Number of fragments; 0 if the backend doesn't count them.
     pub fragments: u64,

@@ -78,7 +78,7 @@ mod supposed {
 struct Job {
     /// Costs of each task: core seconds, and bytes read and written.
     tasks: Vec<(f64, f64)>,
-    /// Core seconds that the job would need without being divided into tasks.
+    /// Core seconds that the job's work takes without the overhead of tasks, such as starting the program.
     useful_s: f64,
 }
 
@@ -89,6 +89,7 @@ struct Outcome {
     wall_s: f64,
     /// Time that workers spent on lost tasks, in seconds.
     lost_s: f64,
+    /// Number of tasks that were lost with their workers and started again.
     losses: usize,
 }
 

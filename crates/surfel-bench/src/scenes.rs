@@ -58,6 +58,7 @@ pub(crate) struct Case {
     pub shader: Shader,
     /// Edge antialiasing.
     edges: EdgeAa,
+    /// Evaluation of the splats' clips.
     clip: ClipPolicy,
     /// Planes to draw.
     pub planes: Planes,
@@ -70,12 +71,15 @@ pub(crate) struct Loaded {
     pub scene: Scene,
     /// Camera that frames the scene.
     pub camera: Camera,
+    /// Settings of the scene, before those of a [`Case`].
     pub settings: Settings,
 }
 
+/// Description of the scenes that differ only in their number of splats.
 const LADDER: &str = "closed surface, fills the height, back faces culled (Guennebaud 2006, table 1)";
 
-/// Height of the view relative to the surface in the scene `far`, in which the surface covers about 5 % of the image.
+/// Factor by which the view of the scene `far` is higher than the surface. The surface then covers about 5 % of the
+/// image.
 const FAR: f64 = 3.7;
 
 /// Returns all benchmark scenes.

@@ -53,8 +53,8 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     judge(args, &image, written, &changed, &drawn, console)
 }
 
-/// Reports whether the image is identical to the original. Fails with exit code 5 if it differs without a reported
-/// cause.
+/// Reports whether the image drawn again is identical to the original. Fails with exit code 5 if it differs without a
+/// reported cause, such as a changed input.
 fn judge(
     args: &Options,
     image: &Planes,
@@ -92,7 +92,7 @@ fn default_output(image: &Path) -> PathBuf {
     name.into()
 }
 
-/// Parses a metadata entry as JSON; null if the entry is missing.
+/// Parses a metadata entry as JSON; null if the entry is missing. `key` names the entry in the error message.
 fn json(args: &Options, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
     serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", input(args).shown())))

@@ -36,13 +36,13 @@ pub(crate) enum Command {
     Backends(BackendsArgs),
     #[cfg(feature = "mcp")]
     Mcp(McpArgs),
-    /// Options of `view`, and the names and texts of the options on the command line.
+    /// `surfel view`: its options, and the names and texts of those that the command line states.
     View(Box<Options>, Vec<(String, String)>),
     Completions(CompletionsArgs),
     Man,
 }
 
-/// Help text of the inputs of `render` and `serve`.
+/// Help text of the positional argument of `render` and `serve`.
 const SCENE: &str = "A scene file (.json), or splats, points or meshes that form one scene; - is stdin. With {input} \
                      in OUT, each INPUT gets its own image";
 
@@ -141,7 +141,8 @@ fn inputs(name: &'static str, help: &'static str, count: impl Into<clap::builder
     argument.value_parser(clap::value_parser!(PathBuf)).action(ArgAction::Append)
 }
 
-/// Returns clap's argument for an option of the table. `known` are the names of the command's options.
+/// Returns clap's argument for an option of the table. `known` are the names of the command's options, to which
+/// conflicts are limited.
 fn argument(row: &Row, known: &[&str]) -> Arg {
     let known = |names: &'static [&'static str]| names.iter().copied().filter(|name| known.contains(name));
     let help = row.help.strip_suffix('.').unwrap_or(row.help);
@@ -189,7 +190,8 @@ fn argument(row: &Row, known: &[&str]) -> Arg {
     }
 }
 
-/// Parser of an option's value, which checks the value and returns its text. Options are set from texts later.
+/// Parser of an option's value for clap. It checks the value, but returns its text, because options are set from texts
+/// later.
 #[derive(Clone)]
 struct RowParser(Row);
 
@@ -261,7 +263,7 @@ fn options(table: &Table, command: Commands, matches: &ArgMatches) -> Result<Opt
     Ok(options)
 }
 
-/// Returns the names and texts of a command's own options on the command line, in the order of the table.
+/// Returns the names and texts of the command's own options that the command line states, in the order of the table.
 fn given(table: &Table, command: Commands, matches: &ArgMatches) -> Vec<(String, String)> {
     let mut given = Vec::new();
     for row in table.of(command).filter(|row| row.commands != Commands::ALL) {
@@ -280,7 +282,7 @@ fn given(table: &Table, command: Commands, matches: &ArgMatches) -> Vec<(String,
     given
 }
 
-/// Returns the command line that clap has parsed.
+/// Converts the arguments that clap has parsed to a command line of this program.
 pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
     let (name, of) = matches.subcommand().ok_or_else(|| clap::Error::new(ErrorKind::MissingSubcommand))?;
     let options = |command| options(table(), command, of).map(Box::new);

@@ -10,7 +10,8 @@ use surfel_app::options::{Commands, Row, table};
 use surfel_io::ShowPath as _;
 use toml::Value;
 
-/// Flags that place the camera. If the command line has one of them, the others in the file are ignored.
+/// Names of the flags that place the camera. If the command line has one of them, the others are ignored in the
+/// configuration file.
 const CAMERAS: [&str; 4] = ["view", "camera", "eye", "target"];
 
 /// Returns the names of a command's options that conflict with `key`.
@@ -22,8 +23,8 @@ fn excluding(command: Commands, key: &str) -> Vec<&'static str> {
     by_others.chain(own).chain(of_camera).collect()
 }
 
-/// Returns the flags of the file as arguments. Flags that the command line also has and flags of other commands are
-/// omitted.
+/// Returns the flags of the configuration file as command-line arguments. Flags that the command line also has and
+/// flags of other commands are omitted.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
     let wrong = |what: String| Failure::usage(format!("{}: {what}", path.shown()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;
@@ -66,12 +67,16 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     Ok(extra)
 }
 
-/// Kind of a flag by its values: none, one, one per occurrence, or an optional one.
+/// Kind of a flag, by the number of its values.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
+    /// A flag without a value.
     Switch,
+    /// A flag with one value.
     Valued,
+    /// A flag that may be repeated, with one value each time.
     Several,
+    /// A flag whose value is optional.
     MayStandAlone,
 }
 

@@ -9,7 +9,7 @@ use surfel_app::wording::as_flags;
 use surfel_io::is_obeyed;
 use surfel_sample::Progress;
 
-/// Maximum length of a line of an error message, in characters.
+/// Largest length of a line of an error message, in characters. Longer lines are cut.
 const MAX_LINE: usize = 400;
 
 /// Printer of messages on stderr, with the verbosity of `-q` and `-v`.
@@ -93,9 +93,9 @@ impl Drop for Bar {
     }
 }
 
-/// Minimum number of steps of a stage whose rate is shown.
+/// Smallest number of steps of a stage at which the progress bar shows a rate, instead of the elapsed time.
 const LEAST_STEPS: u64 = 2;
-/// Interval at which a bar is redrawn even if nothing advances it.
+/// Interval at which a progress bar is redrawn even if nothing advances it.
 const TICK: Duration = Duration::from_millis(250);
 
 /// Creates a bar that shows the stage, the rate and the time left. For a stage with a single step, or an unknown number

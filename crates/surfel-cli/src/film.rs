@@ -55,7 +55,8 @@ impl<'a> Film<'a> {
     }
 }
 
-/// Prints a note if the film's format has no alpha, but the first frame has some.
+/// Prints a note if the film's format has no alpha, but the first frame has some. `[r, g, b]` is the background that
+/// replaces it.
 fn tell_of_alpha(path: &Path, encoder: &FilmEncoder, frame: &Frame, [r, g, b]: [f64; 3], console: &Console) {
     let is_transparent = frame.rgba8().iter().any(|pixel| pixel[3] < 255);
     if is_transparent && !encoder.format().has_alpha() {

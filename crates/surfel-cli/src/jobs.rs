@@ -20,7 +20,7 @@ use surfel_app::save_color_bar;
 use surfel_io::ShowPath as _;
 use surfel_load::levels;
 
-/// Default number of tasks.
+/// Default number of tasks into which a job is divided.
 const TASKS: usize = 64;
 /// Placeholder for a task's number in [`Job`], which is replaced by the syntax of each job system. It consists of
 /// private-use characters, which JSON doesn't escape.
@@ -53,31 +53,32 @@ pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
-/// Description of a job, independent of the job system.
+/// Description of a job, independent of the job system that runs it.
 #[derive(Debug)]
 struct Job {
     name: String,
     folder: String,
-    /// Description of the job's result, for messages.
+    /// Description of the job's result, such as the number of images, for messages.
     what: String,
     tasks: usize,
-    /// Command line of a task, with [`TASK`] for the task's number.
+    /// Words of the command line of a task, with [`TASK`] for the task's number.
     words: Vec<String>,
-    /// Files written by the tasks, if a last step merges them; one file per task.
+    /// Files that the tasks write, one each, if a last step merges them; `None` if the tasks' files are the result.
     pieces: Option<Pieces>,
 }
 
-/// Files of all tasks, which a last step merges.
+/// Files that the tasks of a job write, and the last step that merges them.
 #[derive(Debug)]
 struct Pieces {
     /// Name of the file of a task, with [`TASK`] for the task's number.
     name: String,
     /// Names of the files of all tasks.
     files: Vec<String>,
-    /// Name of the merging step.
+    /// Name of the merging step, which job systems show.
     step: &'static str,
-    /// Command line of the merging step.
+    /// Words of the command line of the merging step.
     join: Vec<String>,
+    /// Name of the merged file.
     whole: String,
 }
 
@@ -318,7 +319,8 @@ impl Job {
 
 /// Placeholder for a task's number in OpenJD.
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
-/// Maximum length in bytes of a command as one word. Linux allows 128 KiB including the terminating zero.
+/// Largest length, in bytes, of a command that a job system passes as one word. Linux allows 128 KiB including the
+/// terminating zero.
 const MOST_LINE: usize = 128 * 1024 - 1;
 
 /// Returns an error if a command is too long for a job system that passes it to a shell as one word.
@@ -362,7 +364,7 @@ fn parsed(words: &[String]) -> Result<Command, Failure> {
     Ok(args::parsed(&matches).map_err(wrong)?.command)
 }
 
-/// Refuses options that every task would refuse, too.
+/// Refuses options of a job's tasks that every task would refuse, too, before the job is printed.
 fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     let Command::Render(render) = parsed(words)? else {
         return Err(Failure::usage("flags after -- are those of surfel render"));
@@ -384,8 +386,8 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     pieces::check(&render, !format.is_stdout())
 }
 
-/// Returns the flags of the tasks, with the range of values of all inputs. Tasks then don't compute the range, and all
-/// use the same one. The colour bar is written here.
+/// Returns the flags for all tasks, with the colour range of all inputs added. Tasks then don't compute the range, and
+/// all use the same one. The colour bar, if requested, is written here.
 fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Console) -> Result<Vec<String>, Failure> {
     let mut flags: Vec<OsString> = args.flags.iter().map(OsString::from).collect();
     join_values(&mut flags);

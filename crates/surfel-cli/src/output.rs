@@ -20,7 +20,7 @@ pub(crate) enum Format {
         f32_color: bool,
     },
     Npz,
-    /// Film, written by [`crate::film::Film`].
+    /// Video of all frames, written by [`crate::film::Film`].
     Film,
 }
 
@@ -50,10 +50,10 @@ pub(crate) fn of_input(name: &Path, input: &Path) -> PathBuf {
     }
 }
 
-/// Destination of images, as given by `-o`.
+/// Destination of images, as given by the option `-o`.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
-    /// File name with its placeholders; `None` for stdout.
+    /// File name with its placeholders, such as `{frame}`; `None` for stdout.
     template: Option<String>,
     pub(crate) format: Format,
     force: bool,

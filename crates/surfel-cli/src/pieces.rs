@@ -10,14 +10,15 @@ use std::path::{Path, PathBuf};
 use surfel_app::options::Options;
 use surfel_app::values::Part;
 
-/// Selection of the images that this run draws.
+/// Selection of the images that this run draws, of all images of a job (see the module).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pictures {
-    /// Numbers of the requested frames, the same for each input.
+    /// Numbers of the frames that the options request, the same for each input.
     frames: Vec<u32>,
-    /// Range of the list of images that this run draws.
+    /// Range of the images that this run draws, as indices into the list of all images of the job.
     drawn: Range<usize>,
-    /// True if the images of each input form a film. A film isn't divided between shards.
+    /// True if the images of each input form a film. A film isn't divided between shards: the list then has one entry
+    /// per input.
     are_films: bool,
 }
 
@@ -68,7 +69,8 @@ impl Pictures {
     }
 }
 
-/// Returns the shard that a cluster's environment variables define, and the names of these variables.
+/// Returns the shard that a cluster's environment variables define, and a text that names these variables. Returns
+/// `None` outside of clusters.
 ///
 /// Kubernetes defines the index of a pod but not the number of pods, so `JOB_COMPLETIONS` must be set, too.
 pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
@@ -104,8 +106,9 @@ pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<O
     Ok(None)
 }
 
-/// Returns the index of task `id` among `count` evenly numbered tasks. Slurm's arrays may begin at any number and have
-/// a step above 1.
+/// Returns the index (from 0) of the task with the number `id` among `count` tasks, whose evenly spaced numbers reach
+/// from `min` to `max`. Slurm's arrays may begin at any number and have a step above 1. Returns `None` if the numbers
+/// contradict each other.
 fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     let (offset, span) = (id.checked_sub(min)?, max.checked_sub(min)?);
     let gaps = count.checked_sub(1)?;

@@ -94,33 +94,33 @@ pub(crate) fn default_output(args: &Options) -> Option<PathBuf> {
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
 }
 
-/// State of a command that draws one scene, or each of several inputs as its own scene.
+/// State of a command that draws images of one scene, or of each of several inputs as its own scene.
 pub(crate) struct Session<'a> {
     args: &'a Options,
     output: Option<Output>,
     stdin: Rc<Stdin>,
     threads: usize,
     console: &'a Console,
-    /// Cameras of the images.
+    /// Cameras for which images are drawn, and their names.
     series: Series,
-    /// Encoder, if the output is a film.
+    /// Video encoder, if the output is a film.
     encoder: Option<FilmEncoder>,
-    /// Index of each input's first occurrence.
+    /// Index of the first occurrence of each input on the command line, by path.
     input_numbers: HashMap<&'a Path, usize>,
-    /// Images that this run draws.
+    /// Selection of the images that this run draws, such as those of a shard.
     pictures: Pictures,
     /// Rendering backend; `None` if no image is drawn.
     backend: Option<Backend>,
 }
 
-/// Result of drawing.
+/// Result of drawing all images of a scene or a sequence.
 #[derive(Default)]
 pub(crate) struct Drawn {
     /// Files written, one per frame; empty for stdout.
     pub(crate) files: Vec<PathBuf>,
-    /// Output of `--stats`.
+    /// Statistics that `--stats` prints; `None` without the option.
     stats: Option<Value>,
-    /// Result of `--verify`.
+    /// Measured errors that `--verify` prints; `None` without the option.
     verified: Option<Verified>,
 }
 
@@ -475,7 +475,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// Returns the options that determine an image together with its scene, as stored in the metadata.
+/// Returns the options that, together with the scene, determine an image, as the image's metadata stores them.
 pub(crate) fn drawn(
     args: &Options,
     options: &RenderOptions,
@@ -627,11 +627,11 @@ fn is_whole(args: &Options) -> bool {
 
 /// Destination of the frames of a scene or a sequence.
 struct Sink<'a> {
-    /// The film, unless each frame is an image.
+    /// Film to which the frames are appended; `None` if each frame is an image file.
     film: Option<Film<'a>>,
-    /// Files that have been written.
+    /// Paths of the files that have been written.
     files: Vec<PathBuf>,
-    /// Number of frames in which nothing is visible.
+    /// Number of frames in which nothing is visible, for a note.
     blank: u32,
 }
 
@@ -655,7 +655,7 @@ impl<'a> Sink<'a> {
     }
 }
 
-/// State shared by the frames of a scene.
+/// State that is shared by the frames of one scene while they are drawn.
 struct Job<'a> {
     args: &'a Options,
     console: &'a Console,
@@ -665,7 +665,7 @@ struct Job<'a> {
     runs: Vec<Stats>,
     frame: Frame,
     scene: Option<BackendScene>,
-    /// Likely reason for a blank image. It is determined before the scene is freed.
+    /// Likely reason for which images are blank, for a note. It is determined before the scene's geometry is freed.
     why_blank: Option<&'static str>,
 }
 

@@ -65,7 +65,7 @@ pub(crate) fn resolve_progressively(
     resolved
 }
 
-/// Request for images of a scene, and the content of stdin if an input is `-`.
+/// Request for images of a scene, and the content of stdin (`None` unless an input is `-`).
 type Asked = (Request, Option<Arc<[u8]>>);
 
 /// Creates the request for images of a source.

@@ -9,16 +9,18 @@ use surfel_app::options::Options;
 use surfel_app::request::Pictures;
 use surfel_io::ShowPath as _;
 
-/// Maximum length in bytes of a camera's name in a file name. File systems allow 255, including the extension.
+/// Largest length, in bytes, of a camera's name that becomes part of a file name. File systems allow 255, including the
+/// extension.
 const MOST_NAME_BYTES: usize = 200;
 
-/// Images of a scene, or of a sequence of files.
+/// Images of a scene that differ in their cameras, or images of a sequence of files.
 #[derive(Debug)]
 pub(crate) struct Series {
-    /// Cameras of the images.
+    /// Cameras of the images, as a request describes them.
     pub(crate) pictures: Pictures,
-    /// Names of the cameras; empty if they have none.
+    /// Names of the cameras for file names, one per image; empty if they have none.
     names: Vec<String>,
+    /// Number of images.
     count: u32,
 }
 

@@ -20,12 +20,13 @@ use surfel_model::Camera;
 use surfel_model::SceneFile;
 use surfel_render::{Planes, Region, Renderer as _};
 
-/// Maximum length of a request, in bytes.
+/// Largest accepted length of a request, in bytes.
 const MAX_LINE: usize = 1 << 16;
-/// Maximum number of pixels of an image; larger images have to be drawn by regions.
+/// Largest accepted number of pixels of an image; larger images have to be drawn by regions.
 const MAX_PIXELS: usize = 1 << 26;
 
-/// Maximum number of pixels of an image whose memory is reused for the next one. The memory of larger images is freed.
+/// Number of pixels of an image up to which its memory is reused for the next one. The memory of larger images is
+/// freed.
 const KEPT_PIXELS: usize = 1 << 22;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
@@ -142,7 +143,7 @@ fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
 struct Server<'a> {
     args: &'a Options,
     session: Session,
-    /// Metadata about the inputs, stored in every image.
+    /// Names and hashes of the input files, which the metadata of every image contains.
     inputs: Vec<Input>,
 }
 

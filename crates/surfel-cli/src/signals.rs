@@ -26,7 +26,7 @@ pub(crate) fn watch() {
     let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(wait);
 }
 
-/// Returns the bit mask of ignored signals, which Linux lists in `/proc`; 0 elsewhere.
+/// Returns the set of ignored signals as a bit mask, which Linux lists in `/proc`; 0 elsewhere.
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));

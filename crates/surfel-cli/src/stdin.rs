@@ -6,7 +6,7 @@ use std::io::{IsTerminal, Read};
 use std::sync::Arc;
 pub(crate) use surfel_load::paths::{display, is_stdin};
 
-/// Maximum number of bytes read from stdin, since a stream may never end.
+/// Largest accepted number of bytes from stdin, since a stream may never end.
 const MAX_BYTES: u64 = 8 << 30;
 
 /// Content of stdin, read on first use.

@@ -60,12 +60,12 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A tile, with the metadata about the image that it belongs to.
+/// A tile of an image, with the metadata from its file about the image that it belongs to.
 struct Said {
     tile: Tile,
     file: SceneFile,
     version: String,
-    /// Drawing options of the image, without the tile's region.
+    /// Drawing options of the image, by name, without the tile's region.
     drawn: Map<String, Value>,
     inputs: Value,
 }

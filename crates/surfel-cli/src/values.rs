@@ -1,13 +1,13 @@
 //! Thresholds of `surfel compare`.
 
-/// A metric's name and its threshold.
+/// Threshold of a metric above (or below) which `surfel compare` fails.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Threshold {
     pub(crate) metric: &'static str,
     pub(crate) value: f64,
 }
 
-/// Names of metrics, as `compare` prints them.
+/// Names of the metrics for which thresholds may be given, as `surfel compare` prints them.
 pub(crate) const METRICS: [&str; 4] = ["max_abs", "rmse", "psnr", "flip"];
 
 pub(crate) fn threshold(text: &str) -> Result<Threshold, String> {

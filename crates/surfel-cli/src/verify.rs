@@ -10,15 +10,17 @@ use surfel_model::{Scene, Settings};
 use surfel_render::{Frame, Planes, Preset, Renderer, View};
 use surfel_render::{Promise, SceneSummary, inside_surfaces};
 
-/// Measured errors of an image.
+/// Errors of an image, measured by drawing it with the reference backend.
 pub(crate) struct Verified {
     backend: &'static str,
-    /// Difference from the reference backend with the same settings, outside of the reference's decision margins.
+    /// Difference of the image from that of the reference backend with the same settings, in the pixels outside of the
+    /// reference's decision margins.
     fidelity: Comparison,
-    /// Number of pixels within the decision margins, which aren't compared.
+    /// Number of pixels within the reference's decision margins (rendering model, "Ties and margins"), which aren't
+    /// compared.
     left_out: usize,
-    /// Model error: difference between the preset and the preset `reference`, both drawn by the reference backend.
-    /// `None` if the settings match no preset, or if the interior weight of a cloud is unknown.
+    /// Error of the preset's approximations: difference between the preset and the preset `reference`, both drawn by
+    /// the reference backend. `None` if the settings match no preset, or if the interior weight of a cloud is unknown.
     model: Option<Model>,
 }
 
@@ -26,7 +28,7 @@ pub(crate) struct Verified {
 struct Model {
     preset: Preset,
     whole: Comparison,
-    /// Difference in the pixels inside surfaces; `None` if there are no such pixels.
+    /// Difference in the pixels inside surfaces ([`inside_surfaces`]); `None` if there are no such pixels.
     inside: Option<Comparison>,
 }
 
@@ -78,7 +80,7 @@ fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Compariso
 }
 
 impl Verified {
-    /// Returns a description of each error that exceeds the promise of the preset.
+    /// Returns a description of each measured error that exceeds what the preset promises.
     fn broken(&self) -> Vec<String> {
         let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
         let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();

@@ -4,11 +4,12 @@ use crate::console::Console;
 use crate::failure::Failure;
 use surfel_app::options::Options;
 
-/// Names of the options that concern the server, not the scene.
+/// Names of the options of `surfel view` that concern the server, not the scene. They aren't passed to the page.
 #[cfg(feature = "view")]
 const OF_SERVER: [&str; 5] = ["no-open", "port", "host", "export", "force"];
 
-/// Serves the page until the program is ended. `given` are the names and texts of the options on the command line.
+/// Serves the page until the program is ended, or exports it. `given` are the names and texts of the options that the
+/// command line states.
 #[cfg(feature = "view")]
 pub(crate) fn run(
     args: &Options,

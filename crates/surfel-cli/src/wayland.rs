@@ -13,7 +13,7 @@ use std::process::Command;
 const RUNTIME_DIR: &str = "XDG_RUNTIME_DIR";
 const DISPLAY: &str = "WAYLAND_DISPLAY";
 
-/// Path of a socket that doesn't exist.
+/// Path of a socket that doesn't exist, as the value of `WAYLAND_DISPLAY`.
 const NO_DISPLAY: &str = "/nonexistent/wayland";
 
 /// Restarts the program with the same process id, arguments and open files, if libwayland would print the error.

@@ -1,4 +1,4 @@
-//! The rasteriser's formulas and alternatives to each, measured by `cargo xtask tradeoff`.
+//! Formulas of the rasteriser and alternatives to them, which `cargo xtask tradeoff` measures.
 //!
 //! This module isn't part of the public interface. Its measurements are the reason why no setting selects a formula.
 
@@ -11,39 +11,39 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use surfel_math::Real;
 
-/// A method of computing the kernel e^(−cρ²).
+/// A method of computing the kernel e^(−cρ²), the weight of a fragment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
     /// The standard library's exponential in f64, rounded to f32.
     Exact,
-    /// 2^x from its exponent's bits and a polynomial of degree 6.
+    /// 2^x by setting the exponent's bits for the whole part of x, and by a polynomial of degree 6 for the rest.
     PowerOfTwo,
-    /// The renderer's method: a Chebyshev series of degree 5 for half of c, squared.
+    /// The renderer's own method: a Chebyshev series of degree 5 for e^(−(c/2)ρ²), squared.
     Polynomial,
-    /// The renderer's method, with a series of degree 3.
+    /// The renderer's own method with a Chebyshev series of degree 3 instead of 5.
     Cubic,
-    /// A table of 33 entries, interpolated linearly.
+    /// A table of 33 values of the kernel, interpolated linearly.
     Interpolated,
-    /// A table of 256 entries, read at the nearest entry.
+    /// A table of 256 values of the kernel, read at the nearest one.
     Nearest,
 }
 
-/// A method of computing 1/x for x in [0.66, 2.01].
+/// A method of computing 1/x for x in [0.66, 2.01], the range that p_z/z has within a splat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reciprocal {
-    /// The CPU's division.
+    /// The CPU's division instruction.
     Division,
-    /// The renderer's method: the best linear guess and two Halley steps.
+    /// The renderer's own method: the best linear guess, improved by two Halley steps.
     Halley,
-    /// The best linear guess and one Halley step.
+    /// The best linear guess, improved by one Halley step.
     HalleyOnce,
-    /// The CPU's reciprocal estimate and one Newton step.
+    /// The CPU's reciprocal estimate, improved by one Newton step.
     NewtonOnce,
-    /// The CPU's reciprocal estimate.
+    /// The CPU's reciprocal estimate alone.
     Estimate,
 }
 
-/// A formula that is applied to slices of numbers with the CPU's best instructions.
+/// A formula for measurements, which is applied to slices of numbers with the CPU's best instructions.
 pub struct Formula {
     instructions: Instructions,
     of: Of,
@@ -80,7 +80,7 @@ impl Formula {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
     }
 
-    /// Applies the formula to all whole groups of 16 numbers of `inputs`, and writes the results to the front of
+    /// Applies the formula to the numbers of `inputs`, in whole groups of 16, and writes the results to the front of
     /// `outputs`.
     pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
         with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
@@ -125,8 +125,8 @@ impl Formula {
     }
 }
 
-/// Returns the number of errors of the fused multiply-add in `count` random and hard cases; `None` if the CPU lacks the
-/// instructions.
+/// Tests the fused multiply-add on `count` random and hard cases, and returns the number of wrong results. `None` if
+/// the CPU lacks the instructions.
 #[cfg(target_family = "wasm")]
 pub fn fused_errors(count: usize) -> Option<usize> {
     let instructions = Instructions::new(SimdLevel::Best)?;

@@ -47,10 +47,13 @@ use surfel_model::{Cull, Filter, Light, Shader};
 use surfel_render::clock::Instant;
 use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 
-/// Memory that is reused from frame to frame.
+/// Buffers that are reused from frame to frame, because fresh memory is slow.
 #[derive(Default)]
+/// Lists of records from the setup of cells.
 pub(crate) struct FramePools {
+    /// Scratch buffers of the threads that draw tiles.
     setup: SetupPool,
+    /// G-buffers of cells, for screen-space passes.
     scratch: Pool<TileScratch<'static>>,
     gbuffers: Pool<GBuffer>,
 }
@@ -116,8 +119,8 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     totals.report(plan, stats);
 }
 
-/// Returns the shading parameters of each object of balls: factors of its material, and stored light for the unlit
-/// shader.
+/// Returns the shading parameters of each object of balls: its material's factors and, for the unlit shader, its stored
+/// light.
 fn ball_looks<'a>(scene: &'a ResidentScene, plan: &FramePlan) -> Vec<BallLook<'a>> {
     let shows_light = plan.shader == Shader::Unlit;
     let look = |of: &'a StoredBalls| BallLook {
@@ -132,13 +135,13 @@ struct Drawing<'a> {
     inputs: &'a FrameInputs<'a>,
     setup: CellSetup<'a>,
     balls: &'a [BallView<'a>],
-    /// Shading parameters of each object of balls.
+    /// Material factors and stored light of each object of balls.
     ball_looks: Vec<BallLook<'a>>,
     meshes: &'a [StoredMesh],
     raster: RasterFrame,
     layers: Layers,
     lighting: Lighting,
-    /// View of the samples at edges; `None` if edges aren't sampled.
+    /// The view whose pixels are samples, for edges antialiased by samples; `None` if edges aren't sampled.
     samples: Option<SampleView<'a>>,
 }
 
@@ -171,7 +174,8 @@ impl Drawing<'_> {
         totals.add_threads(&threads, start.elapsed().as_secs_f64() * 1e3);
     }
 
-    /// Sets up and draws a cell. If screen-space passes follow, a margin of its neighbours' pixels is drawn too.
+    /// Sets up and draws a cell. If screen-space passes follow, a margin of the neighbouring cells' pixels is drawn
+    /// too, because the passes read it.
     fn draw_cell(&self, cell: &Cell, target: &mut Target<'_>, scratch: &mut TileScratch<'static>, totals: &mut Totals) {
         let start = Instant::now();
         let FrameInputs { instructions, tuning, pools, view, plan, .. } = *self.inputs;
@@ -256,8 +260,8 @@ impl Drawing<'_> {
         pools.setup.give_back(splats.segments);
     }
 
-    /// Sets up a cell's chunks. If the nearest chunks may occlude others, they are set up first, and the others only
-    /// where they are visible.
+    /// Sets up a cell's chunks. If the nearest chunks may occlude others, they are set up first, and of the others only
+    /// those chunks that are visible.
     fn set_up(&self, cell: &Cell, grid: &Grid, totals: &mut Totals) -> CellSplats {
         let FrameInputs { instructions, tuning, plan, .. } = *self.inputs;
         let mut splats = CellSplats::default();
@@ -279,13 +283,14 @@ impl Drawing<'_> {
         splats
     }
 
-    /// Returns the data shared by the blocks of a cell.
+    /// Returns the inputs of rasterisation that all blocks of a cell share.
     fn raster_inputs<'a>(&'a self, splats: &'a CellSplats) -> RasterInputs<'a> {
         let largest_epsilon = splats.largest_epsilon();
         RasterInputs { frame: &self.raster, near: &splats.near, clips: &splats.clips, largest_epsilon }
     }
 
-    /// Lights transparent splats one by one, for the layer of the remaining fragments.
+    /// Lights transparent splats one by one, for the layer into which the fragments behind the peeled layers are
+    /// blended.
     fn light_splats(
         &self,
         (lighting, raster): (&Lighting, &RasterFrame),
@@ -321,7 +326,8 @@ fn lighting(scene: &ResidentScene, view: &View, plan: &FramePlan, shadows: Vec<S
         .with_matcap(scene.matcap.clone())
 }
 
-/// Returns the coverage per unit of weight, if coverage is needed and the factor is the same for all splats.
+/// Returns the factor from a pixel's sum of weights to its coverage. `None` if coverage isn't needed, or if the factor
+/// differs among splats and coverage must be summed.
 fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
     let filter = &plan.splat_filter;
     let mut scales = scene.clouds.iter().map(|cloud| cloud.coverage_per_weight(filter.cutoff));
@@ -331,13 +337,13 @@ fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
     (plan.attributes.coverage && carried && scales.all(|scale| scale == first)).then_some(first)
 }
 
-/// True if only opaque splats are drawn, without outlines or eye-dome lighting.
+/// True if the frame has only opaque splats, without polygons, balls, outlines or eye-dome lighting.
 fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     let others = [Pass::Polygons, Pass::Outlines, Pass::EyeDome, Pass::Balls];
     !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
-/// True if tiles of tiny splats can be drawn splat by splat. This requires that no screen-space pass follows, and that
+/// True if tiles of tiny splats may be drawn splat by splat. This requires that no screen-space pass follows, and that
 /// the plan needs only the sums that such a tile computes.
 fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;

@@ -9,7 +9,7 @@ use surfel_model::Storage;
 pub struct Options {
     /// Number of threads. 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
     pub threads: usize,
-    /// Choice of the SIMD instructions to use.
+    /// SIMD instructions that the renderer uses.
     pub simd: SimdLevel,
     /// Storage format of splats in memory.
     pub storage: Storage,

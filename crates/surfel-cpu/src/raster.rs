@@ -1,5 +1,5 @@
 //! Rasterisation: computes the sums of every block's pixels from the lists of splats and triangles per tile. It
-//! comprises fragments, visibility and attributes (§5), triangles (§6), and transparent layers (§8).
+//! comprises fragments, visibility and attributes (rendering model §5), triangles (§6), and transparent layers (§8).
 
 pub(crate) mod balls;
 pub(crate) mod batch;

@@ -11,6 +11,7 @@ use surfel_model::{Scene, Settings, Storage};
 use surfel_render::clock::Instant;
 use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
+/// Capabilities of this backend, by which a plan rejects what the backend can't draw.
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin, Feature::Sky] };
 
 /// The CPU backend's renderer. It has its own thread pool and doesn't use the global one.
@@ -49,7 +50,8 @@ impl Renderer {
         Ok(Self { info, threads, instructions, storage: options.storage, tuning, pools })
     }
 
-    /// Frees the memory that is reused between frames. Call this after an image that is much larger than the next ones.
+    /// Frees the buffers that are reused between frames. Call this after an image that is much larger than the next
+    /// ones.
     pub fn release_memory(&mut self) {
         self.pools = FramePools::default();
     }

@@ -1,5 +1,5 @@
-//! Shading: divides the pixels' sums by their weights and lights the results (§5), also with shadow maps. It also
-//! evaluates surfaces of triangles, and composites transparent layers.
+//! Shading: divides the pixels' sums by their weights and lights the results (rendering model §5), also with shadow
+//! maps. It also evaluates surfaces of triangles, and composites transparent layers.
 
 pub(crate) mod balls;
 pub(crate) mod lighting;

@@ -2,7 +2,7 @@
 
 use surfel_render::RenderError;
 
-/// Stack size of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3
+/// Size of a thread's stack, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3
 /// MiB, more than the default stack. Unused stack occupies no memory.
 #[cfg(not(target_family = "wasm"))]
 const STACK_BYTES: usize = 8 << 20;
@@ -15,7 +15,7 @@ pub(crate) struct Threads {
 
 #[cfg(not(target_family = "wasm"))]
 impl Threads {
-    /// Starts `count` threads. For 0, starts the default number, as [`crate::Options::threads`] states.
+    /// Starts `count` threads; for 0, the default number that [`crate::Options::threads`] states.
     pub(crate) fn start(count: usize) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(count)
@@ -31,7 +31,7 @@ impl Threads {
         self.pool.current_num_threads()
     }
 
-    /// Runs a function on the threads.
+    /// Runs a function on one of the threads, where rayon's parallel iterators use all of them.
     pub(crate) fn install<R: Send>(&self, run: impl FnOnce() -> R + Send) -> R {
         self.pool.install(run)
     }
@@ -39,7 +39,7 @@ impl Threads {
 
 #[cfg(target_family = "wasm")]
 impl Threads {
-    /// Starts no thread, and ignores the number.
+    /// Returns a value that starts no thread; the number is ignored.
     pub(crate) fn start(_: usize) -> Result<Self, RenderError> {
         Ok(Self {})
     }

@@ -6,10 +6,10 @@ use std::sync::Arc;
 /// Opaque colour as sRGB levels of red, green and blue.
 pub type Rgb = [u8; 3];
 
-/// Image of sRGB levels with straight alpha, in rows from the top.
+/// Image as 8-bit sRGB levels with straight alpha, in rows from the top.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Picture {
-    /// Width and height in pixels.
+    /// Width and height of the image in pixels.
     pub size: [u32; 2],
     /// Red, green, blue and alpha levels of each pixel.
     pub rgba: Vec<[u8; 4]>,
@@ -27,12 +27,12 @@ impl Picture {
     }
 }
 
-/// Rectangle in pixels, with y down.
+/// Rectangle in pixels of a drawing, with y down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rect {
-    /// Top left corner.
+    /// Position of the top left corner.
     pub at: [f64; 2],
-    /// Width and height.
+    /// Width and height of the rectangle.
     pub size: [f64; 2],
 }
 
@@ -69,38 +69,38 @@ impl Rect {
     }
 }
 
-/// Point on a text's baseline that is placed at a given position.
+/// Point on the baseline of a [`Text`] that is placed at [`Text::at`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
-    /// Start of the baseline.
+    /// Start of the baseline: the text extends from the position in reading direction.
     Start,
-    /// Middle of the baseline.
+    /// Middle of the baseline: the text is centred on the position.
     Middle,
-    /// End of the baseline.
+    /// End of the baseline: the text ends at the position.
     End,
 }
 
-/// Line of text with its position and style.
+/// Single line of text with its position and style.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Text {
-    /// Characters of the line.
+    /// Content of the text.
     pub text: String,
-    /// Position of the anchor, in pixels.
+    /// Position, in pixels, of the baseline point that `anchor` selects.
     pub at: [f64; 2],
     /// Font size in pixels (height of an em).
     pub size: f64,
-    /// Point of the baseline that is at `at`.
+    /// Point of the baseline that is placed at `at`: its start, middle or end.
     pub anchor: Anchor,
     /// True if the text is turned by 90°, so that it runs upward.
     pub is_turned: bool,
     /// Colour of the letters.
     pub color: Rgb,
-    /// Colour of the halo, a thin border around the letters; `None` for no halo.
+    /// Colour of the halo, a thin border that separates the letters from an image; `None` for no halo.
     pub halo: Option<Rgb>,
 }
 
 impl Text {
-    /// Returns the distance from the start of the text to the anchor, in pixels.
+    /// Returns the distance along the baseline, in pixels, from the start of the text to its anchor point.
     pub(crate) fn lead(&self) -> f64 {
         let share = match self.anchor {
             Anchor::Start => 0.0,
@@ -123,10 +123,10 @@ impl Text {
     }
 }
 
-/// Item of a drawing; later items cover earlier ones.
+/// Item of a drawing at a fixed position; later items cover earlier ones.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Item {
-    /// Image scaled to a rectangle.
+    /// Image, scaled to a rectangle of the drawing.
     Picture(Rect, Arc<Picture>),
     /// Filled polygon without holes, given by its corners and colour.
     Polygon(Vec<[f64; 2]>, Rgb),
@@ -134,26 +134,26 @@ pub enum Item {
     Line {
         /// Vertices of the polyline.
         points: Vec<[f64; 2]>,
-        /// Width in pixels.
+        /// Width of the polyline in pixels.
         width: f64,
         /// Colour of the polyline.
         color: Rgb,
     },
-    /// Line of text.
+    /// Text, including its position and style.
     Text(Text),
 }
 
 /// Items at fixed positions, and the named areas that they occupy.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drawing {
-    /// Width and height in pixels.
+    /// Width and height of the drawing in pixels.
     pub size: [u32; 2],
     /// Background colour: sRGB levels and alpha.
     pub background: [u8; 4],
     /// Items from back to front.
     pub items: Vec<Item>,
-    /// Named areas of the layout: title, heading, panel, caption, row label, key, mark. Areas don't overlap, except for
-    /// marks, which are inside their panels.
+    /// Rectangles that the layout assigned, each with the kind of its content: title, heading, panel, caption, row
+    /// label, key or mark. Areas don't overlap, except for marks, which are inside their panels.
     pub areas: Vec<(&'static str, Rect)>,
 }
 
@@ -168,7 +168,7 @@ impl Drawing {
         self.items.iter().filter_map(|item| if let Item::Picture(_, picture) = item { Some(&**picture) } else { None })
     }
 
-    /// Returns the characters of all texts that the font lacks, each once.
+    /// Returns the characters that occur in texts of the drawing but are missing from the font, each once.
     pub fn missing(&self) -> Vec<char> {
         font::missing(&self.texts().map(|text| text.text.as_str()).collect::<String>())
     }

@@ -19,10 +19,10 @@ pub struct Figure {
     pub style: Style,
 }
 
-/// Row of panels.
+/// Row of panels in a [`Figure`], with an optional label on the left.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// Text to the left of the row and of the following rows without a label, turned by 90°.
+    /// Text to the left of the row, turned by 90°. It also labels the rows below, up to the next row with a label.
     pub label: Option<String>,
     /// Panels from left to right; `None` leaves a gap in the grid.
     pub panels: Vec<Option<Panel>>,
@@ -34,16 +34,17 @@ impl From<Vec<Option<Panel>>> for Row {
     }
 }
 
-/// Image with a caption and marks.
+/// Image in a figure, with a caption below and marks over it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
     /// Width and height of the image in pixels.
     pub size: [u32; 2],
-    /// Image; `None` leaves the panel's area empty, to compute a layout before the image exists.
+    /// Image that the panel shows. `None` leaves the panel's area empty, so that a layout can be computed before the
+    /// image exists.
     pub picture: Option<Arc<Picture>>,
     /// Line of text below the image.
     pub caption: Option<String>,
-    /// Marks over the image.
+    /// Marks drawn over the image, such as a scale bar.
     pub marks: Vec<Mark>,
 }
 
@@ -53,7 +54,7 @@ impl Panel {
         Self { size: picture.size, picture: Some(Arc::new(picture)), caption: None, marks: Vec::new() }
     }
 
-    /// Creates a panel without an image, of this size in pixels.
+    /// Creates a panel of the given size in pixels, without an image, to compute a layout.
     pub fn empty(size: [u32; 2]) -> Self {
         Self { size, picture: None, caption: None, marks: Vec::new() }
     }
@@ -103,9 +104,10 @@ impl Panel {
 /// Mark over an image. Positions and lengths are in pixels of the image, with y down.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mark {
-    /// Scale bar in the lower left corner, or in the lower right if only that corner's content has one colour.
+    /// Scale bar in the lower left corner. It is in the lower right corner if only there the image behind the bar has
+    /// one colour.
     Scale {
-        /// Length of the bar, in pixels.
+        /// Length of the bar, in pixels of the image.
         length: f64,
         /// Text above the bar, such as "2 m".
         label: String,
@@ -114,12 +116,12 @@ pub enum Mark {
     Axes([Axis; 3]),
     /// North arrow in the upper right corner.
     North {
-        /// Direction of north in the image; any length but 0.
+        /// Direction of north as a vector in the image (x right, y down), of any length but 0.
         direction: [f64; 2],
     },
-    /// Point with a text next to it.
+    /// Point of interest in the image, drawn as a dot with a text next to it.
     Label {
-        /// Position of the point.
+        /// Position of the point in the image.
         at: [f64; 2],
         /// Text of the label.
         text: String,
@@ -136,9 +138,9 @@ pub enum Mark {
 /// Axis of the world, as a camera shows it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
-    /// Name, such as "x".
+    /// Name of the axis that is drawn at its tip, such as "x".
     pub name: String,
-    /// Components of the unit vector to the right, down and away from the viewer.
+    /// Unit vector along the axis, as its components to the right, down and away from the viewer.
     pub direction: [f64; 3],
     /// Colour of the axis and its name.
     pub color: Rgb,
@@ -147,27 +149,28 @@ pub struct Axis {
 /// Key to the colours of panels: a colour bar or a legend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Key {
-    /// Text above the key; empty for none.
+    /// Text above the colour bar or legend; empty for none.
     pub title: String,
-    /// Colour bar or legend entries.
+    /// Colours that the key explains: a colour bar or legend entries.
     pub content: KeyContent,
-    /// Rows of panels next to which the key is placed; all rows if the range is empty.
+    /// Range of indices of panel rows next to which the key is placed; an empty range stands for all rows.
     pub rows: Range<usize>,
 }
 
-/// Content of a key.
+/// Kind of a [`Key`], with its colours and values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum KeyContent {
-    /// Colour bar with tick labels.
+    /// Colour bar for a range of values, with tick labels.
     Bar {
         /// Colours from the smallest value to the largest.
         colors: Vec<Rgb>,
-        /// Smallest and largest value of the bar.
+        /// Values at the lower and the upper end of the bar.
         range: [f64; 2],
-        /// True if larger values occur, which have the last colour. The bar then ends in an arrow.
+        /// True if values above the bar's range occur in the panels. They are drawn in the last colour, and the bar
+        /// ends in an arrow.
         is_exceeded: bool,
     },
-    /// Legend entries: a text and the colour of its square.
+    /// Legend: one entry per colour, with the text and the colour of a square.
     Legend(Vec<(String, Rgb)>),
 }
 
@@ -202,11 +205,12 @@ impl Key {
 /// Sizes and colours of a figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Style {
-    /// Font size in pixels (height of an em); more than 0. All other lengths of the layout follow from it.
+    /// Font size in pixels (height of an em), more than 0. All other lengths of the layout are proportional to it.
     pub font: f64,
     /// Background colour: sRGB levels and alpha.
     pub background: [u8; 4],
-    /// Smallest width of the figure in pixels; `None` for no minimum. A wider figure isn't cut.
+    /// Smallest width of the figure in pixels; narrower content leaves empty space on the right. `None` for no minimum.
+    /// A wider figure isn't cut.
     pub width: Option<u32>,
 }
 

@@ -3,15 +3,15 @@
 use std::sync::LazyLock;
 use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
-/// Content of the font file.
+/// Content of the TrueType font file with which all text is measured and drawn.
 pub const FILE: &[u8] = include_bytes!("../fonts/Inter-Regular-subset.ttf");
-/// Font families named in SVG files; the first one is embedded.
+/// CSS list of font families for SVG files. The first family is embedded in the file.
 pub const FAMILY: &str = "Inter, Helvetica, Arial, sans-serif";
 /// Height of capital letters above the baseline, in ems.
 pub const CAP_HEIGHT: f64 = 0.727;
 /// Largest height of letters above the baseline, in ems.
 pub const ASCENT: f64 = 0.97;
-/// Largest depth of letters below the baseline, in ems.
+/// Largest depth of letters below the baseline, in ems, as a positive number.
 pub const DESCENT: f64 = 0.25;
 
 static FACE: LazyLock<Option<Face<'static>>> = LazyLock::new(|| Face::parse(FILE, 0).ok());
@@ -25,7 +25,7 @@ pub(crate) fn units_per_em() -> f64 {
     face().map_or(1.0, |face| f64::from(face.units_per_em()))
 }
 
-/// Returns the glyph of a character; glyph 0, an empty box, if the font lacks it.
+/// Returns the identifier of a character's glyph; glyph 0, an empty box, if the font lacks the character.
 pub(crate) fn glyph(c: char) -> GlyphId {
     face().and_then(|face| face.glyph_index(c)).unwrap_or(GlyphId(0))
 }
@@ -41,7 +41,7 @@ pub fn width(text: &str) -> f64 {
     text.chars().map(|c| advance(glyph(c))).sum()
 }
 
-/// Returns the characters of a text that the font lacks, each once.
+/// Returns the characters of a text that the font has no glyph for, each once.
 pub fn missing(text: &str) -> Vec<char> {
     let mut missing: Vec<char> = text.chars().filter(|c| glyph(*c).0 == 0).collect();
     missing.sort_unstable();
@@ -113,7 +113,7 @@ pub(crate) fn outlines(text: &str) -> Vec<Segment> {
     outline.segments
 }
 
-/// Shortens a text that is wider than `most` ems, and ends it with an ellipsis.
+/// Cuts a text that is wider than `most` ems to this width, and ends it with an ellipsis.
 pub(crate) fn shortened(text: &str, most: f64) -> String {
     if width(text) <= most {
         return text.to_owned();

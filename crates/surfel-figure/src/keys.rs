@@ -6,34 +6,43 @@ use crate::font;
 use crate::ticks::Ticks;
 use std::sync::Arc;
 
-/// Width of a colour bar, in ems, as are all following lengths.
+/// Width of a colour bar, in ems of [`Style::font`].
 const BAR_WIDTH: f64 = 1.0;
+/// Height, in ems, of the arrow above a colour bar that shows that larger values occur.
 const ARROW: f64 = 0.8;
+/// Smallest and largest height of a colour bar, in ems.
 const BAR_HEIGHT: (f64, f64) = (7.0, 26.0);
+/// Length of the tick lines beside a colour bar, in ems.
 const TICK: f64 = 0.35;
+/// Distance between a tick line and its label, in ems.
 const TICK_GAP: f64 = 0.3;
-/// Smallest distance between ticks.
+/// Smallest average distance between the ticks of a colour bar, in ems. It determines the number of ticks.
 const TICK_DISTANCE: f64 = 2.6;
+/// Side of the coloured square of a legend entry, in ems.
 const SWATCH: f64 = 0.95;
+/// Distance between the tops of successive legend entries, in ems.
 const ENTRY_HEIGHT: f64 = 1.5;
+/// Distance between the square of a legend entry and its text, in ems.
 const ENTRY_GAP: f64 = 0.5;
+/// Distance between the columns of a legend, in ems.
 const COLUMN_GAP: f64 = 1.2;
+/// Height that a key's title takes above the bar or the entries, in ems.
 const TITLE_HEIGHT: f64 = 1.7;
-/// Largest width of a legend entry's text.
+/// Largest width of a legend entry's text, in ems; longer texts end in an ellipsis.
 const ENTRY_WIDTH: f64 = 20.0;
-/// Smallest height that a legend fills before it gets a second column.
+/// Height, in ems, that a legend fills before it gets a second column, even next to lower panels.
 const COLUMN_HEIGHT: f64 = 12.0;
-/// Maximum number of legend entries; the rest is summarised as "+N more".
+/// Maximum number of entries that a legend shows; the rest is summarised as "+N more".
 const MOST_ENTRIES: usize = 256;
 
-/// Key with its size and its items, positioned relative to its own corner.
+/// Key laid out as drawing items, with positions relative to the key's upper left corner.
 pub(crate) struct SizedKey {
     pub(crate) size: [f64; 2],
     drawing: Drawing,
 }
 
 impl SizedKey {
-    /// Lays out a key next to panels of this height in pixels; 0 if there are no panels.
+    /// Lays out a key for a height in pixels, that of the panels beside it.
     pub(crate) fn new(key: &Key, height: f64, style: &Style) -> Self {
         let mut sized = Self { size: [0.0; 2], drawing: Drawing::default() };
         let title = if let KeyContent::Bar { range, .. } = &key.content {
@@ -66,11 +75,13 @@ impl SizedKey {
         sized
     }
 
+    /// Returns the number of ticks of a colour bar with a title, next to panels of this height in pixels.
     fn ticks(&self, height: f64, key: &Key, style: &Style) -> usize {
         let top = if key.title.is_empty() { 0.0 } else { TITLE_HEIGHT * style.font };
         tick_count(bar_height(height - top, style), style)
     }
 
+    /// Enlarges the key's size so that it contains a point.
     fn extend(&mut self, [x, y]: [f64; 2]) {
         self.size = [self.size[0].max(x), self.size[1].max(y)];
     }
@@ -100,7 +111,8 @@ impl SizedKey {
         self.extend([right + TICK * em, bottom]);
     }
 
-    /// Draws the arrow above a bar, in the colour of all values larger than the bar's range.
+    /// Draws the arrow above a colour bar, which shows that values above the bar's range occur. `color` is the colour
+    /// of these values.
     fn arrow(&mut self, bar: Rect, height: f64, color: Rgb, style: &Style) {
         let ([left, top], right) = (bar.at, bar.end()[0]);
         let corners = vec![[left, top], [0.5 * (left + right), top - height], [right, top]];
@@ -160,7 +172,7 @@ impl SizedKey {
     }
 }
 
-/// Returns the height, in ems, of a key in a figure without panels.
+/// Returns the height, in ems, for which a key is laid out in a figure without panels.
 pub(crate) fn alone(key: &Key) -> f64 {
     match key.content {
         KeyContent::Bar { .. } => 14.0,
@@ -168,7 +180,8 @@ pub(crate) fn alone(key: &Key) -> f64 {
     }
 }
 
-/// Returns the height of a colour bar next to panels of this height, in pixels.
+/// Returns the height in pixels of a colour bar next to panels of this height in pixels, within the limits of
+/// [`BAR_HEIGHT`].
 fn bar_height(height: f64, style: &Style) -> f64 {
     height.clamp(BAR_HEIGHT.0 * style.font, BAR_HEIGHT.1 * style.font)
 }

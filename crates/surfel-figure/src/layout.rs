@@ -6,28 +6,36 @@ use crate::keys::{self, SizedKey};
 use crate::{font, marks};
 use std::ops::Range;
 
-/// Margin around the figure, in ems, as are all following lengths.
+/// Width of the empty margin around the figure, in ems of [`Style::font`].
 const MARGIN: f64 = 0.8;
+/// Distance between neighbouring panels, in ems.
 const GAP: f64 = 0.7;
-/// Distance between groups of several rows.
+/// Distance, in ems, below a group of several rows that share a row label. It replaces [`GAP`] there.
 const GROUP_GAP: f64 = 1.6;
+/// Font size of the title, in ems.
 const TITLE_SIZE: f64 = 1.25;
+/// Height that the title takes above the panels, in ems.
 const TITLE_HEIGHT: f64 = 2.4;
+/// Height that a caption or a heading takes, in ems.
 const CAPTION_HEIGHT: f64 = 1.7;
+/// Width of the column of row labels, in ems.
 const ROW_LABEL_WIDTH: f64 = 1.7;
+/// Distance between the panels and the column of keys, in ems.
 const KEY_GAP: f64 = 1.4;
+/// Vertical distance between keys, in ems.
 const KEY_DISTANCE: f64 = 1.6;
-/// Smallest factor by which a text is shrunk to fit; a text that is still too wide is shortened.
+/// Smallest factor by which a text is shrunk to fit its panel or figure. A text that is still too wide ends in an
+/// ellipsis.
 const LEAST_SIZE: f64 = 0.75;
 
-/// Sizes of the rows and columns of panels, in pixels.
+/// Sizes of the rows and columns of a figure's panels, in pixels.
 struct Grid {
     columns: Vec<f64>,
-    /// Height of each row's images, and of the captions below them.
+    /// Height of each row's images, and height of the captions below them.
     rows: Vec<(f64, f64)>,
-    /// Tops of the images of each row, from the top of the first.
+    /// Upper edge of each row's images, relative to that of the first row.
     tops: Vec<f64>,
-    /// Width of the row labels on the left; 0 without any.
+    /// Width of the column of row labels on the left; 0 if no row has a label.
     labels: f64,
 }
 
@@ -139,7 +147,8 @@ impl Figure {
         drawing
     }
 
-    /// Places the keys in a column, each beside its rows or below the key before.
+    /// Places the keys in a column. Each key is beside its rows, or below the previous key if that one reaches farther
+    /// down.
     fn place_keys(&self, x: f64, top: f64, grid: &Grid, drawing: &mut Drawing) {
         let tops = &grid.tops;
         let em = self.style.font;
@@ -164,6 +173,7 @@ impl Figure {
     }
 }
 
+/// Returns the range of rows beside which a key is placed, in a figure with `count` rows.
 fn rows_of(key: &Key, count: usize) -> Range<usize> {
     if key.rows.is_empty() { 0..count } else { key.rows.start.min(count)..key.rows.end.min(count) }
 }

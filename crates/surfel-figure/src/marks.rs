@@ -4,22 +4,30 @@ use crate::drawing::{Anchor, Drawing, Item, Picture, Rect, Rgb, Text};
 use crate::figure::{Axis, Mark, Panel, Style};
 use crate::font;
 
-/// Distance of marks from the panel's border, in ems, as are all following lengths.
+/// Distance of corner marks from the panel's border, in ems of [`Style::font`].
 const INSET: f64 = 0.9;
+/// Length, in ems, of an axis that is parallel to the image.
 const AXIS: f64 = 1.9;
+/// Distance from the tip of an axis to its name, in ems.
 const AXIS_NAME: f64 = 0.6;
+/// Length of the north arrow, in ems.
 const ARROW: f64 = 2.2;
+/// Width of axes and polylines, in ems.
 const LINE: f64 = 0.12;
+/// Width of the halo on either side of a line, in ems.
 const HALO: f64 = 0.12;
+/// Radius of the dot at a labelled point, in ems.
 const DOT: f64 = 0.22;
-/// Smallest distance between a mark in a corner and the outline of the image's content.
+/// Width, in ems, of the surroundings of a corner mark that must have the same colour as the area behind the mark.
 const CLEARANCE: f64 = 0.25;
-/// Largest distance along each axis by which a mark moves away from that border, and the step of the search.
+/// Largest distance, in ems, by which a corner mark moves away from its corner along each axis to find an even area.
 const MOST_MOVE: f64 = 5.0;
+/// Distance between the positions that are tried for a corner mark, in ems.
 const MOVE: f64 = 0.25;
-/// Largest difference of levels, per channel, at which a pixel counts as background.
+/// Largest difference per channel, in 8-bit levels, between a pixel and the figure's background at which the pixel
+/// counts as background. Pixels with at most this alpha level do too.
 const SAME_LEVELS: u8 = 24;
-/// Largest difference of levels, per channel, between the pixels of an area of one colour. The shades of one surface in
+/// Largest range per channel, in 8-bit levels, within an area that counts as one colour. The shades of one surface in
 /// soft light differ by less, and the colours of two classes by more.
 const ONE_COLOR_LEVELS: u8 = 48;
 
@@ -47,13 +55,14 @@ pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawin
     }
 }
 
+/// Draws the marks of one panel into a drawing, so that they don't overlap.
 struct Placer<'a> {
     panel: Rect,
-    /// Image under the marks.
+    /// Image of the panel, behind the marks.
     picture: Option<&'a Picture>,
     style: &'a Style,
     drawing: &'a mut Drawing,
-    /// Areas already occupied by marks and their words.
+    /// Areas already occupied by marks and their texts.
     taken: Vec<Rect>,
 }
 
@@ -62,14 +71,15 @@ impl Placer<'_> {
         self.style.font
     }
 
+    /// Adds an area to the occupied ones and to the drawing's areas.
     fn take(&mut self, area: Rect) {
         self.taken.push(area);
         self.drawing.areas.push(("mark", area));
     }
 
-    /// Returns the area of a mark that is wanted in one of these corners of the panel, in order of preference. From
-    /// each corner, the nearest area is searched in which the image has one colour. If there is none, the result is the
-    /// nearest area wholly inside the content of the image or wholly outside of it; otherwise the first corner.
+    /// Returns the area for a mark that is wanted in one of these corners of the panel, in order of preference. From
+    /// each corner, the nearest free area is searched in which the image has one colour. If there is none, the result
+    /// is the nearest area wholly inside the content of the image or wholly outside of it; otherwise the first corner.
     fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
         let steps = (MOST_MOVE / MOVE) as i32;
@@ -96,11 +106,12 @@ impl Placer<'_> {
         first(has_one_color).or_else(|| first(is_uniform)).or(corners.first()).copied().unwrap_or(self.panel)
     }
 
-    /// True if an area lies within the panel and covers no other word or mark.
+    /// True if an area lies within the panel and overlaps no occupied area.
     fn is_free(&self, area: Rect) -> bool {
         self.panel.contains(&area) && !self.taken.iter().any(|taken| taken.overlaps(&area))
     }
 
+    /// Draws a text with a halo, and returns its bounds.
     fn words(&mut self, text: &str, at: [f64; 2], anchor: Anchor, color: Rgb) -> Rect {
         let (size, halo) = (self.em(), Some(self.style.halo()));
         let text = Text { text: text.to_owned(), at, size, anchor, is_turned: false, color, halo };
@@ -109,7 +120,7 @@ impl Placer<'_> {
         bounds
     }
 
-    /// Draws the halo that separates a line from the image.
+    /// Draws the halo of a line, a wider line below it that separates it from the image.
     fn border(&mut self, points: Vec<[f64; 2]>, width: f64) {
         let (width, color) = (width + 2.0 * HALO * self.em(), self.style.halo());
         self.drawing.items.push(Item::Line { points, width, color });
@@ -190,8 +201,8 @@ impl Placer<'_> {
         self.take(Rect::new([center[0] - reach, center[1] - reach], [2.0 * reach; 2]));
     }
 
-    /// Places a text beside a point, where it covers neither other marks nor the panel's border, and lies on one colour
-    /// of the image if one of the places does.
+    /// Draws a point and its text. The text is placed beside the point, where it overlaps no other mark or the panel's
+    /// border, and preferably where the image has one colour.
     fn label(&mut self, at: [f64; 2], text: &str) {
         let em = self.em();
         let at = [self.panel.at[0] + at[0], self.panel.at[1] + at[1]];
@@ -265,7 +276,7 @@ fn pixels_in(picture: &Picture, panel: Rect, area: Rect) -> impl Iterator<Item =
     rows.flat_map(move |y| columns.clone().map(move |x| picture.rgba[(y * width + x) as usize]))
 }
 
-/// Returns the function that is true for pixels without content.
+/// Returns a function that is true for transparent pixels and for pixels of the background's colour.
 fn background_test(style: &Style) -> impl Fn([u8; 4]) -> bool {
     let own = style.background;
     // Transparent pixels show what is behind the image.
@@ -275,7 +286,7 @@ fn background_test(style: &Style) -> impl Fn([u8; 4]) -> bool {
     }
 }
 
-/// True if a rectangle of a panel shows nothing but the background, or nothing but the content of its image.
+/// True if a rectangle of the figure covers only background pixels of a panel's image, or only other pixels.
 fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
     let is_background = background_test(style);
     let mut pixels = pixels_in(picture, panel, area).map(is_background);
@@ -283,7 +294,8 @@ fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool
     pixels.all(|pixel| Some(pixel) == first)
 }
 
-/// True if a rectangle of a panel shows nothing but the background, or content of about one colour.
+/// True if a rectangle of the figure covers only background pixels of a panel's image, or only other pixels of about
+/// one colour ([`ONE_COLOR_LEVELS`]).
 fn has_one_color(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
     let (mut low, mut high) = ([u8::MAX; 4], [u8::MIN; 4]);
     let has_one = pixels_in(picture, panel, area).all(|pixel| {

@@ -19,12 +19,12 @@ const CID_FONT: Ref = Ref::new(6);
 const DESCRIPTOR: Ref = Ref::new(7);
 const FONT_FILE: Ref = Ref::new(8);
 const TO_UNICODE: Ref = Ref::new(9);
-/// Object number of the first image. Each image takes two numbers, for its colours and its alpha.
+/// PDF object number of the first image. Each image takes two numbers, for its colours and its alpha.
 const FIRST_IMAGE: i32 = 10;
 
 const FONT_NAME: Name<'static> = Name(b"SURFEL+Inter-Regular");
 const SYSTEM: SystemInfo<'static> = SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"Identity"), supplement: 0 };
-/// PDF points per inch.
+/// Number of PDF units (points) per inch.
 const POINTS: f64 = 72.0;
 
 impl Drawing {
@@ -60,7 +60,8 @@ impl Drawing {
         pdf.finish()
     }
 
-    /// Returns the operators of the page. Coordinates are pixels with y down; the first operator maps them to points.
+    /// Returns the content stream of the page. Coordinates are pixels with y down; the first operator maps them to PDF
+    /// points.
     fn content(&self, scale: f64) -> Vec<u8> {
         let mut content = Content::new();
         let (s, height) = (scale as f32, f64::from(self.size[1]) * scale);
@@ -185,7 +186,7 @@ fn put_text(content: &mut Content, text: &Text) {
     content.set_text_matrix(matrix.map(|c| c as f32)).show(Str(&glyphs)).end_text();
 }
 
-/// Returns the matrix that maps ems along the baseline to pixels.
+/// Returns the matrix that maps the outlines of a text, in ems, to pixels.
 fn halo_matrix(text: &Text) -> [f32; 6] {
     let (s, lead, [x, y]) = (text.size, text.lead(), text.at);
     let matrix = if text.is_turned { [0.0, -s, s, 0.0, x, y + lead] } else { [s, 0.0, 0.0, s, x - lead, y] };

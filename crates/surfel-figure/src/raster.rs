@@ -5,21 +5,21 @@ use crate::font::{self, Segment};
 use ab_glyph_rasterizer::{Point, Rasterizer, point};
 use png::{BitDepth, ColorType, Compression, Encoder, PixelDimensions, Unit};
 
-/// Number of shifted copies of a text that form its halo.
+/// Number of copies of a text, shifted in all directions, that are drawn below it as its halo.
 const HALO_COPIES: u32 = 16;
-/// Width of a halo, in ems.
+/// Width of the halo around a text, in ems.
 pub(crate) const HALO: f64 = 0.11;
-/// Number of inches per metre.
+/// Number of inches per metre, for the resolution in PNG files.
 const INCHES: f64 = 39.370_078_740_157_48;
 
-/// Image into which a drawing is rasterised.
+/// Image into which the items of a drawing are rasterised.
 struct Canvas {
     size: [usize; 2],
     rgba: Vec<[u8; 4]>,
 }
 
 impl Canvas {
-    /// Blends a colour over a pixel.
+    /// Blends a colour with opacity `alpha` over a pixel.
     fn blend(&mut self, [x, y]: [usize; 2], color: Rgb, alpha: f64) {
         let pixel = &mut self.rgba[y * self.size[0] + x];
         let below = f64::from(pixel[3]) / 255.0 * (1.0 - alpha);
@@ -32,7 +32,7 @@ impl Canvas {
         *pixel = [mix(color[0], r), mix(color[1], g), mix(color[2], b), (255.0 * whole).round() as u8];
     }
 
-    /// Fills closed outlines, whose holes run in the opposite direction.
+    /// Fills the area inside closed outlines. Outlines of holes run in the opposite direction.
     fn fill(&mut self, segments: &[Segment], color: Rgb) {
         let mut points = segments.iter().flat_map(|segment| match segment {
             Segment::Line(a, b) => [*a, *b, *b],

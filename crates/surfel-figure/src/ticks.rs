@@ -1,17 +1,19 @@
 //! Round numbers for the ticks of colour bars and for scale bars.
 
-/// Ticks of a range: round values and their labels.
+/// Ticks of a value range for a colour bar: round values and their labels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ticks {
-    /// Values of the ticks, in ascending order.
+    /// Round values at which ticks are placed, in ascending order.
     pub values: Vec<f64>,
-    /// Label of each value, which is divided by 10 to the power of `exponent`.
+    /// Label of each tick: its value, divided by 10 to the power of `exponent`.
     pub labels: Vec<String>,
-    /// Common power of ten by which the labels' values are divided; 0 for none.
+    /// Exponent of the common power of ten by which the values are divided in the labels; 0 for labels without a
+    /// factor.
     pub exponent: i32,
 }
 
-/// Exponents of ten of the largest value at which labels are written without a common factor.
+/// Decimal exponents of the largest absolute value for which labels show plain values. Outside, labels are divided by a
+/// power of ten.
 const WRITTEN: std::ops::RangeInclusive<i32> = -3..=5;
 
 /// Returns the smallest of 1, 2 and 5 times a power of ten that isn't less than `least`.
@@ -81,7 +83,7 @@ impl Ticks {
     }
 }
 
-/// Formats a number with a minus sign (U+2212) instead of a hyphen.
+/// Formats a number with `decimals` decimal places, and with a minus sign (U+2212) instead of a hyphen.
 fn number(value: f64, decimals: usize) -> String {
     // Adding zero turns −0 into 0.
     format!("{:.decimals$}", value + 0.0).replace('-', "−")

@@ -11,33 +11,33 @@ pub enum IoError {
     /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}", .path.shown())]
     System {
-        /// The file or folder.
+        /// The file or folder that the system could not access.
         path: PathBuf,
-        /// The action that failed: "read it", "write it", …
+        /// The action that failed, in the words of the message: "read it", "write it", …
         action: &'static str,
-        /// The system's reason.
+        /// The system's reason for the failure.
         source: std::io::Error,
     },
     /// A file of that name already exists.
     #[error("{}: already exists\n  help: `force` overwrites it; or choose another name", .path.shown())]
     Exists {
-        /// The file.
+        /// The existing file, which is not overwritten.
         path: PathBuf,
     },
     /// The file's content violates its format, or Surfel doesn't support it.
     #[error("{}: {problem}", .path.shown())]
     Invalid {
-        /// The file.
+        /// The file with the invalid or unsupported content.
         path: PathBuf,
         /// Description of what is wrong, where, what was expected and what to do.
         problem: Box<Problem>,
     },
-    /// The file was read, but its data violate the rules of the model.
+    /// The file was read, but its data violate a rule of Surfel's data model, such as equal lengths of columns.
     #[error("{}: {source}", .path.shown())]
     Model {
-        /// The file.
+        /// The file with the data.
         path: PathBuf,
-        /// The violated rule.
+        /// The violated rule of the data model.
         source: ModelError,
     },
 }
@@ -129,16 +129,17 @@ impl fmt::Display for Location {
 pub struct Problem {
     /// Description of the fault, which follows the file's name in a message: "is no PLY file".
     pub what: String,
-    /// The position in the file.
+    /// The position of the fault in the file, if one is known.
     pub location: Option<Location>,
-    /// The expected content.
+    /// The content that the reader expected instead, if stating it helps.
     pub expected: Option<String>,
-    /// Advice for the user.
+    /// Advice to the user: how to mend or replace the file.
     pub help: Option<String>,
 }
 
 impl Problem {
-    /// Creates a problem from a description that follows the file's name: "is no PLY file".
+    /// Creates a problem from a description that follows the file's name: "is no PLY file". Position, expected content
+    /// and advice are added by the other methods.
     pub fn new(what: impl Into<String>) -> Self {
         Self { what: what.into(), location: None, expected: None, help: None }
     }
@@ -184,12 +185,13 @@ impl fmt::Display for Problem {
     }
 }
 
-/// Error of a reader, without the file's name: a problem of the content, or a violated rule of the model.
+/// Error of a reader that doesn't know the file's name: a problem of the content, or a violated rule of the data model.
+/// [`Fault::of`] adds the name.
 #[derive(Debug)]
 pub enum Fault {
-    /// Problem of the content.
+    /// The file's content violates its format, or Surfel doesn't support it.
     Problem(Box<Problem>),
-    /// Violated rule of the model.
+    /// The data violate a rule of Surfel's data model.
     Model(ModelError),
 }
 
@@ -199,7 +201,7 @@ impl From<Problem> for Fault {
     }
 }
 
-/// Returns the problem of unpacked data that can't be written to a temporary file.
+/// Returns the problem of a compressed file whose unpacked data can't be written to a temporary file.
 pub fn unwritable(error: std::io::Error) -> Problem {
     Problem::new(format!("can't be unpacked to a temporary file: {error}"))
 }
@@ -211,7 +213,7 @@ impl From<ModelError> for Fault {
 }
 
 impl Fault {
-    /// Adds the name of the part, such as an archive's member, that the fault is in.
+    /// Adds the name of the part of the file that the fault is in, such as an archive's member.
     pub fn within(self, name: &str) -> Self {
         let mut problem = match self {
             Self::Problem(problem) => problem,
@@ -241,7 +243,7 @@ pub fn quote(text: impl AsRef<[u8]>) -> String {
     format!("'{shown}'")
 }
 
-/// Lists names for a message, at most 24 of them.
+/// Lists names for a message, separated by commas, at most 24 of them.
 pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     if names.is_empty() {
         return "nothing".into();

@@ -8,16 +8,17 @@ use std::io::{self, Read, Write};
 use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 
-/// Largest file that is loaded, in bytes.
+/// Largest size, in bytes, of an input file that is loaded as a whole. Larger files are refused.
 pub const MAX_BYTES: u64 = 64 << 30;
-/// Maximum number of bytes that are read from a source without a size, such as a pipe.
+/// Maximum number of bytes that are read from a source whose size isn't known in advance, such as a pipe.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
-/// Limit of unpacked data: `UNPACKED_BYTES` plus `UNPACKED_TIMES` times the size of the compressed file.
+/// Constant part, in bytes, of the limit of [`most_unpacked`] on unpacked data.
 const UNPACKED_BYTES: u64 = 64 << 20;
+/// Part of the limit of [`most_unpacked`] that depends on the file: unpacked bytes per byte of the compressed file.
 const UNPACKED_TIMES: u64 = 64;
 
 /// Returns the maximum number of bytes that a compressed file of `bytes` bytes may unpack to. Ordinary files stay far
-/// below it.
+/// below it. Readers refuse files that exceed it, because tiny hostile files could otherwise fill the memory or disk.
 pub fn most_unpacked(bytes: usize) -> u64 {
     UNPACKED_BYTES + UNPACKED_TIMES * bytes as u64
 }
@@ -27,8 +28,8 @@ pub fn most_unpacked_in_words() -> String {
     format!("at most {} MiB and {UNPACKED_TIMES} times the file's size", UNPACKED_BYTES >> 20)
 }
 
-/// Copies at most `most` bytes from a decoder to `out`. Returns the number of bytes, and the decoder's error if it
-/// failed.
+/// Copies at most `most` bytes from a decompressing reader to `out`. Returns the number of copied bytes, and the
+/// reader's error if it failed.
 ///
 /// # Errors
 /// [`Problem`] if `out` can't be written.
@@ -75,9 +76,9 @@ pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
 pub enum Siblings {
     /// No access, for bytes in memory without a path.
     None,
-    /// Access to a folder.
+    /// Access to the files below a folder, or anywhere.
     Folder {
-        /// The folder.
+        /// The folder that relative references start from.
         path: PathBuf,
         /// Canonical paths of the two folders that may be read: the folder of the file's path and, if the path is a
         /// link, the folder of the link's target. `None` allows files anywhere.
@@ -87,10 +88,10 @@ pub enum Siblings {
     },
 }
 
-/// Reason why a reference to a file outside of the folder isn't followed.
+/// Message for a reference that isn't followed, because it leads out of the file's folder.
 const OUTSIDE: &str = "it is outside of the file's folder, where only `allow_outside` reads";
 
-/// True if a relative path leads out of the folder that it starts in.
+/// True if a relative path leads out of the folder from which it starts, as `../x` does. Absolute paths do, too.
 fn leaves_folder(reference: &Path) -> bool {
     let mut depth = 0_usize;
     for part in reference.components() {
@@ -105,7 +106,7 @@ fn leaves_folder(reference: &Path) -> bool {
 }
 
 impl Siblings {
-    /// Returns the access for the file at `path`: its folder and those below, or any folder if `allow_outside`.
+    /// Returns the access for the file at `path`: to its folder and those below, or to any folder if `allow_outside`.
     pub fn of(path: &Path, allow_outside: bool) -> Self {
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
@@ -115,7 +116,7 @@ impl Siblings {
         Self::Folder { path: folder, inside, asked: Rc::default() }
     }
 
-    /// Returns the access for a file in the subfolder `folder`.
+    /// Returns the same access, but with references that start from the subfolder `folder`: for a file that lies there.
     pub fn below(&self, folder: &str) -> Self {
         let mut siblings = self.clone();
         if let Self::Folder { path, .. } = &mut siblings {
@@ -124,7 +125,7 @@ impl Siblings {
         siblings
     }
 
-    /// Returns the files that were requested, whether they exist or not.
+    /// Returns the files that [`Self::read`] requested, whether they exist or not. Callers list them as inputs.
     pub fn asked(&self) -> Vec<PathBuf> {
         match self {
             Self::None => Vec::new(),

@@ -9,7 +9,7 @@ pub enum Line {
     End,
     /// The whole line was read, with its newline unless the stream ended without one.
     Whole,
-    /// The line is too long, and was skipped.
+    /// The line is longer than the caller's limit, and its rest was skipped.
     TooLong,
 }
 

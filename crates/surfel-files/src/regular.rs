@@ -14,7 +14,7 @@ pub trait HostFile: std::fmt::Debug + Send + Sync {
     /// Returns the length in bytes.
     fn file_bytes(&self) -> u64;
 
-    /// Fills `out` from byte offset `at`.
+    /// Fills `out` with the file's bytes from offset `at` on.
     ///
     /// # Errors
     /// The reason why the bytes can't be read.

@@ -4,23 +4,28 @@ use crate::patches::Patches;
 use glam::DVec3;
 use surfel_model::Object;
 
-/// Largest number of objects, or of parts of an object, that are compared.
+/// Number of objects, or of parts of one object, from which they aren't compared any more.
 const MOST: usize = 33;
-/// Largest nesting of equal parts: rows of rows of rows.
+/// Largest number of times that one of several equal parts is split into equal parts again, as for rows of rows of
+/// rows.
 const DEPTH: usize = 3;
-/// Minimum width of a gap between two parts, as a fraction of half of the diagonal of the whole.
+/// Smallest width of a gap between two parts, in units of [`Patches::scale`] (half of the diagonal of the bounds).
 const GAP: f64 = 0.01;
-/// Minimum area of a part, as a fraction of the whole area.
+/// Smallest area of a part, as a fraction of the area of the whole shape. Smaller pieces don't count as parts.
 const PART: f64 = 0.02;
-/// Largest total area of smaller pieces, which aren't parts, as a fraction of the whole area.
+/// Largest total area of the pieces that are smaller than [`PART`], as a fraction of the area of the whole shape. With
+/// more, the shape isn't a row of equal parts.
 const REST: f64 = 0.01;
-/// Largest difference in length between equal shapes, as a fraction of the larger scale.
+/// Largest difference between the extents of equal shapes along each axis, as a fraction of the larger shape's half
+/// diagonal.
 const LENGTHS: f64 = 0.04;
-/// Minimum fraction of each shape that must lie on the surface of the other for them to be equal.
+/// Smallest fraction of the area of each of two shapes that must lie on the surface of the other for them to be equal.
 const SAME: f64 = 0.95;
-/// Largest number of grid cells per half diagonal for comparing two shapes.
+/// Largest number of grid cells per unit of length, for comparing two shapes. The unit is half of the diagonal of a
+/// shape's bounds.
 const CELLS: f64 = 16.0;
-/// Number of patches per cell for which the grid is designed. Small samples get fewer cells.
+/// Number of patches per grid cell for which the cell size is chosen, so that cells on the surface aren't empty. Small
+/// samples therefore get larger cells.
 const PATCHES_OF_CELLS: f64 = 6.0;
 
 impl Patches {
@@ -52,7 +57,8 @@ pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
     found
 }
 
-/// Returns one of a shape's equal parts, if they are separated by gaps along axis `k`.
+/// Returns one of a shape's parts, if all parts are equal and gaps separate them along axis `k` (0 to 2 for x, y and
+/// z).
 fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     let reach = |number: usize| {
         let [s, t] = patches.all[number].axes;
@@ -82,15 +88,15 @@ fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     others.iter().all(|other| are_equal(first, other)).then(|| first.clone())
 }
 
-/// True if two samples have equal shapes, at any position.
+/// True if two samples have equal shapes and sizes, wherever they are.
 pub(crate) fn are_equal(a: &Patches, b: &Patches) -> bool {
     let lengths = [a, b].map(|patches| patches.extent() * patches.scale);
     let is_same_length = |k: usize| (lengths[0][k] - lengths[1][k]).abs() <= LENGTHS * a.scale.max(b.scale);
     (0..3).all(is_same_length) && share_on(a, b) >= SAME && share_on(b, a) >= SAME
 }
 
-/// Returns the fraction of a shape's area that is on another shape's surface, to within one cell, when their centres
-/// coincide.
+/// Returns the fraction of the area of `of` that is within one grid cell of the surface of `on`, when the centres of
+/// both coincide.
 fn share_on(of: &Patches, on: &Patches) -> f64 {
     // Positions are at most 1 from the centre.
     const SIDE: usize = 2 * (CELLS as usize + 2) + 1;

@@ -52,17 +52,19 @@ pub struct FrameOptions {
     pub turning: Option<DVec3>,
 }
 
-/// Centring error at which the iteration stops, as a fraction of half of the image's height: 1 pixel of 1000.
+/// Centring error below which the camera isn't moved any more: the difference between opposite margins, as a fraction
+/// of half of the image's height. It is 1 pixel of an image that is 1000 pixels high.
 const CENTRED: f64 = 0.002;
-/// Largest number of centring steps.
+/// Largest number of times that the camera is moved sideways to centre the scene.
 const STEPS: usize = 4;
-/// Number of angles at which a turning scene must fit the image.
+/// Number of evenly spaced turntable angles at which a turning scene must fit the image.
 const TURNS: u32 = 24;
 
-/// Minima of several linear functions of position over all splats of a scene.
+/// Minima, over all splats of a scene, of several linear functions of position, such as distances from the planes of
+/// the view frustum. They show how far the scene extends in each direction.
 #[derive(Clone)]
 struct Support {
-    /// Gradients of the functions, with their lengths.
+    /// Gradient of each function, and the gradient's length.
     directions: Vec<(DVec3, f64)>,
     least: Vec<f64>,
 }
@@ -73,8 +75,8 @@ impl Support {
         Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
     }
 
-    /// Returns the minima over a scene's splats. `at` maps a splat's centre to a position, or to `None` to skip the
-    /// splat.
+    /// Returns the minima, over a scene's splats, of the linear functions whose gradients are `directions`. `at` maps a
+    /// splat's centre to the position at which they are evaluated, or to `None` to skip the splat.
     fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
         let add = |support: &mut Self, p: DVec3, splat: &Extent| {
             if at(p).is_none_or(|p| support.may_grow(p, splat)) {
@@ -88,13 +90,14 @@ impl Support {
         gathered(scene, &Self::new(directions), add, join)
     }
 
-    /// True if a splat with centre `p` may lower a minimum.
+    /// True if a splat with centre `p` may lower one of the minima. The test uses only the splat's bounding sphere, and
+    /// is fast.
     fn may_grow(&self, p: DVec3, splat: &Extent) -> bool {
         let mut all = self.directions.iter().zip(&self.least);
         all.any(|((g, length), least)| g.dot(p) - length * splat.reach < *least)
     }
 
-    /// Lowers the minima to include a splat with centre `p`.
+    /// Lowers the minima so that they include the ellipse of a splat with centre `p`.
     fn add(&mut self, p: DVec3, splat: &Extent) {
         for ((g, length), least) in self.directions.iter().zip(&mut self.least) {
             let middle = g.dot(p);
@@ -108,24 +111,25 @@ impl Support {
     }
 }
 
-/// Extent of a splat about its centre, in world space.
+/// Shape of a splat around its centre, in world space, without its position.
 struct Extent<'a> {
     /// Radius of a sphere around the centre that contains the splat.
     reach: f64,
-    /// Half-axes of the splat; zero for a point.
+    /// Returns the half-axes of the splat; zero vectors for a point.
     axes: &'a dyn Fn() -> (DVec3, DVec3),
-    /// Points on the outline of a clipped splat, which replace its ellipse. They are slow to compute, and are evaluated
-    /// only if the splat may matter.
+    /// Passes the points on the outline of a clipped splat to its argument; `None` for whole splats. The points replace
+    /// the ellipse. They are slow to compute, and are computed only if the splat may matter.
     outline: Option<&'a Outline<'a>>,
 }
 
-/// Function that passes each point of an outline to its argument.
+/// Function that calls its argument with each point of a splat's outline, in world space.
 type Outline<'a> = dyn Fn(&mut dyn FnMut(DVec3)) + 'a;
 
 const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO), outline: None };
 
 impl Extent<'_> {
-    /// Calls `f` with the splat with centre `p`, or with each point of its outline if it is clipped.
+    /// Calls `f` with the position and the shape of the splat with centre `p`, or of each point of its outline if it is
+    /// clipped.
     fn parts(&self, p: DVec3, f: &mut dyn FnMut(DVec3, &Extent)) {
         match self.outline {
             Some(outline) => outline(&mut |q| f(q, &POINT)),
@@ -134,9 +138,9 @@ impl Extent<'_> {
     }
 }
 
-/// Calls `f` with the centre and the extent of each splat of an object, in world space. Mesh vertices have no extent.
-/// `range` is a range of splats or vertices. For an octree, the range that begins at 0 stands for all splats. The reach
-/// of Gaussians is limited to `longest`.
+/// Calls `f` with the centre and the shape of each splat of an object, in world space. Mesh vertices are points.
+/// `range` is the range of splats or vertices to visit. For an octree, the range that begins at 0 stands for all
+/// splats, and others are empty. Gaussians that extend farther than `longest` from their centres are shortened to it.
 fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
     // This is an upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
@@ -194,9 +198,10 @@ fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn F
     }
 }
 
-/// Divisor of the number of Gaussians that gives the number of needles, which are extremely long Gaussians.
+/// Number N where 1 in N Gaussians, the longest ones, count as needles, whose length doesn't influence framing.
 const ONE_NEEDLE_IN: usize = 50;
-/// Largest number of Gaussians whose length is measured.
+/// Largest number of Gaussians whose length is measured to find the needles ([`ONE_NEEDLE_IN`]). Of more, a regular
+/// sample is measured.
 const MEASURED: usize = 20_000;
 
 /// Returns the radius of a sphere around a Gaussian's centre that contains its ellipse.
@@ -205,8 +210,9 @@ fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
     (s.length_squared() + t.length_squared()).sqrt()
 }
 
-/// Returns the largest reach of an object's Gaussians apart from needles, the longest 1 in 50; infinite for other
-/// geometry. Framing needles would make the scene small, although they are hardly visible far from their centres.
+/// Returns the largest extent of an object's Gaussians from their centres apart from needles, the longest 1 in 50.
+/// Returns infinity for other geometry. Framing needles would make the scene small, although they are hardly visible
+/// far from their centres.
 fn longest(object: &Object) -> f64 {
     let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
     let step = gaussians.len().div_ceil(MEASURED).max(1);
@@ -215,8 +221,8 @@ fn longest(object: &Object) -> f64 {
     *all.select_nth_unstable_by(rank, f64::total_cmp).1
 }
 
-/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk begins with `none`. `join` combines the
-/// results of the chunks in order.
+/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk starts from a copy of `none`. `join`
+/// combines the results of the chunks in order.
 fn gathered<T: Clone + Send + Sync>(
     scene: &Scene,
     none: &T,
@@ -237,12 +243,13 @@ fn gathered<T: Clone + Send + Sync>(
     scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
 
-/// Largest distance of an outline's points from the centre, relative to the ellipse ([`outline`]).
+/// Largest distance of the points of [`outline`] from the splat's centre, where the rim of the unclipped splat is at 1.
 const OUTSIDE: f64 = 1.02;
 
-/// Returns points (u, v) slightly outside of the visible part of a clipped splat, one on each of several rays from the
-/// centre. A point is one step beyond the farthest visible position on its ray. It is moved outwards by the distance
-/// that neighbouring rays may miss. Returns no points if the clip removes the whole splat.
+/// Returns points (u, v), in half-axes of the splat, slightly outside of the visible part of a clipped splat. There is
+/// one point on each of several rays from the centre, one step beyond the farthest visible position on the ray. The
+/// points are moved outwards by the distance that neighbouring rays may miss. Returns no points if the clip removes the
+/// whole splat.
 fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
     const RAYS: u32 = 16;
     const STEPS: u32 = 16;
@@ -317,11 +324,12 @@ pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
 pub struct LeftOut {
     /// Number of stray splats.
     pub count: usize,
-    /// Distance of the farthest stray from the centre of the framed sphere, relative to the sphere's radius.
+    /// Distance of the farthest stray point from the centre of the framed sphere, as a multiple of the sphere's radius.
     pub times: f64,
 }
 
-/// Counts the stray points outside of the framed sphere `kept`. Returns `None` if there are none.
+/// Counts the stray points outside of the framed sphere `kept`, for a note to the user. Returns `None` if there are
+/// none.
 pub fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
     let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
         let times = p.distance(kept.middle) / kept.radius;
@@ -364,7 +372,7 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
 }
 
 /// Places a camera like [`frame_camera`], for the part of the scene inside of the sphere `kept`. `None` frames the
-/// whole scene.
+/// whole scene, including stray points.
 pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions) -> Option<Camera> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     let (lo, hi) = bounds(scene, keep)?;
@@ -428,16 +436,17 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
 }
 
-/// Largest extent of a scene toward one side of the image, as a tangent, and the depth at which it occurs.
+/// Largest extent of a scene toward one side of the image, as seen from the eye.
 #[derive(Clone, Copy)]
 struct Reach {
     tangent: f64,
     depth: f64,
 }
 
-/// Moves `eye` sideways so that the left and right margins become nearly equal, and the upper and lower ones, too. The
-/// step assumes that the outermost splats remain outermost. Also returns the centring error before the step, as a
-/// tangent.
+/// Moves `eye` sideways so that the left and right margins of the image become nearly equal, and also the upper and
+/// lower ones. The step assumes that the outermost splats remain outermost. Also returns the centring error before the
+/// step: the largest difference between opposite margins, as a tangent. `keep` is true for centres of splats that are
+/// framed.
 ///
 /// The step is needed because only two sides of the image limit the distance of the eye. The margins at the other two
 /// sides may be unequal.

@@ -1,6 +1,7 @@
 //! Detection of the semantic front of animals, seats and figures on two feet.
 //!
 //! Each entry of [`EVIDENCE`] votes for a direction, with a weight. The direction with the largest total weight wins.
+//! Lengths of animals and seats are measured along the horizontal axis within their mirror plane.
 
 use crate::patches::{Patch, Patches};
 use crate::up_axis::{axis_of, leads, mirror, others, standing};
@@ -8,44 +9,51 @@ use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 use surfel_model::Up;
 
-/// Minimum fraction of the surface that the mirror plane of an animal or a seat maps onto the surface.
+/// Fraction of the surface above which the mirror plane of an animal or a seat must map the surface onto itself.
 const MIRRORED: f64 = 0.9;
-/// Minimum ratio of length to width of an animal.
+/// Ratio of length to width above which a shape on feet may be an animal with a head.
 const LONGER: f64 = 1.25;
-/// Distance from the centre at which an end of a body begins, as a fraction of the half length.
+/// Distance from the centre beyond which a patch belongs to an end of an animal, as a fraction of half of its length.
+/// The heights of both ends are compared to find the head.
 const END: f64 = 0.4;
-/// Distance from the centre at which the tip of an end begins, as a fraction of the half length.
+/// Distance from the centre beyond which a patch belongs to the tip of an animal's end, as a fraction of half of its
+/// length. The tip contains the head, if there is one.
 const TIP: f64 = 0.8;
-/// Minimum difference in height between the end with the head and the other end, as a fraction of the body's height.
+/// Difference in height above which the higher end of an animal counts as the end with the head, as a fraction of the
+/// body's height.
 const HIGHER: f64 = 0.15;
-/// Minimum height of the tip of the head's end above the ground, as a fraction of the body's height.
+/// Height above the ground that all of the tip must exceed for the higher end to have a head, as a fraction of the
+/// body's height. It excludes cars.
 const CHIN: f64 = 0.35;
-/// Minimum ratio of length to width of a body with a tail.
+/// Ratio of length to width above which a body may have a tail.
 const SLENDER: f64 = 2.0;
-/// Distance from the centre at which the tail begins, as a fraction of the half length.
+/// Distance from the centre beyond which a patch may belong to a tail, as a fraction of half of the body's length.
 const TAIL: f64 = 0.6;
-/// Largest height and width of a tail, as a fraction of the body's.
+/// Fraction of the body's height, and of its width, below which an end is thin enough for a tail.
 const THIN_TAIL: f64 = 0.3;
 /// Height above which a seat consists only of its backrest, as a fraction of the seat's height.
 const BACKREST: f64 = 0.65;
-/// Distance from the centre at which the backrest begins, as a fraction of the half length.
+/// Distance from the centre beyond which all patches of a backrest lie, as a fraction of half of the seat's length.
 const BEHIND: f64 = 0.3;
-/// Minimum ratio of height to length of a seat.
+/// Ratio of height to length above which a shape on feet may be a seat.
 const SEAT: f64 = 0.75;
 
-/// Stance of a standing figure.
+/// Stance of a figure that stands on both feet.
 const STANDING: Stance = Stance { soles: 0.05, shins: (0.08, 0.16), off: 0.0 };
-/// Stance of a figure in mid-step.
+/// Stance of a figure in mid-step, whose hind foot touches the ground only with the toes.
 const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
-/// Largest gap between patches of the same foot, as a fraction of the figure's height.
+/// Side of the grid cells that cluster patches near the ground into feet, as a fraction of the figure's height. Patches
+/// in adjacent cells belong to the same foot.
 const TOGETHER: f64 = 0.02;
-/// Largest length of a foot, as a fraction of the figure's height.
+/// Largest length of a foot, as a fraction of the figure's height. Larger clusters of patches aren't feet.
 const LONGEST_FOOT: f64 = 0.22;
-/// Minimum distance by which toes extend forward, as a fraction of the figure's height.
+/// Horizontal distance from a shin's centre to its foot's centre, averaged over both feet, above which the toes show
+/// the front. It is a fraction of the figure's height.
 const TOES: f64 = 0.015;
-/// Minimum fractions of the ground contact: of both feet together, and of each foot.
+/// Two limits for the patches that touch the ground. Those of both feet together must exceed the first fraction of
+/// them, and those of each foot the second.
 const FEET: (f64, f64) = (0.9, 0.1);
-/// Minimum number of patches that touch the ground.
+/// Smallest number of patches that touch the ground from which a figure's feet are detected.
 const FEWEST: usize = 20;
 
 /// A weighted criterion for the direction in which a shape faces.
@@ -54,15 +62,15 @@ struct Piece {
     direction: fn(&Patches, Up) -> Option<DVec3>,
 }
 
-/// All criteria. A backrest outweighs a head, and a head outweighs a tail. Toes have the smallest weight, so that they
-/// decide only if no other criterion does.
+/// All criteria for the front. A backrest outweighs a head, and a head outweighs a tail. Toes have the smallest weight,
+/// so that they decide only if no other criterion does.
 const EVIDENCE: [Piece; 4] = [
     Piece { weight: 1.0, direction: away_from_backrest },
     Piece { weight: 0.6, direction: toward_head },
     Piece { weight: 0.3, direction: away_from_tail },
     Piece { weight: 0.2, direction: toes },
 ];
-/// Cosine above which two directions count as the same.
+/// Cosine of the angle below which the directions of two criteria count as the same, so that their weights are added.
 const ALIKE: f64 = 0.7;
 
 /// Returns the horizontal unit vector in which a shape faces, or `None` if there is no evidence.
@@ -92,7 +100,7 @@ fn away_from_tail(patches: &Patches, up: Up) -> Option<DVec3> {
     body.tail(forward, length, across)
 }
 
-/// Body that may have a front: its surface, up direction and height.
+/// Body that may have a front: its surface, its up direction, and its height in the units of the patches.
 struct Body<'a> {
     patches: &'a Patches,
     up: DVec3,
@@ -100,8 +108,9 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// Returns an animal or a seat: a shape on feet that is symmetric from left to right. Also returns the direction of
-    /// its length, the length, and the direction across.
+    /// Returns the shape as a body that may be an animal or a seat: it rests on feet and is symmetric from left to
+    /// right. Also returns the horizontal direction within the mirror plane, the length along it, and the direction
+    /// across it. Returns `None` for other shapes.
     fn on_feet(patches: &'a Patches, up: Up) -> Option<(Self, DVec3, f64, DVec3)> {
         if !standing(patches, up).is_on_feet() {
             return None;
@@ -114,20 +123,21 @@ impl<'a> Body<'a> {
         Some((body, DVec3::AXES[along], extent[along], DVec3::AXES[across]))
     }
 
-    /// Returns the height of a patch above the ground, as a fraction of the body's height.
+    /// Returns the height of a patch above the ground, as a fraction of the body's height. The bounds are centred at
+    /// the origin.
     fn height(&self, patch: &Patch) -> f64 {
         patch.position.dot(self.up) / self.height + 0.5
     }
 
-    /// Returns the heights above the ground of the patches at one end of a body. The end begins at the fraction `from`
-    /// of the half length.
+    /// Returns the heights, as fractions of the body's height, of the patches at one end of a body. The end begins at
+    /// the fraction `from` of half of `length` from the centre, in the direction `end`.
     fn heights(&self, end: DVec3, length: f64, from: f64) -> impl Iterator<Item = f64> {
         let there = self.patches.all.iter().filter(move |p| p.position.dot(end) > from * 0.5 * length);
         there.map(|p| self.height(p))
     }
 
-    /// Returns the direction away from the backrest of a seat. A shape is a seat if all of its high parts are at one
-    /// end.
+    /// Returns the direction away from the backrest of a seat, or `None`. A shape is a seat if all of its patches above
+    /// [`BACKREST`] are at one end.
     fn backrest(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let high = || self.patches.all.iter().filter(|p| self.height(p) > BACKREST);
         let is_behind = |end: &DVec3| high().all(|p| p.position.dot(*end) > BEHIND * 0.5 * length);
@@ -135,7 +145,8 @@ impl<'a> Body<'a> {
         [forward, -forward].into_iter().filter(|_| is_seat).find(is_behind).map(|back| -back)
     }
 
-    /// Returns the direction toward the taller end, where animals have their heads.
+    /// Returns the direction toward the taller end, where animals have their heads. Returns `None` if neither end is
+    /// clearly taller, or if it extends down to the ground.
     fn head(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let top = |end: DVec3| self.heights(end, length, END).fold(f64::NEG_INFINITY, f64::max);
         let lead = top(forward) - top(-forward);
@@ -145,7 +156,7 @@ impl<'a> Body<'a> {
         (lead.abs() > HIGHER && chin > CHIN).then_some(end)
     }
 
-    /// Returns the direction away from the thin end, if only one end is thin.
+    /// Returns the direction away from the thin end, which is the tail, or `None` unless exactly one end is thin.
     fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
         let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
             let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);
@@ -165,7 +176,8 @@ impl<'a> Body<'a> {
     }
 }
 
-/// Cluster of patches projected onto the ground plane: its bounds and its number of patches.
+/// Cluster of patches projected onto the ground plane: its bounds and its number of patches. Lengths are fractions of
+/// the figure's height.
 #[derive(Clone, Copy)]
 struct Spot {
     low: DVec2,
@@ -193,19 +205,21 @@ impl Spot {
     }
 }
 
-/// Dimensions of a figure on two feet, as fractions of its height.
+/// Heights at which the feet and shins of a figure on two feet are found, and its balance, all as fractions of its
+/// height.
 struct Stance {
-    /// Height of the soles.
+    /// Height up to which patches belong to the soles.
     soles: f64,
-    /// Range of heights of the shins.
+    /// Range of heights of the shins, which are compared with the feet.
     shins: (f64, f64),
-    /// Largest horizontal distance of the centroid from the bounds of the feet.
+    /// Largest horizontal distance of the figure's centroid from the bounds of its feet. A figure that stands still is
+    /// balanced above them.
     off: f64,
 }
 
 impl Stance {
-    /// Returns the clusters of patches that form a large enough part of the ground contact, and the number of all
-    /// patches in contact.
+    /// Returns the clusters of patches that form a large enough part of the soles to be feet ([`FEET`]), and the number
+    /// of all patches of the soles.
     fn feet(&self, figure: &Figure) -> (Vec<Spot>, usize) {
         let soles = figure.between(0.0, self.soles);
         let least = FEET.1 * soles.len() as f64;
@@ -213,7 +227,7 @@ impl Stance {
     }
 }
 
-/// Shape that may be a figure on two feet. Lengths are in units of its height.
+/// Shape that may be a figure on two feet, with its horizontal axes.
 struct Figure<'a> {
     body: Body<'a>,
     /// Indices of the two horizontal axes.
@@ -225,15 +239,16 @@ impl Figure<'_> {
         DVec2::new(p[self.axes[0]], p[self.axes[1]]) / self.body.height
     }
 
-    /// Returns the horizontal positions of patches at heights between `low` and `high`.
+    /// Returns the horizontal positions of patches at heights between `low` and `high`. All lengths are fractions of
+    /// the figure's height.
     fn between(&self, low: f64, high: f64) -> Vec<DVec2> {
         let there = self.body.patches.all.iter().filter(|p| (low..high).contains(&self.body.height(p)));
         there.map(|p| self.level(p.position)).collect()
     }
 }
 
-/// Returns the direction in which the toes of a figure on two feet point. Toes extend farther in front of the shins
-/// than heels extend behind them.
+/// Returns the direction in which the toes of a figure on two feet point, or `None` if it isn't such a figure. Toes
+/// extend farther in front of the shins than heels extend behind them.
 fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
     let figure = Figure { body, axes: others(axis_of(up)) };
@@ -258,7 +273,8 @@ fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     (forward.length() > TOES).then(|| toward.normalize())
 }
 
-/// Groups points into clusters. Points in the same grid cell or in adjacent cells are in one cluster.
+/// Groups points into clusters, which may be feet. Points in the same or in adjacent grid cells of side [`TOGETHER`]
+/// are in one cluster.
 fn spots(points: &[DVec2]) -> Vec<Spot> {
     let mut cells = BTreeMap::new();
     for &p in points {

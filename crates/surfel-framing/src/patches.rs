@@ -1,4 +1,4 @@
-//! Sample of a scene's surface with a limited size, from which up axis and view are estimated in limited time.
+//! Sample of a scene's surface, limited in size, so that estimates of the up axis and the view take limited time.
 
 use crate::strays::{Kind, without_strays_of};
 use glam::DVec3;
@@ -9,10 +9,10 @@ use surfel_model::{GaussianCloud, Geometry, Object};
 pub const MOST: usize = 20_000;
 /// Minimum number of patches from which a shape can be estimated.
 const FEWEST: usize = 24;
-/// Sampled piece of surface, an ellipse. Lengths are in units of the sample's `scale`.
+/// Sampled piece of surface, an ellipse. Lengths are in units of [`Patches::scale`].
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
-    /// Centre, relative to the sample's `middle`. Its length is at most 1.
+    /// Centre, relative to [`Patches::middle`]. Its length is at most 1.
     pub position: DVec3,
     /// Unit outward normal.
     pub normal: DVec3,
@@ -29,7 +29,8 @@ pub struct Patch {
     pub is_given: bool,
 }
 
-/// Smallest cosine between a disk's normal and its shading normal for which the stored normal fits the positions (20°).
+/// Cosine of the angle (20°) between a disk's normal and its shading normal, below which a stored normal doesn't fit
+/// the positions of the points.
 const FITS: f64 = 0.94;
 
 /// A sample of a scene's surface, without stray points.
@@ -47,7 +48,8 @@ pub struct Patches {
     pub centroid: DVec3,
 }
 
-/// Returns a hash of a sample's number, so that sampling never aligns with an order of the data.
+/// Returns a pseudo-random number for the `i`-th entry of a sample, so that sampling never aligns with an order of the
+/// data.
 fn scattered(i: u64) -> u64 {
     // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
     let z = (i ^ (i >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -65,8 +67,8 @@ fn count(geometry: &Geometry) -> usize {
     }
 }
 
-/// Returns the factor by which the half-axes of sampled patches are enlarged. `total` is the number of splats and
-/// triangles.
+/// Returns the factor by which the half-axes of sampled patches are enlarged so that the sample covers the surface.
+/// `total` is the number of splats and triangles of the scene.
 fn growth(total: usize) -> f64 {
     (total as f64 / total.clamp(1, MOST) as f64).sqrt()
 }
@@ -101,7 +103,8 @@ impl Patches {
         Self::normalised(all, Kind::of(objects))
     }
 
-    /// Returns a sample of the patches with the given indices.
+    /// Returns a sample that consists of the patches with the given indices, with its own centre and scale. Returns
+    /// `None` if there are too few patches.
     pub fn some(&self, numbers: &[usize]) -> Option<Self> {
         let in_world = |number: &usize| {
             let p = self.all[*number];
@@ -152,7 +155,8 @@ impl Patches {
     }
 }
 
-/// Adds splats or triangles of an object, by their numbers, as patches in world space.
+/// Adds splats or triangles of an object to `all`, as patches in world space. `numbers` are their indices, and `growth`
+/// is the factor on their half-axes.
 fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all: &mut Vec<Patch>) {
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };

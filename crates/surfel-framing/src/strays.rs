@@ -28,7 +28,7 @@ impl Kind {
         }
     }
 
-    /// Returns N, where at most one point in N may be a stray.
+    /// Returns N, where at most 1 in N points of a scene may be a stray.
     const fn one_in(self) -> usize {
         match self {
             Self::Splats => 25,
@@ -37,9 +37,9 @@ impl Kind {
         }
     }
 
-    /// Returns the ratio of distances above which strays matter: that of the farthest stray to that of the other
-    /// points. In perspective, points at 1.5 times the distance toward the eye make the rest less than half as high as
-    /// the image.
+    /// Returns the ratio of distances from the centre, farthest stray to farthest other point, above which strays are
+    /// left out of the frame. In perspective, a point 1.5 times as far out, toward the eye, makes the rest less than
+    /// half as high as the image.
     const fn farther(self) -> f64 {
         match self {
             Self::Splats | Self::Gaussians => 1.5,
@@ -48,12 +48,12 @@ impl Kind {
     }
 }
 
-/// Factor on the radius of the sphere around sampled points that aren't strays. The larger sphere also contains points
-/// that weren't sampled.
+/// Factor on the radius of a sphere around the sampled points that aren't strays. The enlarged sphere also contains
+/// nearly all points that weren't sampled.
 const SLACK: f64 = 1.1;
-/// Minimum number of points for which stray points are detected.
+/// Smallest number of sampled points from which stray points are detected.
 const FEWEST: usize = 200;
-/// Largest number of far points that are tested for isolation.
+/// Number of far points above which only a regular sample of them is tested for isolation.
 const JUDGED: usize = 1000;
 
 /// Sphere in world space.
@@ -119,7 +119,8 @@ pub fn without_strays(
     (farthest > kind.farther() * radius).then_some(Sphere { middle, radius })
 }
 
-/// Returns the sphere around points without strays ([`without_strays`]). `all` has all points of the scene.
+/// Returns the sphere around points without strays ([`without_strays`]), or `None` if there are no strays. `all` has
+/// all points of the scene.
 pub fn without_strays_of(all: &[DVec3], kind: Kind) -> Option<Sphere> {
     let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
     without_strays((all, all.len()), kind, far)

@@ -61,9 +61,9 @@ impl fmt::Display for UpReason {
 /// Up axis, with the reason for which it was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Upright {
-    /// The axis.
+    /// Up axis of the scene.
     pub up: Up,
-    /// Evidence that contributed most.
+    /// Evidence that contributed most to the choice, or another reason for the axis.
     pub reason: UpReason,
 }
 
@@ -116,95 +116,107 @@ impl UpConvention {
     }
 }
 
-/// Range of magnitudes of map coordinates in metres: UTM, Gauss–Krüger, national grids, and Web Mercator away from its
-/// origin.
+/// Range of the magnitudes of map coordinates, in metres. It includes UTM, Gauss–Krüger, national grids, and Web
+/// Mercator away from its origin.
 const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
-/// Largest magnitude of a height above sea level, in metres.
+/// Largest magnitude, in metres, of a coordinate that may be the height above sea level of a georeferenced scene.
 const MOST_HEIGHT: f64 = 1e4;
-/// Thickness of the lowest layer, whose points count as touching the ground: fraction of the height, and minimum in
-/// half diagonals of the bounds.
+/// Thickness of the lowest layer, whose patches count as touching the ground. The thickness is a fraction of the
+/// shape's height, but at least the second number, in units of [`Patches::scale`].
 const CONTACT: (f64, f64) = (0.02, 0.004);
-/// Smallest cosine between the up axis and the normal of a patch that counts as part of a level base.
+/// Cosine of the angle between the up axis and a patch's normal above which a patch that touches the ground is part of
+/// a level base.
 const LEVEL: f64 = 0.95;
-/// Number of grid cells along each side of the footprint, for measuring the area of the base.
+/// Number of grid cells along each side of the bounds of a shape's footprint, for measuring the area of the base.
 const FOOTPRINT: usize = 24;
-/// Largest number of voxels per half diagonal for comparing a shape with its mirror image.
+/// Largest number of voxels per unit of length for comparing a shape with its mirror image. The unit is half of the
+/// diagonal of the shape's bounds.
 const VOXELS: f64 = 20.0;
-/// Number of patches per voxel for which the grid is designed. Small samples get fewer voxels.
+/// Number of patches per voxel for which the voxel size is chosen, so that voxels on the surface aren't empty. Small
+/// samples therefore get larger voxels.
 const PATCHES_OF_VOXELS: f64 = 6.0;
-/// Range over which stability increases from 0 to 1. The measure is the distance of the centroid from the support
-/// hull's rim, divided by the centroid's height.
+/// Range over which [`Standing::steady`] increases from 0 to 1. The measure is the distance of the centroid from the
+/// nearest edge of the support's hull, seen from above, divided by the centroid's height.
 const STEADY: (f64, f64) = (0.04, 0.14);
 /// Largest score that feet at the corners of the footprint add to a base.
 const FEET_WEIGHT: f64 = 0.7;
-/// Range over which feet score increasingly, from nothing to [`FEET_WEIGHT`]: area of the feet's hull as a fraction of
-/// the footprint's hull.
+/// Range over which the score of feet increases from 0 to [`FEET_WEIGHT`]. The measure is the area of the hull around
+/// the feet, as a fraction of the hull of the footprint.
 const CORNERS: (f64, f64) = (0.5, 0.8);
-/// Fraction of the footprint that the top must fill to count as a tabletop.
+/// Fraction of the footprint that the level top of a shape on feet must exceed to count as a tabletop. Tables rest
+/// stably upside down, too, which is then ignored.
 const TABLE: f64 = 0.85;
-/// Criteria for terrain: smallest cosine between its normals and the up axis (60°), and largest thickness as a fraction
-/// of its smaller width. A surface of which at least half is exactly level is a drawing, not terrain.
+/// Two limits for terrain. The first is the cosine of the largest angle (60°) between its normals and the up axis. The
+/// second is the thickness below which it counts as thin, as a fraction of its smaller width.
 const GROUND: (f64, f64) = (0.5, 0.35);
-/// Cosine of the largest tilt of terrain from the axis (30°).
+/// Cosine of the largest angle (30°) between the up axis and the mean normal of tilted terrain, such as a hillside.
 const LEANING: f64 = 0.866;
-/// Weight of terrain as evidence. For comparison, a base scores at most 1.5 (hull plus half of the footprint's fill).
+/// Weight of terrain as evidence for an up axis. For comparison, the score of a base is at most 1.5 without feet: its
+/// hull plus half of the footprint's fill.
 const GROUND_WEIGHT: f64 = 0.8;
-/// Weight of a floor as evidence.
+/// Weight of a floor as evidence for an up axis.
 const FLOOR_WEIGHT: f64 = 1.2;
-/// Range over which a floor counts increasingly, from not at all to fully: fraction of the surface that faces up near
-/// the bottom.
+/// Range over which the evidence of a floor increases from 0 to 1. The measure is the fraction of the surface that
+/// faces up near the bottom.
 const FLOOR: (f64, f64) = (0.08, 0.16);
-/// Smallest cosine between a floor's normals and the up axis.
+/// Cosine of the angle between the up axis and a patch's normal above which the patch may belong to a floor.
 const FLOOR_COS: f64 = 0.9;
-/// Fraction of the surface whose stored normals must match the estimated ones. Otherwise, floors aren't detected.
+/// Smallest fraction of the surface whose stored normals must fit the positions of the points ([`Patch::is_given`]).
+/// With less, stored normals are no evidence of a floor or a depth camera.
 const FITTING: f64 = 0.8;
-/// Largest height of a floor above the lowest point, as a fraction of the whole height.
+/// Height above the lowest point below which a patch may belong to a floor, as a fraction of the shape's height.
 const LOW: f64 = 0.25;
-/// Range over which a thin surface counts increasingly as terrain, from not at all to fully: fraction of the surface
-/// that faces up.
+/// Range over which a thin surface's evidence as terrain increases from 0 to 1. The measure is the fraction of the
+/// surface that faces up within 60°.
 const ABOVE: (f64, f64) = (0.5, 0.7);
-/// Largest fraction of a thin surface that may face down.
+/// Fraction of a thin surface that faces down from which it isn't terrain.
 const BELOW: f64 = 0.05;
-/// Range over which a mirror plane counts increasingly, from not at all to fully: lead of its score over the next
-/// plane's.
+/// Range over which a mirror plane's evidence increases from 0 to 1. The measure is the difference between its score
+/// (see [`MIRROR_SHARE`]) and that of the next best of the three planes.
 const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
-/// Smallest extent across a mirror plane, in half diagonals. A thinner shape always maps onto the same voxels.
+/// Extent across a mirror plane above which mirror symmetry is evidence, in units of [`Patches::scale`]. A thinner
+/// shape always maps onto the same voxels.
 const THIN: f64 = 0.33;
-/// Range over which a mirror plane counts increasingly, from not at all to fully: fraction of the surface that it maps
-/// onto the surface. The limits exclude scans, for which some plane is always slightly better than the others.
+/// Range over which a mirror plane's evidence increases from 0 to 1. The measure is the plane's score: the fraction of
+/// the surface that it maps onto the surface. The limits exclude scans, for which some plane is always slightly better
+/// than the others.
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
-/// Ratio of the length to the larger width above which a shape that tapers at both ends counts as lying.
+/// Ratio of the length to the larger width above which a shape that tapers at both ends is assumed to lie, not to
+/// stand.
 const LONG: f64 = 1.75;
-/// Middle part of a shape, in tenths of its length.
+/// Sections that form the middle of a shape, of ten that divide its length evenly.
 const MIDDLE: std::ops::Range<usize> = 2..8;
-/// Largest cross-section of a tapered end, as a fraction of the middle's. It excludes posts, which may be thicker in
-/// the middle because of an arm or a lamp.
+/// Ratio of the cross-section of a shape's ends to that of its middle below which the shape counts as tapered. It
+/// excludes posts, which may be thicker in the middle because of an arm or a lamp.
 const TAPERED: f64 = 0.5;
-/// Weight of a depth camera as evidence. It exceeds that of a floor, which a depth camera may also capture.
+/// Weight of a depth camera as evidence for an up axis. It exceeds that of a floor, which a depth camera may also
+/// capture.
 const CAMERA_WEIGHT: f64 = 1.6;
-/// Largest tangents of the angles between a depth camera's axis and its points: horizontally and vertically. The widest
-/// usual field of view, 75°×65°, plus a margin.
+/// Largest tangents of the angles, horizontal and vertical, between a depth camera's viewing direction and the
+/// directions of its points. They correspond to the widest usual field of view, 75°×65°, plus a margin.
 const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
-/// Smallest extent of a depth camera's points, as a tangent. Farther away, any shape is within the field of view.
+/// Smallest extent of a depth camera's points in its field of view, as a difference of tangents. With less, the shape
+/// is so far away that any shape would be within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
-/// Smallest fraction of the patches that must be within a depth camera's field of view; the others are strays.
+/// Smallest fraction of the patches that must be within a depth camera's field of view. The others count as strays.
 const WITHIN_VIEW: f64 = 0.995;
-/// Range over which stored normals count increasingly as facing the camera, from not at all to fully: length of their
-/// mean along the camera's axis.
+/// Range over which the evidence of a depth camera from stored normals increases from 0 to 1. The measure is the
+/// component of the mean normal toward the camera.
 const FACING_CAMERA: (f64, f64) = (0.5, 0.7);
-/// Minimum number of patches for detecting a depth camera. Fewer patches are so far apart in direction that a
+/// Smallest number of patches from which a depth camera is detected. Fewer patches are so far apart in direction that a
 /// watertight shape seems to have only one surface per direction.
 const LEAST_SEEN: usize = 500;
-/// Number of patches per cell for which the grid of directions is designed.
+/// Number of patches per cell for which the cell size of the grid of viewing directions is chosen.
 const PATCHES_OF_DIRECTIONS: f64 = 8.0;
-/// Smallest distance between two surfaces in one direction, in widths of the direction's grid cell.
+/// Difference in depth above which two patches in one cell of the direction grid belong to two surfaces. The unit is
+/// the width of a cell at that depth.
 const LAYERS_APART: f64 = 5.0;
-/// Range over which a depth camera counts decreasingly, from fully to not at all: fraction of directions with two
-/// surfaces. A few directions at each outline of a depth image have two.
+/// Range over which the evidence of a depth camera decreases from 1 to 0. The measure is the fraction of viewing
+/// directions that meet two surfaces. A few directions at each outline of a depth image do.
 const LAYERED: (f64, f64) = (0.25, 0.45);
-/// Largest [`Standing::rest`] of a shape that topples.
+/// Score of resting ([`Standing::rest`]) below which a shape topples.
 const FALLS: f64 = 0.15;
-/// Smallest [`Standing::rest`], on both faces, of a plate that lies flat.
+/// Score of resting ([`Standing::rest`]) that both faces of a plate must exceed for the plate to lie flat.
 const LIES: f64 = 1.0;
 
 /// A weighted criterion for or against an axis.
@@ -212,12 +224,13 @@ struct Piece {
     reason: UpReason,
     weight: f64,
     measure: fn(&Shape, Up) -> f64,
-    /// Score beyond which this criterion is reported as the reason. Negative for criteria that count against other
-    /// axes.
+    /// Score beyond which this criterion is reported as the reason. For criteria that count against axes, the number is
+    /// negative, and the score must be below it for another axis.
     decides: f64,
 }
 
-/// All criteria, strongest kind first. The score of an axis is the sum of the measurements times their weights.
+/// All criteria. The score of an axis is the sum of the measurements times their weights. If no evidence is for an
+/// axis, the first criterion in this list that rules out others is the reported reason.
 const EVIDENCE: [Piece; 6] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
@@ -234,8 +247,8 @@ impl Piece {
 }
 
 /// Estimates the up axis of a scene whose files don't state it. Map coordinates of the whole scene decide first, and
-/// then the shape of the part that `one_of` selects. The result is deterministic, and the time doesn't grow with the
-/// data.
+/// then the shape of the part that `one_of` selects, such as one of several equal objects. The result is deterministic,
+/// and the time doesn't grow with the data.
 pub(crate) fn upright(
     all: Option<Patches>,
     one_of: impl FnOnce(Patches) -> Patches,
@@ -258,7 +271,7 @@ pub(crate) fn upright(
     Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
-/// Returns the height axis, if the other two coordinates are in the range of map coordinates.
+/// Returns the axis that has heights, if the coordinates along the other two axes are in the range of map coordinates.
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
@@ -273,19 +286,21 @@ pub(crate) fn others(k: usize) -> [usize; 2] {
     [(k + 1) % 3, (k + 2) % 3]
 }
 
-/// Returns the index of an up direction's coordinate axis, 0 to 2.
+/// Returns the index of the coordinate axis (0 to 2) to which an up direction is parallel.
 pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
 }
 
-/// Support of a shape by its lowest points, for one up axis.
+/// Support of a shape by its lowest points, for one up axis. It shows how well the shape rests on them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Standing {
-    /// Area of the convex hull of the points that touch the ground, as a fraction of the footprint's hull.
+    /// Area of the convex hull of the patches that touch the ground, as a fraction of the area of the footprint's hull.
+    /// The footprint is the shape as seen from above.
     hull: f64,
-    /// Area of the level base, as a fraction of the footprint's hull.
+    /// Area of the level patches that touch the ground, as a fraction of the area of the footprint's hull.
     fill: f64,
-    /// Stability, from 0 (the shape would topple) to 1 (it is stable).
+    /// Stability, from 0 (the shape would topple) to 1 (it is stable). It grows with the distance of the centroid from
+    /// the support's edge ([`STEADY`]).
     steady: f64,
 }
 
@@ -309,28 +324,29 @@ impl Standing {
 /// Measurements of a shape from which the evidence is computed.
 #[derive(Debug)]
 struct Shape {
-    /// Support of the shape for each up axis of [`Up::ALL`].
+    /// Support of the shape for each up axis, in the order of [`Up::ALL`].
     standing: [Standing; 6],
-    /// Fractions of the surface, one per axis, that are mapped onto the surface when the shape is mirrored at its
-    /// centroid.
+    /// Mirror symmetry across each axis: the fraction of the surface that is mapped onto the surface when the shape is
+    /// mirrored at its centroid.
     mirror: [f64; 3],
-    /// Lengths along the axes, in half diagonals.
+    /// Length along each axis, in units of [`Patches::scale`] (half of the diagonal of the bounds).
     extent: [f64; 3],
-    /// Lengths like `extent`, without the influence of a few far parts, such as wires over a street.
+    /// Length along each axis like `extent`, but without the influence of a few far parts, such as wires over a street.
     breadth: [f64; 3],
-    /// Flags, one per axis, true if the shape is thinner at both ends than in its middle.
+    /// One flag per axis, true if the shape is thinner at both ends than in its middle along the axis.
     tapers: [bool; 3],
-    /// Flags, one per axis, true if the shape looks like terrain above the plane perpendicular to the axis.
+    /// One flag per axis, true if the shape looks like terrain whose heights are along the axis.
     ground: [bool; 3],
-    /// Evidence of a floor for each up axis of [`Up::ALL`], 0 to 1. Zero unless points have stored normals.
+    /// Evidence of a floor, 0 to 1, for each up axis in the order of [`Up::ALL`]. Zero unless points have stored
+    /// normals.
     floors: [f64; 6],
-    /// Evidence, 0 to 1, of a depth camera whose up axis is −y, and of one whose up axis is +y. Zero unless the file
-    /// has points.
+    /// Evidence, 0 to 1, that a depth camera captured the points: one whose up axis is −y, and one whose up axis is +y.
+    /// Zero unless the file has points.
     camera: [f64; 2],
-    /// Mean normal. A component is negative if the surface mostly faces down the axis.
+    /// Mean unit normal of the surface. A component is negative if the surface mostly faces down the axis.
     facing: DVec3,
-    /// True if plates count as lying, which holds for files of 3D printers and mills (STL). In other formats, a plate
-    /// may hang on a wall.
+    /// True if plates are assumed to lie flat, which holds for files of 3D printers and mills (STL). In other formats,
+    /// a plate may hang on a wall.
     plates_lie: bool,
 }
 
@@ -357,20 +373,21 @@ impl Shape {
         }
     }
 
-    /// Scores how much better the shape rests with `up` than upside down, from 0 to 2.2.
+    /// Returns the evidence of a base, 0 to 2.2: how much better the shape rests with `up` as up axis than upside down.
+    /// A floor reduces it.
     fn base(&self, up: Up) -> f64 {
         let sides = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
         // Walls above a floor resemble bases, so that a floor reduces the score.
         base(sides, is_negative(up)) * (1.0 - self.floors.into_iter().fold(0.0, f64::max))
     }
 
-    /// Returns 1 if the shape is extended horizontally, like terrain, and 0 otherwise.
+    /// Returns 1 if the shape is terrain with the up axis `up`, and 0 otherwise.
     fn ground(&self, up: Up) -> f64 {
         let k = axis_of(up);
         if self.ground[k] && !is_negative(up) && self.facing[k] >= 0.0 { 1.0 } else { 0.0 }
     }
 
-    /// Returns the evidence of terrain, reduced by the weighted evidence of a floor.
+    /// Returns the evidence of terrain, 0 to 1, reduced by that of a floor, so that one surface doesn't count twice.
     fn ground_beyond_floor(&self, up: Up) -> f64 {
         (self.ground(up) - FLOOR_WEIGHT / GROUND_WEIGHT * self.floor(up)).max(0.0)
     }
@@ -389,12 +406,13 @@ impl Shape {
         }
     }
 
-    /// Scores the evidence, 0 to 1, that this axis is perpendicular to the best mirror plane, and therefore isn't up.
+    /// Returns the evidence, 0 to 1, that `up` is perpendicular to the best mirror plane. Such an axis isn't up,
+    /// because mirror planes of upright shapes contain the up axis.
     fn is_mirror_axis(&self, up: Up) -> f64 {
         self.leads(axis_of(up))
     }
 
-    /// Returns 1 if the shape would topple in this orientation, and 0 otherwise.
+    /// Returns 1 if the shape would topple with `up` as up axis, and 0 otherwise.
     fn topples(&self, up: Up) -> f64 {
         let k = axis_of(up);
         let [u, v] = others(k);
@@ -414,8 +432,8 @@ impl Shape {
         leads(self.mirror, self.breadth, k)
     }
 
-    /// Returns the reason of the strongest evidence for an axis. Without any, returns that of the first criterion that
-    /// rules out other axes.
+    /// Returns the reason to report for the up axis `up`: the strongest evidence for it. Without any, returns the first
+    /// criterion that rules out other axes, or `None`.
     fn reason(&self, up: Up) -> Option<UpReason> {
         let strongest = EVIDENCE
             .iter()
@@ -432,7 +450,8 @@ fn is_negative(up: Up) -> bool {
     up.vector()[axis_of(up)] < 0.0
 }
 
-/// Scores how clearly the mirror plane across axis `k` is better than the other two planes, from 0 to 1.
+/// Returns how clearly the mirror plane across axis `k` is better than the other two planes, from 0 to 1. `mirror` has
+/// the plane's fractions of mirrored surface, and `extent` the shape's lengths along the axes.
 pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     let [u, v] = others(k);
     let lead = mirror[k] - mirror[u].max(mirror[v]);
@@ -440,8 +459,8 @@ pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     if extent[k] > THIN { share * smoothstep(MIRROR_LEAD.0, MIRROR_LEAD.1, lead) } else { 0.0 }
 }
 
-/// Scores the base on one side compared with the opposite side, from 0 to 2.2. `negative` is true if the up axis points
-/// in a negative direction.
+/// Returns the evidence of a base, 0 to 2.2, from the support on the lower side (`here`) and the opposite side.
+/// `negative` is true if the up axis points in a negative direction.
 fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
     let [positive, other] = if negative { [opposite, here] } else { [here, opposite] };
     // A table also rests stably on its top, and a bowl on its rim. Files store both upright.
@@ -569,16 +588,17 @@ fn faces_camera(patches: &Patches) -> f64 {
     smoothstep(FACING_CAMERA.0, FACING_CAMERA.1, -patches.mean(|p| p.normal).z)
 }
 
-/// Returns, for each axis, the length of a box whose positions vary as much as the surface's, in half diagonals. If
-/// this length is more than half of the extent, returns the extent: the legs of an animal aren't strays.
+/// Returns, for each axis, the length of a box whose positions vary as much as the surface's, in units of
+/// [`Patches::scale`]. If this length is more than half of the extent, returns the extent: the legs of an animal aren't
+/// strays.
 fn breadth(patches: &Patches) -> [f64; 3] {
     let extent = patches.extent();
     let spread = patches.mean(|p| (p.position - patches.centroid).powf(2.0)).map(|variance| (12.0 * variance).sqrt());
     DVec3::select(spread.cmplt(0.5 * extent), spread, extent).to_array()
 }
 
-/// True if the surface is a thin height field over this axis and isn't a flat drawing. The axis may be tilted, as on a
-/// hillside.
+/// True if the surface is a thin height field that isn't a flat drawing, as terrain is. Its heights are along axis `k`,
+/// or along a tilted axis near it, as on a hillside.
 fn is_ground(patches: &Patches, k: usize) -> bool {
     let axis = DVec3::AXES[k];
     // Normals of either sign contribute. Vertical surfaces don't contribute.
@@ -586,7 +606,8 @@ fn is_ground(patches: &Patches, k: usize) -> bool {
     spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
 }
 
-/// True if the surface is a thin height field along `direction` and isn't a flat drawing.
+/// True if the surface is a thin height field that isn't a flat drawing, as terrain is. Its heights are along the unit
+/// vector `direction`.
 fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     let (u, v) = direction.any_orthonormal_pair();
     let extent = |d: DVec3| {

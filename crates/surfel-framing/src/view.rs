@@ -36,7 +36,7 @@ pub struct ViewAngles {
 }
 
 impl ViewAngles {
-    /// Angles of [`NamedView::Iso`].
+    /// Angles of [`NamedView::Iso`], which are also used if a scene has too few splats for an automatic choice.
     pub const ISO: Self = Self { azimuth_deg: 30.0, elevation_deg: 20.0 };
 }
 
@@ -79,7 +79,7 @@ impl fmt::Display for ViewReason {
 pub struct ChosenView {
     /// Direction from which the scene is viewed.
     pub angles: ViewAngles,
-    /// Evidence that contributed most.
+    /// Criterion that contributed most to the choice of the view.
     pub reason: ViewReason,
 }
 
@@ -92,7 +92,7 @@ pub enum ViewChoice {
     Auto,
     /// A named view.
     Named(NamedView),
-    /// A view given by its angles.
+    /// A view that the user gives by its angles.
     From(ViewAngles),
 }
 
@@ -155,8 +155,9 @@ impl ViewAxes {
     }
 }
 
-/// Returns the viewing direction of the front view for an up axis. A y-up model faces +z, and a z-up model faces −y.
-/// Gaussian splats (−y up) face −z, since their cameras look along +z with y down.
+/// Returns the viewing direction of the front view for an up axis, opposite to the direction in which a model's front
+/// faces. A y-up model faces +z, and a z-up model faces −y. Gaussian splats (−y up) face −z, since their cameras look
+/// along +z with y down.
 fn front(up: Up) -> DVec3 {
     match up {
         Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,

@@ -1,11 +1,12 @@
 //! Choice of the direction from which a scene's image shows the most detail.
 //!
-//! Views on a ring are compared by the weighted criteria in `EVIDENCE`:
+//! The candidates are views on a ring: all around the scene, at one elevation. They are compared by the weighted
+//! criteria in `EVIDENCE`:
 //! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
 //!   measured over cells of equal size, direction and colour. The faces of a mesh aren't used, so that tessellation has
 //!   no influence.
 //! - Visible curvature follows Lee, Varshney, Jacobs 2005, "Mesh Saliency".
-//! - Views from slightly above are preferred.
+//! - Three-quarter views are preferred to straight ones.
 //!
 //! These criteria are terms of the measure that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
 //! Viewpoint Preference" (ACM TOG 30:5), fit to people's choices.
@@ -20,50 +21,59 @@ use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
-/// Side of a test image in pixels.
+/// Side in pixels of the small images that are drawn to compare views.
 const SIDE: usize = 64;
-/// Largest number of patches that are drawn in a test image.
+/// Largest number of patches that are drawn in one of the images that are compared. Of more, a regular sample is drawn
+/// enlarged.
 const DRAWN: usize = 8000;
-/// Number of entropy cells per half diagonal.
+/// Number of cells per unit of position, for counting viewpoint entropy. The unit is half of the diagonal of the
+/// scene's bounds ([`Patches::scale`]).
 const ENTROPY_CELLS: f64 = 3.0;
-/// Number of curvature cells per half diagonal.
+/// Number of cells per unit of position, for averaging normals to measure curvature. The unit is half of the diagonal
+/// of the scene's bounds ([`Patches::scale`]).
 const CURVATURE_CELLS: f64 = 18.0;
-/// Azimuths of the ring in degrees, in order of preference. Three-quarter views, such as [`ViewAngles::ISO`], come
-/// first.
+/// Azimuths, in degrees, of the ring of candidate views, in order of preference. Three-quarter views, such as
+/// [`ViewAngles::ISO`], come first.
 const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.0, 120.0, 240.0, 180.0];
-/// Elevation of the ring in degrees.
+/// Elevation, in degrees, of the ring of candidate views around shapes of usual height.
 const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
-/// Elevation of an additional candidate above the best view of the ring, in degrees.
+/// Elevation, in degrees, of an additional candidate above the best view of the ring.
 const HIGH_DEG: f64 = 40.0;
-/// Elevation of the ring around flat shapes, in degrees.
+/// Elevation, in degrees, of the ring of candidate views around flat shapes ([`FLAT`]).
 const FLAT_DEG: f64 = 50.0;
-/// Ratio of the height to the smaller width below which a shape is flat.
+/// Ratio of the height to the smaller width below which a shape is flat, and viewed from [`FLAT_DEG`].
 const FLAT: f64 = 0.22;
-/// Elevation of the ring around low shapes, in degrees.
+/// Elevation, in degrees, of the ring of candidate views around low shapes ([`LOW`]).
 const LOW_DEG: f64 = HIGH_DEG;
-/// Ratio of the height to the smaller width below which a shape is low.
+/// Ratio of the height to the smaller width below which a shape is low, and viewed from [`LOW_DEG`].
 const LOW: f64 = 0.4;
-/// Elevation of the ring around a room that is open on one side, in degrees. From higher up, the roof would hide more.
+/// Elevation, in degrees, of the ring of candidate views around a room that is open on one side. From higher up, the
+/// roof would hide more.
 const ROOM_DEG: f64 = 10.0;
-/// Cosine of the angle to the front above which all views count equally as front views.
+/// Cosine of the horizontal angle to the scene's front below which all views count equally as front views.
 const FRONT_COS: f64 = 0.8;
-/// Difference of scores below which views count as equally good. The preferred one is then chosen.
+/// Lead in score up to which a view of the ring doesn't replace one that comes earlier in the order of preference
+/// ([`RING`]).
 const TIE: f64 = 0.03;
-/// Fraction of the visible surface that faces away, over the whole ring, above which facing directions are meaningless.
-/// The exception is a room: from some side, at most [`OPENING`] faces away.
+/// Fraction of the surface visible from the whole ring, above which so much is back-facing that facing directions are
+/// meaningless. Both sides of a surface then count. The exception is a room: from some side, less than [`OPENING`] of
+/// its visible surface is back-facing.
 const MEANINGLESS: f64 = 0.6;
-/// Largest fraction of the visible surface that faces away when a room is viewed through its opening.
+/// Fraction of the visible surface below which back faces must be in some view, so that the scene is a room that is
+/// viewed through its opening.
 const OPENING: f64 = 0.5;
-/// Fraction of the visible surface that faces away, over the whole ring, up to which only silhouettes of a watertight
-/// surface do.
+/// Fraction of the surface visible from the whole ring, below which back faces occur only at silhouettes of a
+/// watertight surface. Openings aren't looked for then.
 const RIMS: f64 = 0.3;
-/// Smallest reduction of the fraction that faces away, relative to all views, for which an opening is reported as the
-/// reason.
+/// Smallest reduction, from the whole ring to one view, of the back-facing fraction of the visible surface at which an
+/// opening is reported as the view's reason.
 const OPENS: f64 = 0.2;
 
-/// Largest slope of a depth camera's rays relative to its axis.
+/// Largest lateral offset of a point that a depth camera at the origin may have captured, as a multiple of the point's
+/// depth.
 const WIDEST: f64 = 1.5;
-/// Smallest fraction of a captured surface that faces the camera. Silhouettes may face anywhere.
+/// Fraction of the patches above which facing the camera shows that a depth camera captured the surface. Silhouettes
+/// may face anywhere.
 const SEEN: f64 = 0.95;
 
 /// A weighted criterion for or against a view.
@@ -74,7 +84,7 @@ struct Piece {
 }
 
 /// All criteria. The score of a view is the sum of the measurements times their weights. Entropy and curvature are 1
-/// for the best views of the ring.
+/// for the best view of the ring, so that their weights can be compared.
 const EVIDENCE: [Piece; 6] = {
     const fn piece(reason: ViewReason, weight: f64, measure: fn(&Compared, &Candidate) -> f64) -> Piece {
         Piece { reason, weight, measure }
@@ -89,24 +99,25 @@ const EVIDENCE: [Piece; 6] = {
     ]
 };
 
-/// Returns the viewpoint entropy, relative to the highest on the ring.
+/// Returns the viewpoint entropy of a view, as a fraction of the highest on the ring.
 fn entropy(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).entropy / compared.best.entropy
 }
 
-/// Returns the visible curvature, relative to the highest on the ring.
+/// Returns the visible curvature of a view, as a fraction of the highest on the ring.
 fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).curvature / compared.best.curvature
 }
 
-/// Returns the cosine of the angle to the front, at most [`FRONT_COS`].
+/// Returns the cosine of the horizontal angle between a view and the view of the scene's front, at most [`FRONT_COS`].
 fn frontal(compared: &Compared, view: &Candidate) -> f64 {
     let level = ViewAngles { elevation_deg: 0.0, ..view.angles };
     (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
 }
 
-/// Returns the reduction of the fraction that faces away, relative to all views; 0 if facing directions are
-/// meaningless.
+/// Returns the reduction, from the whole ring to this view, of the back-facing fraction of the visible surface. It is
+/// large if the view shows the scene through an opening. Returns 0 if facing directions are meaningless, or only
+/// silhouettes are back-facing.
 fn open(compared: &Compared, view: &Candidate) -> f64 {
     if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
 }
@@ -116,7 +127,8 @@ fn straight(_: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.azimuth_deg % 90.0 == 0.0))
 }
 
-/// Returns 1 if the view is above the ring, and 0 otherwise. A high view must show clearly more to win.
+/// Returns 1 if the view is from higher up than the ring, and 0 otherwise. The weight is negative: a high view must
+/// show clearly more to win.
 fn from_high(compared: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.elevation_deg > compared.elevation_deg))
 }
@@ -127,20 +139,20 @@ struct Candidate {
     seen: Seen,
 }
 
-/// Properties of a scene that are needed for comparing its views.
+/// Properties of a scene and of the ring of its candidate views, with which each view is compared.
 struct Compared {
     up: Up,
-    /// Unit vector in which the scene's front faces.
+    /// Unit vector in which the scene's front faces: detected from the shape, or the default.
     front: DVec3,
     /// True if the front was detected from the shape, false if it is the default.
     has_front: bool,
-    /// Elevation of the ring, in degrees.
+    /// Elevation, in degrees, of the ring of candidate views.
     elevation_deg: f64,
     /// True if facing directions are meaningless, so that both sides of a surface count.
     two_sided: bool,
-    /// Fraction of the visible surface that faces away, over all views of the ring.
+    /// Fraction of the surface visible from the whole ring that is back-facing.
     away: f64,
-    /// Largest entropy and largest curvature over the views of the ring.
+    /// Largest entropy and largest curvature of any view of the ring.
     best: Shown,
 }
 
@@ -153,8 +165,8 @@ impl Compared {
         EVIDENCE.iter().map(|piece| piece.weight * (piece.measure)(self, view)).sum()
     }
 
-    /// Returns the reason whose criteria put a view ahead of the ring's mean by most. An opening takes precedence,
-    /// since entropy also counts surfaces that are visible only through the opening.
+    /// Returns the reason to report for a view: the kind of criteria by which its score exceeds the ring's mean by
+    /// most. An opening takes precedence, since entropy also counts surfaces that are visible only through the opening.
     fn reason(&self, view: &Candidate, ring: &[Candidate]) -> ViewReason {
         if open(self, view) >= OPENS {
             return ViewReason::Opening;
@@ -171,8 +183,9 @@ impl Compared {
     }
 }
 
-/// Chooses the view with the highest score, for the part of a scene that `one_of` selects. The elevation of the ring
-/// depends on the whole scene. The result is deterministic, and the time doesn't grow with the data.
+/// Chooses the view with the highest score, for the part of a scene that `one_of` selects, such as one of several equal
+/// objects. The elevation of the ring of candidates depends on the whole scene. The result is deterministic, and the
+/// time doesn't grow with the data.
 pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
     let Some(all) = all else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
@@ -227,8 +240,8 @@ pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> 
     ChosenView { angles: view.angles, reason: compared.reason(view, &ring) }
 }
 
-/// Returns the elevation of the ring in degrees. From the usual one, low shapes would appear as a line, or be hidden by
-/// their rim.
+/// Returns the elevation, in degrees, of the ring of candidate views. From [`ELEVATION_DEG`], low shapes would appear
+/// as a line, or their rim would hide them.
 fn elevation(patches: &Patches, up: Up) -> f64 {
     let extent = patches.extent();
     let [u, v] = others(axis_of(up));
@@ -252,38 +265,39 @@ fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
 }
 
 impl Seen {
-    /// Returns the fraction of the visible surface that faces away.
+    /// Returns the fraction of the visible surface that is back-facing.
     fn share_away(&self) -> f64 {
         self.away / (self.away + self.toward).max(1.0)
     }
 }
 
-/// Detail that is visible in one view.
+/// Amount of detail that is visible in the image of one view.
 #[derive(Clone, Copy, Debug, Default)]
 struct Shown {
     /// Viewpoint entropy in bits. The background counts as one cell.
     entropy: f64,
-    /// Curvature, summed over the pixels.
+    /// Curvature of the visible patches, summed over the pixels.
     curvature: f64,
 }
 
-/// Measurements of a view's test image.
+/// Measurements of the small image that is drawn of a view.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Detail of the whole visible surface.
+    /// Detail of the whole visible surface, including back faces.
     all: Shown,
-    /// Detail of the surface that faces the viewer. Other pixels count as background.
+    /// Detail of the front-facing surface. Other pixels count as background.
     facing: Shown,
-    /// Number of pixels whose surface faces the viewer.
+    /// Number of pixels whose surface is front-facing.
     toward: f64,
-    /// Number of pixels whose surface faces away from the viewer.
+    /// Number of pixels whose surface is back-facing.
     away: f64,
 }
 
-/// Scene whose views are compared, with data that all views share.
+/// Scene whose views are compared, with data about its patches that all views share.
 struct Judge<'a> {
     patches: &'a Patches,
-    /// Entropy cell of each patch, by position, direction and colour.
+    /// Number of the entropy cell of each patch. Patches with about the same position, direction and colour share a
+    /// cell.
     cells: Vec<u32>,
     /// Curvature around each patch, from 0 (flat) to 1.
     curvature: Vec<f64>,
@@ -332,8 +346,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// Returns the entropy cell of a patch. The number encodes the patch's position in the scene, one of 54 directions, and
-/// its approximate sRGB colour, quantised to four levels per channel.
+/// Returns a code for the entropy cell of a patch. The code combines the patch's position in the scene, one of 54
+/// directions, and its approximate sRGB colour, quantised to four levels per channel.
 fn cell(patch: &Patch) -> u64 {
     let index = |digits: [u64; 3], base: u64| (digits[0] * base + digits[1]) * base + digits[2];
     let place = ((patch.position + 1.0) * ENTROPY_CELLS).to_array().map(|c| c as u64);

@@ -3,13 +3,13 @@
 use std::sync::OnceLock;
 use surfel_math::srgb::{self, nearest_8_bit};
 
-/// Returns the linear values of the 256 sRGB-encoded 8-bit levels.
+/// Returns the linear values of the 256 sRGB-encoded 8-bit levels, as a table.
 pub fn linear_of_8_bit() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     TABLE.get_or_init(|| std::array::from_fn(|i| srgb::decode(i as f64 / 255.0) as f32))
 }
 
-/// Returns the linear values of the 65536 sRGB-encoded 16-bit levels.
+/// Returns the linear values of the 65536 sRGB-encoded 16-bit levels, as a table.
 pub fn linear_of_16_bit() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
     TABLE.get_or_init(|| (0..=65_535_u32).map(|i| srgb::decode(f64::from(i) / 65_535.0) as f32).collect())
@@ -30,7 +30,7 @@ pub fn linear_of_level(level: f64, scale: f64) -> f32 {
     if is_whole { linear_of_8_bit()[level as usize] } else { linear_of_unit(level / scale) }
 }
 
-/// Returns the 8-bit level whose linear value is exactly `linear`, if there is one.
+/// Returns the sRGB-encoded 8-bit level whose linear value is exactly `linear`, if there is one.
 pub fn exact_8_bit(linear: f32) -> Option<u8> {
     let level = nearest_8_bit(linear);
     (linear_of_8_bit()[usize::from(level)] == linear).then_some(level)

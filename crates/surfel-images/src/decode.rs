@@ -9,17 +9,17 @@ use std::error::Error as _;
 use std::io::Cursor;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Maximum memory in bytes for the chunks before the pixels of a PNG.
+/// Maximum memory, in bytes, for reading the header of a PNG, with all chunks before the pixels.
 const MAX_HEADER_BYTES: usize = 64 << 20;
 
-/// Decoded image, in rows from the top.
+/// Decoded image, with pixels in rows from the top.
 pub(super) struct Decoded {
     pub(super) width: u32,
     pub(super) height: u32,
     pub(super) samples: Samples,
 }
 
-/// RGBA samples of each texel, with 8 or 16 bits.
+/// Pixels of an image as RGBA, in rows from the top, with 8 or 16 bits per channel.
 pub(super) enum Samples {
     Eight(Vec<[u8; 4]>),
     Sixteen(Vec<[u16; 4]>),
@@ -37,7 +37,7 @@ fn is_webp(bytes: &[u8]) -> bool {
     bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
 }
 
-/// True if the bytes are an image in a format that this module decodes in some builds.
+/// True if the bytes begin as a PNG, JPEG or WebP. Some builds lack the decoder for JPEG or WebP.
 pub(super) fn is_image(bytes: &[u8]) -> bool {
     is_png(bytes) || is_jpeg(bytes) || is_webp(bytes)
 }
@@ -66,8 +66,8 @@ pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     }
 }
 
-/// True if an image file of this length can contain as many pixels as its header states. Decoders allocate memory by
-/// the header.
+/// True if a file of this length can contain as many pixels as its header states. This check prevents a small hostile
+/// file from making the decoder allocate much memory.
 ///
 /// Deflate compresses at most 1032 bytes into one, which are 8256 pixels of one bit; JPEG compresses less. A WebP may
 /// have no bits per pixel, so that up to 4096² pixels are accepted in any case.
@@ -100,17 +100,18 @@ fn open<'a>(bytes: &'a [u8], max_bytes: usize) -> Result<Box<dyn ImageDecoder + 
     Err("it is neither PNG nor JPEG nor WebP".into())
 }
 
-/// Returns the codec's own message, without the name of the format.
+/// Returns the codec's own message, without the name of the format that the crate `image` adds.
 fn reason(error: ImageError) -> String {
     error.source().map_or_else(|| error.to_string(), ToString::to_string)
 }
 
-/// Returns width and height from the header of an image, or the reason why they can't be read.
+/// Returns width and height in pixels from the header of an image, or the reason why they can't be read.
 pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     open(bytes, MAX_HEADER_BYTES).map(|decoder| decoder.dimensions())
 }
 
-/// Decodes an image whose size has been checked, or returns the reason why it can't be decoded.
+/// Decodes an image, whose size the caller has checked, with at most `max_bytes` bytes of memory. Returns the reason if
+/// it can't be decoded.
 pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
     let decoder = open(bytes, max_bytes)?;
     let (width, height) = decoder.dimensions();

@@ -21,7 +21,7 @@ use surfel_files::atomic;
 use surfel_files::error::{IoError, Problem};
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
-/// Channel names of world-space positions.
+/// Channel names of the world-space position of the surface at each pixel.
 const POSITION: [&str; 3] = ["position.X", "position.Y", "position.Z"];
 
 /// Options for writing an EXR file.
@@ -29,7 +29,7 @@ const POSITION: [&str; 3] = ["position.X", "position.Y", "position.Z"];
 pub struct ExrOptions {
     /// True if colours are written as 32-bit floats, false for 16-bit floats. Other planes are always 32-bit.
     pub f32_color: bool,
-    /// Text attributes, as names and values. Characters beyond Latin-1 become `?`.
+    /// Names and values of the text attributes to write. Characters beyond Latin-1 become `?`.
     pub metadata: Vec<(String, String)>,
 }
 
@@ -229,9 +229,9 @@ fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -
     texts
 }
 
-/// Number of lines that [`write_exr`] compresses together as one block.
+/// Number of image rows that [`write_exr`] compresses together as one block.
 const BLOCK_LINES: usize = 16;
-/// Maximum number of channels of a tile.
+/// Largest number of channels that [`tile_header`] accepts in a tile of an image.
 const MAX_CHANNELS: usize = 64;
 
 /// Reader of the lines of an EXR file, with one block in memory. A line has the samples of one channel after another,
@@ -240,7 +240,7 @@ pub(super) struct ExrRows {
     chunks: AllChunksReader<BufReader<File>>,
     block: Vec<u8>,
     line_bytes: usize,
-    /// Number of the next line. The field `at` is its byte offset in the block.
+    /// Number of the next row of the image, from the top. The field `at` is its byte offset in `block`.
     y: usize,
     at: usize,
 }
@@ -285,7 +285,8 @@ impl ExrRows {
     }
 }
 
-/// Returns the header of an EXR file with the layout of [`write_exr`], or an error for other files.
+/// Returns the header of an EXR file that has the layout of [`write_exr`], so that its rows can be stitched. Returns an
+/// error for other files.
 fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     let ours = |header: &&Header| {
         !header.deep
@@ -305,8 +306,8 @@ fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     })
 }
 
-/// Writes an EXR image of `size` pixels whose lines `next` provides. The header is that of the file `like`, except for
-/// size and texts. The bytes are equal to those that [`write_exr`] writes for the same pixels.
+/// Writes an EXR image of `size` pixels whose rows the function `next` provides. The header is that of the file `like`,
+/// except for size and texts. The bytes are equal to those that [`write_exr`] writes for the same pixels.
 pub(super) fn write_rows(
     sink: &mut BufWriter<File>,
     [width, height]: [u32; 2],

@@ -12,9 +12,9 @@ pub struct Planes {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<Vec<[f32; 4]>>,
-    /// View-space planar depth in world units; +∞ at background pixels.
+    /// View-space planar depth of the surface in world units; +∞ at background pixels.
     pub depth: Option<Vec<f32>>,
-    /// World-space normal, of unit length or zero.
+    /// World-space shading normal, of unit length or zero.
     pub normal: Option<Vec<[f32; 3]>>,
     /// Sum of splat weights, Σw.
     pub weight: Option<Vec<f32>>,
@@ -72,7 +72,7 @@ pub struct PlanesView<'a> {
 }
 
 impl PlanesView<'_> {
-    /// Returns the number of pixels, or an error if a plane has another number.
+    /// Returns the number of pixels, width times height. Returns an error if a plane has another number of values.
     pub(super) fn pixels(&self) -> io::Result<usize> {
         let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         let pixels = u64::from(self.width) * u64::from(self.height);

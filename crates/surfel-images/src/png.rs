@@ -13,10 +13,10 @@ use surfel_math::srgb::{encode_rgba8, straight};
 /// Number of bits of a PNG's samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BitDepth {
-    /// 8 bits.
+    /// 8 bits per sample.
     #[default]
     Eight,
-    /// 16 bits.
+    /// 16 bits per sample.
     Sixteen,
 }
 
@@ -49,7 +49,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     writer.finish().map_err(io::Error::other)
 }
 
-/// Writes the part of an RGBA PNG before its pixels.
+/// Writes the beginning of an RGBA PNG up to its pixels: header and text chunks. Returns the writer for the pixels.
 pub(super) fn start_png<W: Write>(
     out: W,
     [width, height]: [u32; 2],
@@ -83,7 +83,8 @@ pub fn save_png(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: 
     atomic::write(path, overwrite, |out| write_png(out, planes, options))
 }
 
-/// Converts linear premultiplied colours to 8-bit sRGB with straight alpha, as in an 8-bit PNG. NaN becomes 0.
+/// Converts linear premultiplied colours to 8-bit sRGB with straight alpha, exactly as [`write_png`] does for an 8-bit
+/// PNG. NaN becomes 0.
 pub fn to_srgb8(color: &[[f32; 4]]) -> Vec<[u8; 4]> {
     color.iter().map(|&c| encode_rgba8(c)).collect()
 }
@@ -105,7 +106,7 @@ pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
     texts_of(reader.info())
 }
 
-/// Returns the texts of a PNG whose chunks before the pixels have been read.
+/// Returns keywords and texts of the text chunks that precede the pixels of a PNG, sorted by keyword.
 pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
     let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
     let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));

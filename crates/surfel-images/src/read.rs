@@ -8,9 +8,9 @@ use surfel_files::error::{Fault, IoError, Problem, quote};
 use surfel_files::input;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
-/// Maximum size of an image file, in bytes.
+/// Largest size of an image file that is read, in bytes.
 const MAX_FILE_BYTES: u64 = 4 << 30;
-/// Maximum memory for decoding an image, in bytes.
+/// Maximum memory for the decoded pixels of an image, in bytes.
 const MAX_DECODED_BYTES: usize = 8 << 30;
 
 /// Reads an image: an EXR with all of its planes, or a PNG, JPEG or WebP as linear premultiplied colours. The metadata

@@ -49,7 +49,7 @@ pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u
     Ok(reducer.finish())
 }
 
-/// Converts a 16-bit level to the nearest 8-bit level.
+/// Converts a 16-bit level of a channel to the nearest 8-bit level.
 fn nearest_8_of_16_bit(level: u16) -> u8 {
     ((u32::from(level) + 128) / 257) as u8
 }
@@ -59,11 +59,11 @@ struct Reducer {
     /// Number of rows of the source image.
     height: u32,
     size: [u32; 2],
-    /// First source column of each texel. A last entry is the end of the last texel's columns.
+    /// First source column of each output texel in a row. A last entry is the end of the last texel's columns.
     starts: Vec<usize>,
-    /// Number of source rows that were passed.
+    /// Number of source rows that were passed so far.
     read: u32,
-    /// Sum of linear premultiplied colours and number of pixels, for each texel of the current row.
+    /// Sum of linear premultiplied colours and number of pixels so far, for each texel of the current output row.
     sums: Vec<([f32; 4], f32)>,
     done: Vec<[u8; 4]>,
 }

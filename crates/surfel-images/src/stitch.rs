@@ -16,16 +16,16 @@ pub struct ImageHeader {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Format of the pixels.
+    /// Channels and number format of the pixels. Tiles of one image must agree in it.
     pub samples: Samples,
-    /// Text attributes, sorted by name.
+    /// Names and values of the text attributes, sorted by name.
     pub metadata: Vec<(String, String)>,
 }
 
-/// Format of an image's pixels.
+/// Channels and number format of an image's pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Samples {
-    /// RGBA PNG.
+    /// PNG with RGBA samples of this number of bits.
     Png(BitDepth),
     /// EXR channels in their order: name, number of bytes per sample, and letter of the type (`h` half, `f` float, `u`
     /// integer).
@@ -46,7 +46,8 @@ impl std::fmt::Display for Samples {
 }
 
 impl Samples {
-    /// Returns the number of bytes per pixel of each section of a row. In an EXR, each channel is a section of its own.
+    /// Returns the number of bytes per pixel of each section of a row. A PNG row is one section of RGBA pixels. In an
+    /// EXR row, each channel is a section of its own.
     fn parts(&self) -> Vec<usize> {
         match self {
             Self::Png(BitDepth::Eight) => vec![4],
@@ -61,11 +62,11 @@ impl Samples {
 pub struct Tile {
     /// Path of the image file.
     pub path: PathBuf,
-    /// Column of the upper left pixel.
+    /// Column of the whole image where the tile's upper left pixel belongs.
     pub x: u32,
-    /// Row of the upper left pixel.
+    /// Row of the whole image where the tile's upper left pixel belongs.
     pub y: u32,
-    /// Header of the file, from [`read_image_header`].
+    /// Header of the tile's file, from [`read_image_header`].
     pub header: ImageHeader,
 }
 
@@ -165,14 +166,15 @@ pub fn stitch(
     }
 }
 
-/// Stores a tile's error, which the writer of the whole image can't return, and returns a placeholder for it.
+/// Stores a tile's [`IoError`] in `failed`, because the writer of the whole image can only return an [`io::Error`].
+/// Returns one as a placeholder.
 fn keep(failed: &mut Option<IoError>, error: IoError) -> io::Error {
     *failed = Some(error);
     io::Error::other("a tile can't be read")
 }
 
-/// Checks that each pixel is in exactly one tile. `tiles` are sorted by the rows, then by the columns of their upper
-/// left pixels.
+/// Checks that each pixel of the whole image is in exactly one tile. `tiles` are sorted by the rows, then by the
+/// columns of their upper left pixels.
 fn check_cover([width, height]: [u32; 2], tiles: &[&Tile], out: &Path) -> Result<(), IoError> {
     let outside = |tile: &&&Tile| tile.right() > u64::from(width) || tile.bottom() > u64::from(height);
     if let Some(tile) = tiles.iter().find(outside) {
@@ -218,12 +220,12 @@ fn missing(out: &Path, columns: (u64, u64), rows: (u64, u64)) -> IoError {
     Fault::from(Problem::new(what).expected("every pixel in one tile").help("draw the missing tiles first")).of(out)
 }
 
-/// Whole image that is assembled row by row.
+/// Whole image that is assembled from tiles, row by row.
 struct Whole<'a> {
     size: [u32; 2],
-    /// Number of bytes per pixel of each section of a row.
+    /// Number of bytes per pixel of each section of a row, from [`Samples::parts`].
     parts: Vec<usize>,
-    /// Tiles that begin below the current row.
+    /// Tiles that begin at or below the next row, and aren't open yet.
     waiting: &'a [&'a Tile],
     open: Vec<(&'a Tile, Rows)>,
     y: u64,
@@ -234,7 +236,7 @@ impl Whole<'_> {
         self.parts.iter().sum::<usize>() * self.size[0] as usize
     }
 
-    /// Assembles the next row from the open tiles.
+    /// Assembles the next row of the whole image from the tiles that it crosses.
     fn next_row(&mut self, row: &mut [u8]) -> Result<(), IoError> {
         let y = self.y;
         self.open.retain(|(tile, _)| tile.bottom() > y);
@@ -265,7 +267,7 @@ impl Whole<'_> {
     }
 }
 
-/// Reader of the rows of an image file.
+/// Reader of the rows of a tile's image file.
 enum Rows {
     Png(Box<png::Reader<BufReader<File>>>),
     #[cfg(feature = "exr")]

@@ -7,18 +7,19 @@ use surfel_files::error::{Fault, IoError, Problem, quote};
 use surfel_files::input;
 use surfel_model::{Matcap, Texture};
 
-/// Maximum side of a texture's image, in texels.
+/// Largest width or height of an image that is decoded as a texture, in texels. Larger images are refused.
 const MAX_SIDE: u32 = 32_768;
-/// Default maximum side of a texture, in texels. Larger images are reduced.
+/// Default maximum width or height of a texture, in texels. Larger images are reduced to it.
 const DEFAULT_MAX_SIDE: u32 = 8192;
-/// Maximum memory for decoding an image, in bytes.
+/// Maximum memory for decoding an image, in bytes. It also limits all textures of a mesh file together, at four bytes a
+/// texel.
 const MAX_BYTES: usize = 1 << 30;
 
 /// Decoder for the PNG, JPEG and WebP images of one mesh file, with a common limit on their texels.
 #[derive(Debug)]
 pub struct TextureDecoder {
     texels_left: u64,
-    /// Maximum side of a texture in texels; larger images are reduced.
+    /// Maximum width or height of a texture in texels; larger images are reduced to it.
     max_side: u32,
     /// Number of images that were reduced, and width and height of the first one before and after.
     reduced: Option<(usize, [u32; 4])>,
@@ -34,7 +35,7 @@ impl TextureDecoder {
         Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
     }
 
-    /// Returns notes about images that were reduced or truncated.
+    /// Returns notes for the user about images that were reduced or truncated.
     pub fn told(&self) -> Vec<String> {
         let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
             let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
@@ -77,7 +78,8 @@ impl TextureDecoder {
         Ok(texture)
     }
 
-    /// Subtracts the texels of a converted texture from the file's limit. Returns false if they exceed the limit.
+    /// Subtracts the texels of a converted texture from the common limit of the file's textures. Returns false, and
+    /// subtracts nothing, if they exceed what is left.
     pub fn spend(&mut self, texels: u64) -> bool {
         let left = self.texels_left.checked_sub(texels);
         self.texels_left = left.unwrap_or(self.texels_left);

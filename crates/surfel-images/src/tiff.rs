@@ -9,11 +9,12 @@ use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
 use tiff::tags::Tag;
 use tiff::{TiffError, TiffResult};
 
-/// Size of a strip in bytes before compression. A strip has at least one row.
+/// Target size, in bytes before compression, of a strip of rows. A strip has at least one row.
 const STRIP_BYTES: usize = 1 << 20;
-/// Deflate level. Higher levels take twice the time and reduce the size by a few per cent.
+/// Compression level of deflate. Higher levels take twice the time and reduce the size by a few per cent.
 const LEVEL: u32 = 3;
-/// Number of bytes before compression from which a file is BigTIFF. Deflate may add less than 0.1 %.
+/// Smallest size of the pixels, in bytes before compression, from which the file is written as BigTIFF. TIFF ends at 4
+/// GiB, and deflate may add up to 0.1 %.
 const BIG_FROM: u64 = 4_200_000_000;
 
 /// Writes an image with sRGB-encoded RGB and straight alpha. `next` provides its rows from the top, with 16-bit samples
@@ -49,7 +50,7 @@ pub(super) fn write_rows(
     })
 }
 
-/// Directory encoder for the output file.
+/// Encoder of the output file's directory of tags, with the kind `K` of TIFF: standard or BigTIFF.
 type Directory<'a, 'file, K> = tiff::encoder::DirectoryEncoder<'a, &'file mut BufWriter<File>, K>;
 
 struct Image<'a> {

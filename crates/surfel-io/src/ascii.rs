@@ -6,7 +6,8 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, Location, Problem};
 use std::io::{BufRead, Read};
 
-/// Iterator over the lines of a text and their numbers, from 1. Lines end at LF, CRLF or a CR alone.
+/// Iterator over the lines of a text. Each item is the line's number, from 1, and its bytes. Lines end at LF, CRLF or a
+/// CR alone.
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
@@ -42,7 +43,7 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Maximum length of a line in a file that is read line by line, in bytes.
+/// Maximum length, in bytes, of a line that [`each_line`] reads. Files with longer lines are refused.
 const MAX_LINE_BYTES: usize = 1 << 24;
 
 /// Passes each line of a text and its number, from 1, to `each`. Lines end as in [`Lines`]. Only part of a file is in
@@ -99,7 +100,7 @@ pub(crate) fn number(word: &[u8]) -> Option<f64> {
     text.parse().ok().or_else(|| odd_number(text))
 }
 
-/// Parses a number like [`number`], rounded once to f32.
+/// Parses a number like [`number`], but rounds it directly to f32 rather than first to f64.
 pub(crate) fn number_f32(word: &[u8]) -> Option<f32> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| odd_number(text).map(|v| v as f32))

@@ -17,12 +17,12 @@ pub(crate) struct OpenFile {
 }
 
 impl OpenFile {
-    /// Opens the file at `path`; returns `None` if it can't be opened, isn't regular or exceeds the maximum size.
+    /// Opens the file at `path`; returns `None` if it can't be opened, isn't regular or is larger than [`MAX_BYTES`].
     pub(crate) fn open(path: &Path) -> Option<Self> {
         Self::open_any(path).filter(|file| file.length as u64 <= MAX_BYTES)
     }
 
-    /// Opens the file at `path`, like [`Self::open`], with any size.
+    /// Opens the file at `path`, like [`Self::open`], but without a limit of its size.
     pub(crate) fn open_any(path: &Path) -> Option<Self> {
         let file = File::open(path).ok()?;
         let metadata = file.metadata().ok().filter(std::fs::Metadata::is_file)?;
@@ -41,18 +41,20 @@ impl OpenFile {
         Bytes::File { file: self, start: 0, length: self.length }
     }
 
-    /// Returns the first error of reading a part of the file. Data that were read after it are invalid.
+    /// Closes the file, and returns the first error of reading a part of it. Data that were read after the error are
+    /// invalid.
     pub(crate) fn failure(self) -> Option<io::Error> {
         self.failure.into_inner()
     }
 
-    /// Returns a copy of the error of [`Self::failure`]. The file stays open.
+    /// Returns a copy of the first error of reading a part of the file. The file stays open, unlike with
+    /// [`Self::failure`].
     #[cfg(feature = "laz")]
     pub(crate) fn failed(&self) -> Option<io::Error> {
         self.failure.get().map(|error| io::Error::new(error.kind(), error.to_string()))
     }
 
-    /// Reads `out` from offset `start`, or records the error.
+    /// Fills `out` with the file's bytes from offset `start` on. An error is recorded for [`Self::failure`].
     fn fill(&self, start: usize, out: &mut [u8]) {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let read = file.seek(SeekFrom::Start(start as u64)).and_then(|_| file.read_exact(out));
@@ -63,11 +65,11 @@ impl OpenFile {
     }
 }
 
-/// A sequence of bytes, in memory or in a file.
+/// A sequence of bytes, in memory or in a file, from which readers of formats read parts on demand.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Bytes<'a> {
     Memory(&'a [u8]),
-    /// A part of a file.
+    /// A part of an open file, which is read when it is needed.
     File {
         file: &'a OpenFile,
         start: usize,
@@ -140,7 +142,8 @@ impl<'a> Bytes<'a> {
     }
 
     /// Returns the shortest range of a file that contains all `parts`, and the offset of each part in the range.
-    /// Returns `None` if the range is longer than the parts together: reading them one by one is then faster.
+    /// Reading this range once replaces a read for each part. Returns `None` if the range is longer than the parts
+    /// together: reading them one by one is then faster.
     pub(crate) fn hull(parts: &[Self]) -> Option<(Self, Vec<usize>)> {
         let Self::File { file, start, .. } = *parts.first()? else { return None };
         let (mut first, mut end, mut total) = (start, start, 0_usize);
@@ -157,7 +160,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// A reader of bytes, with its position.
+/// A reader of a sequence of bytes, with its current position.
 pub(crate) struct Reader<'a> {
     bytes: Bytes<'a>,
     position: usize,

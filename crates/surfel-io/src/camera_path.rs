@@ -16,11 +16,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use surfel_model::{Camera, Projection};
 
-/// Largest number of keys.
+/// Largest number of cameras in a camera path.
 const MOST_KEYS: usize = 100_000;
-/// Factors for clip planes that a camera doesn't state. The near plane is `NEAR` times the distance of the target; the
-/// far plane of a parallel projection is `FAR` times that distance plus the view's height.
+/// Factor for the near plane of a camera that doesn't state one. The plane is at most `NEAR` times as far from the eye
+/// as the target, so that it clips nothing.
 const NEAR: f64 = 1e-3;
+/// Factor for the far plane of a parallel projection that doesn't state one. The plane is `FAR` times as far away as
+/// the target's distance and the view's height together, so that it clips nothing.
 const FAR: f64 = 1e3;
 
 /// Keys of a camera path: cameras that a film passes through.
@@ -35,9 +37,9 @@ pub struct CameraKeys {
 /// A camera that a film passes through.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathKey {
-    /// The camera.
+    /// The camera at this point of the path.
     pub camera: Camera,
-    /// Time in seconds; either all keys have one or none has.
+    /// Time in seconds at which the film passes through the camera. Either all keys of a path have a time or none has.
     pub time: Option<f64>,
 }
 
@@ -55,12 +57,12 @@ struct KeyFile {
     camera: CameraEntry,
     #[serde(default)]
     time: Option<f64>,
-    /// Name that the viewer stores with a camera; ignored here.
+    /// Name that the viewer stores with a camera. It is accepted in the file, but ignored.
     #[serde(default, rename = "name")]
     _name: Option<String>,
 }
 
-/// A camera, or the name of a file with one.
+/// A camera in a path's file, or the name of another file with the camera.
 enum CameraEntry {
     Camera(Box<Camera>),
     File(PathBuf),
@@ -136,8 +138,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<CameraKeys, IoError> {
     Ok(CameraKeys { keys, closed: file.closed })
 }
 
-/// Sets the clip planes that a camera doesn't state so that they clip nothing: the near plane if it has the default
-/// value, and the far plane of a parallel projection.
+/// Sets clip planes that a camera doesn't state, so that they clip nothing. A near plane with the default value moves
+/// nearer if the target is near. A parallel projection gets a distant far plane.
 fn choose_depths(camera: &mut Camera) {
     let distance = (0..3).map(|k| (camera.target[k] - camera.eye[k]).powi(2)).sum::<f64>().sqrt();
     if camera.far.is_none() && camera.near == Camera::perspective([0.0; 3], [1.0; 3], 45.0, [1, 1]).near {
@@ -148,7 +150,7 @@ fn choose_depths(camera: &mut Camera) {
     }
 }
 
-/// Reads the camera of a scene file, or a camera file.
+/// Reads a camera from a scene file, or from a file that contains a camera alone.
 fn camera_of(path: &Path) -> Result<Camera, IoError> {
     let bytes = files::read(path, MAX_BYTES)?;
     let value: serde_json::Value = json(&bytes).map_err(|fault| fault.of(path))?;

@@ -11,20 +11,21 @@ use crate::points::Table;
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// Names of the columns that are read.
+/// Names of the columns that are read from a file of COLMAP's points.
 const NAMES: [&str; 8] = ["x", "y", "z", "red", "green", "blue", "error", "track_length"];
-/// Number of values of a text point before its track, and of a track element.
+/// Number of values of a point in a text file before its track.
 const BEFORE_TRACK: usize = 8;
+/// Number of values of a track element in a text file: image and point in the image.
 const PER_ELEMENT: usize = 2;
-/// Bytes of a binary point (identifier, position, colour, error, track length), and of a track element (image and point
-/// in it).
+/// Bytes of a point in a binary file before its track: identifier, position, colour, error, and track length.
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
+/// Bytes of a track element in a binary file: image and point in the image.
 const ELEMENT_BYTES: u64 = 8;
-/// Maximum number of text lines that are examined to detect the format.
+/// Maximum number of text lines that are examined to detect COLMAP's format.
 const JUDGED_LINES: usize = 100;
 
-/// True if `head`, the start of a file, is that of `points3D.txt`. Either the first comments name its columns; or all
-/// lines are points, and the file's name or differing track lengths show the format.
+/// True if `head`, the start of a file, is that of COLMAP's `points3D.txt`. Either the first comments name its columns;
+/// or all lines are points, and the file's name or differing track lengths show the format.
 pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
     let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));
@@ -43,7 +44,8 @@ pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     !rows.is_empty() && (is_named || differ) && rows.iter().all(|line| is_row(line))
 }
 
-/// True if a line is a point: whole numbers except for the position and the error, and complete pairs in the track.
+/// True if a line is a point of `points3D.txt`: whole numbers except for the position and the error, and complete pairs
+/// in the track.
 fn is_row(line: &[u8]) -> bool {
     let mut count = 0;
     let fits = words(line).all(|word| {
@@ -81,7 +83,7 @@ pub(crate) fn count(bytes: Bytes<'_>) -> Option<u64> {
     (count.saturating_mul(POINT_BYTES as u64) <= bytes.len() as u64).then_some(count)
 }
 
-/// A point, without its track.
+/// A point of `points3D.bin`, without its track.
 struct Record {
     position: [f64; 3],
     color: [u8; 3],
@@ -128,7 +130,7 @@ fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(),
     Ok(())
 }
 
-/// Writes the values of all points, of a text or binary file, to `data`.
+/// Writes the values of all points, of a text or binary file, to `data`. Returns where each column lies in them.
 pub(crate) fn unpack(bytes: Bytes<'_>, data: &mut dyn Write) -> Result<Table, Fault> {
     let mut table = Table::with_names(&NAMES);
     let mut add = |[x, y, z]: [f64; 3], [r, g, b]: [f64; 3], error: f64, track_length: f64| {

@@ -28,13 +28,13 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{TableColumns, Up};
 
-/// Maximum number of columns of a file.
+/// Maximum number of columns of a point file. Files with more are refused.
 const MAX_COLUMNS: usize = 128;
-/// Bytes at the start of a file that are used to detect its format, and to estimate the number of points of a text
-/// file.
+/// Number of bytes at the start of a file that are read to detect its format. The number of points of a text file is
+/// estimated from them, too.
 const HEAD_BYTES: usize = 1 << 16;
 
-/// A point file whose columns are read block by block.
+/// An open point file of any format in columns, which are read block by block.
 #[derive(Clone, Debug)]
 pub(crate) struct ColumnFile {
     pub(crate) format: Format,
@@ -43,12 +43,13 @@ pub(crate) struct ColumnFile {
     pub(crate) roles: Roles,
     pub(crate) rows: usize,
     pub(crate) notes: Vec<String>,
-    /// Position of the scanner, if one scanner recorded all points.
+    /// Position of the scanner in file coordinates, if one scanner recorded all points.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
-    /// Encoding of colours stored as floats, for formats whose number types define the range of colours.
+    /// Encoding of colours that are stored as floats. It matters only for files that are typed ([`Self::is_typed`]).
     pub(crate) float_colors: FloatColors,
-    /// Temporary file with the columns, if they aren't read from the file itself.
+    /// Temporary file with the columns of a text or compressed file. `None` if the columns are read from the file
+    /// itself.
     unpacked: Option<Arc<OpenFile>>,
 }
 
@@ -60,8 +61,8 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// Detects the format from the file's first bytes. Text formats are detected by the file's name. Files without a header
-/// need `columns`.
+/// Detects the format of a point file from its first bytes; text formats need the file's name, too. A file without a
+/// header is only a point file if `columns` describes its rows.
 fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
     #[cfg(feature = "pcd")]
@@ -95,7 +96,7 @@ fn head_of(bytes: Bytes<'_>) -> Cow<'_, [u8]> {
     head
 }
 
-/// Returns a context that collects notes.
+/// Returns a context for a reader that needs one, without access to other files. It collects the reader's notes.
 fn context(options: &LoadOptions) -> Context<'_> {
     Context::new(options, Siblings::None)
 }
@@ -293,7 +294,7 @@ impl ColumnFile {
         matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap)
     }
 
-    /// Passes the columns to `f`. `path` must be the file that was opened.
+    /// Passes the file's columns to `f`. `path` must be the file that was opened.
     pub(crate) fn with<R>(&self, path: &Path, f: impl FnOnce(&[Strided<'_>]) -> R) -> Result<R, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         let own = match &self.unpacked {
@@ -314,7 +315,7 @@ impl ColumnFile {
     }
 }
 
-/// A writer to a file without a name in `folder`, which is created with the first bytes.
+/// A writer to a temporary file without a name in `folder`, which is created when the first bytes are written.
 struct Unnamed<'a> {
     folder: &'a Path,
     file: Option<BufWriter<File>>,
@@ -327,7 +328,7 @@ impl<'a> Unnamed<'a> {
         Self { folder, file: None, bytes: 0, finished: None }
     }
 
-    /// Returns all bytes written.
+    /// Returns all bytes that were written, for reading.
     fn written(&mut self) -> Result<Bytes<'_>, Problem> {
         let Some(file) = self.file.take() else { return Ok(Bytes::Memory(&[])) };
         let file = file.into_inner().map_err(|error| unwritable(error.into_error()))?;

@@ -4,7 +4,7 @@ use crate::strided::{self, NumberType, Strided, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraValues};
 
-/// A column, in memory or stored in a file.
+/// A column of numbers, in memory or stored in a file.
 #[derive(Debug)]
 pub(crate) enum Numbers<'a> {
     Held(ExtraValues),
@@ -12,7 +12,7 @@ pub(crate) enum Numbers<'a> {
 }
 
 impl Numbers<'_> {
-    /// Returns the number type in the file.
+    /// Returns the column's number type. For a stored column, it is the type in the file.
     pub(crate) fn kind(&self) -> NumberType {
         match self {
             Self::Held(values) => number_type(values),
@@ -21,7 +21,7 @@ impl Numbers<'_> {
     }
 }
 
-/// Returns the number type of values.
+/// Returns the number type of a column in memory.
 pub(crate) fn number_type(values: &ExtraValues) -> NumberType {
     match values {
         ExtraValues::I8(_) => NumberType::I8,
@@ -44,7 +44,8 @@ impl From<Numbers<'_>> for ExtraValues {
     }
 }
 
-/// Returns the columns if all are stored in a file; otherwise reads all into memory.
+/// Returns the columns unread if all three are stored in a file; otherwise reads all of them into memory, as the error
+/// value.
 fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]> {
     match values {
         [Numbers::Stored(a), Numbers::Stored(b), Numbers::Stored(c)] => Ok([a, b, c]),
@@ -52,7 +53,7 @@ fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]
     }
 }
 
-/// Converts values to f64.
+/// Converts a column to f64, which is exact for all number types.
 pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
     match values {
         ExtraValues::I8(v) => v.iter().map(|&x| x.into()).collect(),
@@ -66,7 +67,7 @@ pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
     }
 }
 
-/// Converts values to f32, rounded to nearest.
+/// Converts a column to f32; numbers that f32 can't represent are rounded to nearest.
 pub(crate) fn to_f32(values: impl Into<ExtraValues>) -> Vec<f32> {
     match values.into() {
         ExtraValues::F32(v) => v,
@@ -74,7 +75,7 @@ pub(crate) fn to_f32(values: impl Into<ExtraValues>) -> Vec<f32> {
     }
 }
 
-/// True if f32 represents every value of the type exactly.
+/// True if f32 represents every value of the column's number type exactly.
 fn fits_f32(values: &ExtraValues) -> bool {
     !matches!(values, ExtraValues::I32(_) | ExtraValues::U32(_) | ExtraValues::F64(_))
 }
@@ -102,7 +103,8 @@ pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
     }
 }
 
-/// Combines three scalar columns to positions; f64 positions are relative to an origin.
+/// Combines three scalar columns to positions. Returns an origin, and positions relative to it. The origin is 0 if f32
+/// represents all coordinates exactly.
 pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => {
@@ -114,8 +116,8 @@ pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     }
 }
 
-/// Converts measured positions, which come from text or a transformation. Digits beyond f32 are significant only if f32
-/// is coarse at the points' distance from the origin.
+/// Converts positions that were printed as text or computed by a transformation. Returns an origin, and positions
+/// relative to it. Digits beyond f32 are stored only if [`f32_is_enough`] is false; otherwise they are only noise.
 #[cfg(any(feature = "gltf", feature = "obj", feature = "off"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -128,21 +130,21 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
-/// Maximum rounding step of coordinates that causes no note, as a fraction of their extent.
+/// Largest rounding step of coordinates that causes no note, as a fraction of the points' extent.
 const ROUNDED_SHARE: f64 = 1.0 / 50_000.0;
 
-/// Returns a note if 32-bit coordinates in these bounds are so far from the origin that they are rounded.
+/// Returns a note if 32-bit coordinates between `min` and `max` are so far from the origin that rounding is noticeable.
 pub(crate) fn rounding_note(min: DVec3, max: DVec3) -> Option<String> {
     rounding_note_of_step(f32_step(min.abs().max(max.abs()).max_element()), min, max)
 }
 
-/// Returns the spacing of 32-bit floats just below this value.
+/// Returns the rounding step of 32-bit floats near a value: the distance to the next smaller float.
 pub(crate) fn f32_step(largest: f64) -> f64 {
     let largest = largest as f32;
     if largest > 0.0 && largest.is_finite() { f64::from(largest) - f64::from(largest.next_down()) } else { 0.0 }
 }
 
-/// Returns a note if a rounding step of coordinates in these bounds is large compared with their extent.
+/// Returns a note if the rounding step of coordinates between `min` and `max` is more than 1/50,000 of their extent.
 pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
     let extent = (max - min).max_element();
     (extent > 0.0 && step > extent * ROUNDED_SHARE).then(|| {
@@ -150,8 +152,8 @@ pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option
     })
 }
 
-/// True if f32 is precise enough for measured points in these bounds. The largest coordinate must be at most 32 times
-/// the extent, where f32 resolves 1/500,000 of the extent.
+/// True if f32 is precise enough for measured points between `min` and `max`. The largest coordinate must be at most 32
+/// times the extent, where f32 resolves 1/500,000 of the extent.
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }

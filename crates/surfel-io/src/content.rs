@@ -29,20 +29,20 @@ pub struct LoadOptions {
 /// The geometry of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
-    /// Validated splats, ready to be drawn.
+    /// Validated splats, which can be drawn as they are.
     Splats(SplatCloud),
-    /// Points without extent; all positions are finite.
+    /// Points without radii, from which splats are estimated. All positions are finite.
     Points(PointCloud),
-    /// Triangles; all indices are in range and all positions finite.
+    /// A mesh of triangles. All indices are in range, and all positions are finite.
     Mesh(Mesh),
-    /// Splats and polygons in an octree.
+    /// Splats and polygons in an octree, from a `.surfel` file.
     Octree(Box<Octree>),
-    /// Trained Gaussians, if [`LoadOptions::gaussians`] is true.
+    /// Trained 2DGS or 3DGS Gaussians, if [`LoadOptions::gaussians`] is true.
     Gaussians(Arc<GaussianCloud>),
 }
 
 impl Content {
-    /// Returns the up axis that the file states.
+    /// Returns the up axis that the file itself states, if any.
     pub fn own_up(&self) -> Option<Up> {
         match self {
             Self::Splats(splats) => splats.data().up,
@@ -53,7 +53,8 @@ impl Content {
         }
     }
 
-    /// Returns the names of the attributes: "position", "normal", "colour", … and those that Surfel doesn't interpret.
+    /// Returns the names of the attributes that the content has: "position", "normal", "colour", …, then those of
+    /// further columns.
     pub fn attributes(&self) -> Vec<String> {
         let mut found = vec!["position".to_owned()];
         let mut add = |there: bool, name: &str| {

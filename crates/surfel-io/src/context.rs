@@ -13,13 +13,13 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 
-/// Note about alphas that are all 0.
+/// Note for the user about a file whose alphas are all 0, so that they are ignored.
 pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
 
-/// Note about colours that are all black.
+/// Note for the user about a file whose colours are all black, so that they are ignored.
 const ALL_BLACK: &str = "took it as without colours: they are all black";
 
-/// Maximum number of notes per file.
+/// Maximum number of notes per file. Further ones are only counted.
 const MOST_NOTES: usize = 1000;
 
 /// State that readers share while a file is loaded.
@@ -35,7 +35,7 @@ pub(crate) struct Context<'a> {
     notes_left_out: usize,
     /// Texture decoder, with limits for the whole file.
     pub(crate) textures: TextureDecoder,
-    /// True if the file contains trained Gaussians, even if they were converted to splats.
+    /// True if the file contains trained Gaussians, also if they were converted to splats.
     pub(crate) gaussian: bool,
 }
 
@@ -53,7 +53,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Adds a note, unless it exists already.
+    /// Adds a note for the user, unless it exists already.
     pub(crate) fn note(&mut self, note: String) {
         if self.known_notes.contains(&note) {
             return;
@@ -86,7 +86,8 @@ impl<'a> Context<'a> {
         note.into_iter().for_each(|note| self.note(note));
     }
 
-    /// Drops alphas that are all 0: some tools write 0 for an unset alpha, and no file is meant to be invisible.
+    /// Removes a column of alphas that are all 0. Some tools write 0 for an unset alpha, and no file is meant to be
+    /// invisible.
     fn leave_out_zero_alphas(&mut self, alphas: &mut Option<Vec<f32>>) {
         if alphas.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|a| *a == 0.0)) {
             *alphas = None;
@@ -94,7 +95,8 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Drops colours that are all black: some tools write 0 for an unset colour, and black hides every shape.
+    /// Removes a column of colours that are all black. Some tools write 0 for an unset colour, and black hides every
+    /// shape.
     pub(crate) fn leave_out_black(&mut self, colors: &mut Option<Vec<[f32; 3]>>) {
         if colors.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|color| *color == [0.0; 3])) {
             *colors = None;
@@ -102,7 +104,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Validates splats; with `repair`, drops invalid ones.
+    /// Validates splats. If `repair` is requested, invalid splats are dropped with a note instead of failing.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
         self.leave_out_zero_alphas(&mut data.alphas);
@@ -113,7 +115,7 @@ impl<'a> Context<'a> {
         Ok(Content::Splats(cloud))
     }
 
-    /// Drops points whose position isn't finite.
+    /// Validates points. Points whose position isn't finite are dropped with a note.
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
         self.leave_out_zero_alphas(&mut points.alphas);

@@ -5,40 +5,40 @@
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 
-/// Comment of point clouds whose x and y are degrees, judging from the columns' names or steps. The file states no
-/// coordinate reference system.
+/// Comment that Surfel adds to point clouds whose x and y are degrees, judging from the columns' names or steps. It
+/// stands for a coordinate reference system where the file states none.
 pub const IN_DEGREES: &str = "coordinates longitude latitude";
 
 /// A coordinate reference system, as a file states it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Crs {
-    /// OGC well-known text.
+    /// The system as OGC well-known text (WKT).
     pub(crate) wkt: Option<String>,
-    /// An EPSG code, if the file states nothing else.
+    /// The system's EPSG code, if the file states nothing else about it.
     pub(crate) code: Option<u32>,
-    /// GeoTIFF keys.
+    /// The system as GeoTIFF keys.
     pub(crate) geotiff: Option<GeoKeys>,
 }
 
-/// GeoTIFF keys of a coordinate reference system.
+/// A coordinate reference system as GeoTIFF keys, in the form of three GeoTIFF tags.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct GeoKeys {
-    /// Key directory, including its header of four numbers.
+    /// GeoKeyDirectoryTag: a header of four numbers, then four numbers per key.
     pub(crate) directory: Vec<u16>,
-    /// Numbers that keys refer to.
+    /// GeoDoubleParamsTag: the floating-point values that keys refer to.
     pub(crate) doubles: Vec<f64>,
-    /// Text that keys refer to.
+    /// GeoAsciiParamsTag: the text values that keys refer to.
     pub(crate) text: String,
 }
 
 impl Crs {
-    /// Returns the coordinate reference system of an EPSG code.
+    /// Creates a coordinate reference system from its EPSG code.
     pub fn of_epsg(code: u16) -> Self {
         Self { code: Some(code.into()), ..Self::default() }
     }
 
-    /// Parses comments in the form that docs/format.md defines; returns `None` if they state no coordinate reference
-    /// system.
+    /// Parses a coordinate reference system from a file's comments, in the form that docs/format.md defines. Returns
+    /// `None` if they state none.
     pub fn of_comments(comments: &[String]) -> Option<Self> {
         fn numbers<T: std::str::FromStr>(text: &str) -> Vec<T> {
             text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect()
@@ -57,7 +57,7 @@ impl Crs {
         (crs != Self::default()).then_some(crs)
     }
 
-    /// Returns the EPSG code, if the WKT or the GeoTIFF keys state one.
+    /// Returns the system's EPSG code, if the file states one, also within WKT or GeoTIFF keys.
     pub fn epsg(&self) -> Option<u32> {
         let of_wkt = self.wkt.as_deref().and_then(epsg_of_wkt);
         of_wkt.or(self.code).or_else(|| {
@@ -160,7 +160,7 @@ impl Crs {
         GeoKeys { directory, doubles: made.doubles, text: made.text }
     }
 
-    /// Returns a short description: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
+    /// Returns a short description for notes: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
     pub fn words(&self) -> String {
         let name = self.name().map(|name| crate::error::quote(name.as_bytes()));
         match (name, self.epsg()) {
@@ -172,7 +172,7 @@ impl Crs {
         }
     }
 
-    /// Returns the comments that state the system, in the form that docs/format.md defines.
+    /// Returns comments that state the system in a file, in the form that docs/format.md defines.
     pub fn comments(&self) -> Vec<String> {
         let join = |values: Vec<String>| values.join(" ");
         let mut comments = Vec::new();
@@ -195,16 +195,18 @@ impl Crs {
     }
 }
 
-/// WKT keywords of systems that contain another one, such as compound systems.
+/// WKT keywords of coordinate reference systems that contain another one, such as compound systems.
 const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"];
-/// WKT keywords of coordinate reference systems.
+/// WKT keywords of single coordinate reference systems, geographic or projected.
 const SYSTEMS: [&str; 8] =
     ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
 
-/// GeoTIFF keys of the model type (what x and y are) and of the raster type (what a pixel is).
+/// GeoTIFF key that states the kind of x and y: projected, geographic or geocentric.
 const MODEL_TYPE: u16 = 1024;
+/// GeoTIFF key that states what a pixel is: an area or a point.
 const RASTER_TYPE: u16 = 1025;
-/// Ranges of EPSG codes (EPSG 12) that contain only geographic systems; systems in common use only.
+/// Ranges, first to last, of EPSG codes that contain only geographic systems, in degrees. The ranges are those of EPSG
+/// 12, and cover the systems in common use.
 const GEOGRAPHIC: [[u32; 2]; 20] = [
     [4001, 4025],
     [4120, 4216],
@@ -229,7 +231,8 @@ const GEOGRAPHIC: [[u32; 2]; 20] = [
     [9705, 9707],
 ];
 
-/// True if WKT describes a geographic system, alone or with heights. The base system of a projected one doesn't count.
+/// True if WKT describes a geographic system, in degrees, alone or with heights. The base system of a projected one
+/// doesn't count.
 fn is_geographic_wkt(wkt: &str) -> bool {
     let mut quoted = false;
     let mut start = None;
@@ -255,7 +258,8 @@ fn is_geographic_wkt(wkt: &str) -> bool {
     false
 }
 
-/// Returns keys that store a projected system as text; `None` for other systems, or if the text contains a bar.
+/// Returns GeoTIFF keys that store the WKT of a projected system as text, as Esri's programs do. Returns `None` for
+/// other systems, or if the WKT contains a bar, which ends texts.
 fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
@@ -267,8 +271,8 @@ fn as_text(wkt: &str) -> Option<Keys> {
     })
 }
 
-/// Returns a GeoTIFF directory with the raster type set to pixel-is-area and the rest unchanged. Keys that refer to
-/// missing values are dropped.
+/// Returns GeoTIFF keys for an image whose pixels are areas: the given ones with another raster type. Keys that refer
+/// to missing values are dropped.
 fn pixel_is_area(whole: &GeoKeys) -> GeoKeys {
     let GeoKeys { directory, doubles, text } = whole;
     let text = wkt::printable(text);
@@ -291,14 +295,14 @@ fn pixel_is_area(whole: &GeoKeys) -> GeoKeys {
     GeoKeys { directory: made, doubles: doubles.clone(), text }
 }
 
-/// Returns the EPSG code of WKT: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]`. The code of the whole system has
-/// priority over that of its first horizontal part. Codes of datums, units and base systems don't count.
+/// Returns the EPSG code that WKT states: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]`. The code of the whole
+/// system has priority over that of its first horizontal part. Codes of datums, units and base systems don't count.
 fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     let whole: Vec<&str> = SYSTEMS.into_iter().chain(COMPOUNDS).collect();
     code_of_wkt(wkt, &whole)
 }
 
-/// Returns the EPSG code of the outermost element of WKT whose keyword is in `parts`.
+/// Returns the EPSG code of the outermost element of WKT whose keyword is one of `parts`.
 fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
     let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
     let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));

@@ -5,16 +5,18 @@ use crate::context::Context;
 use glam::{DVec2, DVec3};
 use surfel_model::{PointCloud, Up};
 
-/// Minimum number of rows, of columns, and of sampled points that have a depth.
+/// Smallest number of rows, and of columns, of points that may be a depth image. A quarter of its square is the
+/// smallest number of sampled points with a depth.
 const FEWEST: usize = 16;
-/// Maximum number of points that are sampled.
+/// Maximum number of points that are tested.
 const MOST: usize = 20_000;
-/// Minimum correlation of the slopes x/z and y/z with column and row. Lens distortion and rounded depths lower it
-/// slightly.
+/// Smallest correlation of the slopes x/z and y/z with column and row from which points count as a depth image. Lens
+/// distortion and rounded depths lower it slightly.
 const LINEAR: f64 = 0.99;
 
-/// Sets the up axis and the viewpoint if the points are a camera's depth image, row by row, with the camera at the
-/// origin. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and z backward.
+/// Detects whether points are a camera's depth image, row by row, with the camera at the origin. If so, sets the up
+/// axis and the viewpoint. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and
+/// z backward.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
     if points.up.is_some() || points.viewpoint.is_some() {
@@ -64,7 +66,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Returns Pearson's correlation; NaN if a value doesn't vary.
+/// Returns Pearson's correlation of pairs of numbers; NaN if one of the two doesn't vary.
 fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let count = pairs.clone().count() as f64;
     let (a, b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));

@@ -10,7 +10,8 @@ use draco_core::{DecodeLimits, DecoderBuffer, GeometryAttributeType, Mesh, MeshD
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Maximum number of faces or points per byte of a stream. Valid files have far fewer; hostile headers state more.
+/// Maximum number of faces or points per byte of a Draco stream. Valid files have far fewer; hostile headers state
+/// more.
 const MOST_PER_BYTE: u64 = 4096;
 
 /// Decompresses a mesh or points, or returns the reason why that fails.
@@ -115,7 +116,7 @@ fn fits_f32(kind: DataType) -> bool {
     )
 }
 
-/// Reads a row of `width` numbers for each point; numbers that the attribute lacks are 0.
+/// Returns a row of `width` numbers for each point, in f64; numbers that the attribute lacks are 0.
 fn doubles(attribute: &PointAttribute, points: usize, width: usize) -> Vec<f64> {
     let (kind, data) = (attribute.data_type(), attribute.buffer().data());
     let (size, stride) = (kind.byte_length(), usize::try_from(attribute.byte_stride()).unwrap_or(0));
@@ -130,7 +131,7 @@ fn doubles(attribute: &PointAttribute, points: usize, width: usize) -> Vec<f64> 
     rows
 }
 
-/// Converts a stored number to f64.
+/// Converts the bytes of a number to f64.
 fn number_of(kind: DataType, bytes: &[u8]) -> f64 {
     macro_rules! read {
         ($number:ty) => {
@@ -152,7 +153,7 @@ fn number_of(kind: DataType, bytes: &[u8]) -> f64 {
     }
 }
 
-/// Reads an attribute of one number per point as a column of the attribute's own type.
+/// Reads an attribute of one number per point as a column of the same number type.
 fn column(attribute: &PointAttribute, points: usize) -> ExtraValues {
     let kind = attribute.data_type();
     if kind == DataType::Float32 {
@@ -179,7 +180,7 @@ fn color_type(kind: DataType) -> ColorType {
     }
 }
 
-/// Converts colours to linear light; notes their range if the type doesn't determine it.
+/// Converts colours to linear light. If their number type doesn't determine their range, it is estimated, with a note.
 fn linear_colors(rgba: &[[f32; 4]], kind: ColorType, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     let all = || rgba.iter().flat_map(|c| &c[..3]).map(|c| f64::from(*c)).filter(|c| c.is_finite());
     let largest = all().fold(0.0, f64::max);

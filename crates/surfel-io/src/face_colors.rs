@@ -7,8 +7,8 @@ use surfel_model::Mesh;
 /// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
-/// Colours triangles by their faces, unless the vertices have differing colours already. A triangle without a face
-/// colour keeps its vertex colours.
+/// Shows the colours of faces: duplicates vertices so that each triangle has its face's colour. Vertices that have
+/// differing colours already are unchanged. A triangle without a face colour keeps its vertex colours.
 ///
 /// `of_triangle` may be shorter than the mesh's triangles. A mesh with vertex indices out of range stays unchanged.
 pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: &mut Context<'_>) {

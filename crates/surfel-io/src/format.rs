@@ -9,23 +9,23 @@ use surfel_model::Up;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
-    /// Stanford PLY.
+    /// Stanford PLY: splats, Gaussians, points or a mesh.
     Ply,
-    /// Wavefront OBJ.
+    /// Wavefront OBJ: a mesh or points as text.
     Obj,
-    /// STL, text or binary.
+    /// STL: a mesh, as text or binary.
     Stl,
-    /// glTF as JSON.
+    /// glTF: a scene whose JSON refers to buffers in other files.
     Gltf,
-    /// glTF as one binary file.
+    /// glTF as one binary file, JSON and buffer together.
     Glb,
-    /// Columns of numbers: XYZ, TXT, CSV, ASC.
+    /// Points as columns of numbers in a text file: XYZ, TXT, CSV, ASC.
     Xyz,
-    /// Leica PTS: a count, then x y z intensity r g b.
+    /// Leica PTS: points as text, a count and then rows of x y z intensity r g b.
     Pts,
-    /// Leica PTX: scans with poses.
+    /// Leica PTX: scans as text, with their poses.
     Ptx,
-    /// PCD of the Point Cloud Library.
+    /// PCD of the Point Cloud Library: points.
     Pcd,
     /// A NumPy array (`.npy`).
     Npy,
@@ -35,7 +35,7 @@ pub enum Format {
     Off,
     /// A mesh or points compressed by Draco.
     Drc,
-    /// Gaussian splats in rows of 32 bytes.
+    /// Antimatter15's `.splat`: Gaussian splats in rows of 32 bytes.
     Splat,
     /// Gaussian splats compressed as SPZ.
     Spz,
@@ -45,7 +45,7 @@ pub enum Format {
     Las,
     /// LAS, compressed by LASzip.
     Laz,
-    /// LAZ whose chunks are the nodes of an octree.
+    /// COPC: LAZ whose chunks are the nodes of an octree.
     Copc,
     /// Scans of terrestrial scanners: ASTM E2807.
     E57,
@@ -55,13 +55,13 @@ pub enum Format {
     Pnts,
     /// COLMAP's sparse points: `points3D.txt` or `points3D.bin`.
     Colmap,
-    /// Rows of numbers without a header; the caller names the columns ([`crate::LoadOptions::columns`]).
+    /// Rows of binary numbers without a header; the caller names the columns ([`crate::LoadOptions::columns`]).
     Raw,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
-/// Supported formats, for messages about files in other formats.
+/// Names of the supported formats, as text for messages about other files.
 pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, \
      PTX, NPY, NPZ, COLMAP's points3D, 3D Tiles, SPLAT, SPZ or SOG";
 
@@ -122,7 +122,7 @@ const UNREAD_EXTENSIONS: &[(&str, &str, &str)] = &[
 pub(crate) const OCTREE_SIGNATURE: &[u8; 8] = b"SURFEL\r\n";
 
 impl Format {
-    /// Returns the name: "PLY", "OBJ", …
+    /// Returns the format's name for messages: "PLY", "OBJ", …
     pub fn name(self) -> &'static str {
         match self {
             Self::Ply => "PLY",
@@ -153,7 +153,7 @@ impl Format {
         }
     }
 
-    /// Returns the format of a file name's extension, in either case; a final `.gz` is ignored.
+    /// Returns the format that the extension of a file's name stands for, in either case; a final `.gz` is ignored.
     pub fn from_extension(path: &Path) -> Option<Self> {
         if extension(path)? == "gz" {
             return Self::from_extension(Path::new(path.file_stem()?));
@@ -184,8 +184,8 @@ impl Format {
         })
     }
 
-    /// Returns the up axis of files that don't state one. PLY files of Gaussian splats have the axes of cameras, with y
-    /// down.
+    /// Returns the up axis of this format's files if they don't state one. PLY files of Gaussian splats
+    /// (`holds_gaussians`) have the axes of cameras, with y down.
     pub(crate) fn default_up(self, holds_gaussians: bool) -> Up {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
@@ -199,7 +199,8 @@ impl Format {
         }
     }
 
-    /// Detects, from a file's first bytes, the formats that are read with seeking instead of from memory.
+    /// Detects E57 and LAS files, with their variants, from a file's first bytes. These formats are read with seeking
+    /// instead of from memory.
     pub(crate) fn of_survey(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"ASTM-E57") {
             return Some(Self::E57);
@@ -261,12 +262,13 @@ fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
-/// True if the start of a file contains bytes that aren't text.
+/// True if the start of a file contains control bytes that text doesn't have.
 pub(crate) fn is_binary(head: &[u8]) -> bool {
     head.iter().any(|b| *b < b' ' && !b.is_ascii_whitespace() && !matches!(b, 0x0b | 0x1a | 0x1b))
 }
 
-/// Returns the problem of a file whose content isn't recognised but whose extension is that of an unsupported format.
+/// Returns the problem of a file that isn't recognised by its content, and whose extension is that of an unsupported
+/// format. Returns `None` for other extensions.
 pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
     let extension = extension(path)?;
     let (_, what, help) = UNREAD_EXTENSIONS.iter().find(|(e, ..)| *e == extension)?;

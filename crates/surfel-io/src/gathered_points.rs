@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Points of one part, in world space. Each column has a value for each point.
+/// Points of one part of a file, or of one of several files, in world space. Each column has a value for each point.
 #[derive(Default)]
 pub(crate) struct PointsPart {
     pub(crate) positions: Vec<DVec3>,
@@ -17,12 +17,12 @@ pub(crate) struct PointsPart {
     /// Point colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) extras: Vec<ExtraColumn>,
-    /// Largest rounding step of the positions, if the file stores them as 32-bit floats; otherwise 0.
+    /// Largest rounding step of the positions in world units, if the file stores them as 32-bit floats; otherwise 0.
     pub(crate) step: f64,
 }
 
 impl PointsPart {
-    /// Transforms the points and normals.
+    /// Transforms the part's points and normals to world space.
     pub(crate) fn place(&mut self, world_from_part: DAffine3) {
         self.step *= largest_scale(world_from_part);
         self.positions.iter_mut().for_each(|p| *p = world_from_part.transform_point3(*p));
@@ -31,20 +31,22 @@ impl PointsPart {
     }
 }
 
-/// Returns the largest factor by which a transformation scales an axis.
+/// Returns the largest factor by which a transformation scales one of the x, y and z axes.
 pub(crate) fn largest_scale(world: DAffine3) -> f64 {
     let m = world.matrix3;
     [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
 }
 
-/// Returns the inverse transpose of the linear part, multiplied by a positive factor; finite for any finite matrix.
+/// Returns the matrix that transforms normals: the inverse transpose of the linear part, times a positive factor. It is
+/// finite for any finite matrix.
 pub(crate) fn inverse_transpose(world: DAffine3) -> DMat3 {
     let m = world.matrix3;
     let sign = 1.0_f64.copysign(m.determinant());
     DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
 }
 
-/// Transforms a normal by an inverse transpose, and normalises it. The identity returns the normal unchanged.
+/// Transforms a normal by the result of [`inverse_transpose`], and normalises it. The identity returns the normal
+/// unchanged.
 pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     if matrix == DMat3::IDENTITY {
         return normal;
@@ -52,7 +54,7 @@ pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
 }
 
-/// Parts merged so far, in order.
+/// Parts of a point cloud that were merged so far, in order.
 #[derive(Default)]
 pub(crate) struct GatheredPoints {
     pub(crate) positions: Vec<DVec3>,
@@ -61,7 +63,7 @@ pub(crate) struct GatheredPoints {
     any_normal: bool,
     any_color: bool,
     extras: Vec<ExtraColumn>,
-    /// Largest rounding step of all parts.
+    /// Largest rounding step of the positions of all parts, in world units.
     step: f64,
     /// Index in `extras` of each column, by name.
     extra_of: HashMap<String, usize>,
@@ -93,7 +95,7 @@ impl GatheredPoints {
         }
     }
 
-    /// Returns the columns, extended to a value for every point.
+    /// Extends all columns to a value for every point. The new values are 0.
     fn filled(mut extras: Vec<ExtraColumn>, total: usize) -> Vec<ExtraColumn> {
         extras.iter_mut().for_each(|extra| extra.values.resize(total));
         extras
@@ -105,7 +107,7 @@ impl GatheredPoints {
         self.normals.iter_mut().for_each(|n| *n = (rotation * DVec3::from(n.map(f64::from))).as_vec3().to_array());
     }
 
-    /// Returns all parts as one.
+    /// Returns all points as a single part.
     pub(crate) fn into_part(self) -> PointsPart {
         let Self { positions, normals, colors, any_normal, any_color, extras, step, .. } = self;
         let extras = Self::filled(extras, positions.len());
@@ -121,7 +123,7 @@ impl GatheredPoints {
         rounding_note_of_step(self.step, min, max).into_iter().for_each(|note| context.note(note));
     }
 
-    /// Returns the cloud, without non-finite positions.
+    /// Returns the merged point cloud, without points whose position isn't finite.
     pub(crate) fn finish(self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (origin, positions) = measured_positions(&self.positions);
         let alphas = self.any_color && self.colors.iter().any(|c| c[3] < 1.0);
@@ -137,7 +139,7 @@ impl GatheredPoints {
     }
 }
 
-/// Appends values to a column, which becomes f64 if the types differ.
+/// Appends values to a column. If the number types differ, the column becomes f64.
 fn append(column: &mut ExtraValues, values: &ExtraValues) {
     use ExtraValues::*;
     match (&mut *column, values) {

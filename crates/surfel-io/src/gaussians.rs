@@ -8,46 +8,46 @@ use glam::{DQuat, DVec3};
 use std::sync::Arc;
 use surfel_model::{CloudData, Column3, GaussianCloud, GaussianData, GaussianKind, OnInvalid, Shape, Up};
 
-/// Value of the constant spherical harmonic, ½·√(1/π).
+/// Value of the constant spherical harmonic, ½·√(1/π). The coefficient of a colour is multiplied by it.
 pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
-/// Half-axis of a surface splat in standard deviations: √(2c), so that its kernel at the default cutoff c = 2 equals
-/// the Gaussian.
+/// Length of a surface splat's half-axis, in standard deviations of the Gaussian: √(2c). With it, the splat's kernel at
+/// the default cutoff c = 2 equals the Gaussian.
 const HALF_AXIS_SIGMAS: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// 2DGS: the third axis is the normal.
+    /// Gaussians of 2DGS, which are flat: the third axis is the normal.
     Flat,
-    /// 3DGS: ellipsoids.
+    /// Gaussians of 3DGS, which are ellipsoids.
     Solid,
 }
 
-/// Gaussians with activation functions applied, in columns of equal length.
+/// Gaussians of a file, with activation functions applied. Each column has a value for each Gaussian.
 pub(crate) struct Gaussians {
     pub(crate) origin: DVec3,
     pub(crate) centers: Column3,
     pub(crate) kind: Kind,
-    /// Standard deviations along the rotated axes.
+    /// Standard deviations along the three axes of the rotated Gaussian.
     pub(crate) sigmas: Vec<DVec3>,
     /// Rotations as quaternions of any nonzero length.
     pub(crate) rotations: Vec<DQuat>,
-    /// Opacity in [0, 1].
+    /// Opacity in [0, 1], from 0 for transparent.
     pub(crate) alphas: Vec<f32>,
     /// sRGB-encoded colours without their view-dependent part, unless `linear_colors` is true. Surfaces clamp them to
     /// [0, 1].
     pub(crate) display_colors: Vec<[f64; 3]>,
-    /// View-dependent part of the colours.
+    /// View-dependent part of the colours, as spherical harmonics.
     pub(crate) harmonics: Harmonics,
-    /// True if the colours are linear instead of sRGB-encoded.
+    /// True if `display_colors` are linear instead of sRGB-encoded.
     pub(crate) linear_colors: bool,
     pub(crate) up: Option<Up>,
     pub(crate) comments: Vec<String>,
 }
 
-/// Coefficients of spherical harmonics of degree 1 and higher.
+/// Coefficients of spherical harmonics of degree 1 and higher, which make colours depend on the viewing direction.
 #[derive(Default)]
 pub(crate) enum Harmonics {
-    /// No coefficients.
+    /// The file has no coefficients: colours don't depend on the view.
     #[default]
     None,
     /// Coefficients that the reader skips, with their number per splat if the file states it.
@@ -57,7 +57,7 @@ pub(crate) enum Harmonics {
 }
 
 impl Harmonics {
-    /// Returns a note about the coefficients per splat that a surface doesn't use.
+    /// Returns a note that a surface doesn't use the coefficients, if there are any.
     fn left_out(&self) -> Option<String> {
         let count = match self {
             Self::None | Self::Read(0, _) => return None,
@@ -70,7 +70,7 @@ impl Harmonics {
 }
 
 impl Gaussians {
-    /// Converts to the model's form of trained Gaussians.
+    /// Converts the Gaussians to the data model's form of trained Gaussians.
     fn trained(self) -> GaussianData {
         let constant = |c: &[f64; 3]| c.map(|c| ((c - 0.5) / SH_C0) as f32);
         let (degree, rest) = match self.harmonics {
@@ -99,7 +99,8 @@ impl Gaussians {
 }
 
 impl Context<'_> {
-    /// Converts Gaussians to trained Gaussians or to surface splats, as the options request.
+    /// Converts a file's Gaussians to trained Gaussians or to surface splats, as
+    /// [`LoadOptions::gaussians`](crate::LoadOptions::gaussians) requests.
     pub(crate) fn gaussians(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.gaussian = true;
         if !self.options.gaussians {
@@ -116,8 +117,8 @@ impl Context<'_> {
         Ok(Content::Gaussians(Arc::new(cloud)))
     }
 
-    /// Converts Gaussians to surface splats, spanned by the first two axes of 2D Gaussians or the two largest of 3D
-    /// ones.
+    /// Converts Gaussians to surface splats. A splat is spanned by the first two axes of a 2D Gaussian, or by the two
+    /// longest of a 3D Gaussian.
     fn surface(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.notes.extend(g.harmonics.left_out());
         let total = g.centers.len();

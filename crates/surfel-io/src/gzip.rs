@@ -31,8 +31,8 @@ pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Proble
     Ok(())
 }
 
-/// Returns the first bytes of a gzip file's content, and the estimated size of the whole content, extrapolated from its
-/// start.
+/// Returns the first `most` bytes of a gzip file's content, and the estimated size of the whole content in bytes. The
+/// size is extrapolated from the start.
 #[cfg(feature = "laz")]
 pub(crate) fn head(bytes: Bytes<'_>, most: usize) -> (Vec<u8>, u64) {
     let mut reader = bytes.source();

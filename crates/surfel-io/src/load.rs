@@ -46,12 +46,12 @@ use std::io::{Read, Seek};
 use std::path::Path;
 use surfel_model::PointCloud;
 
-/// Loads splats, points or a mesh from a file. The first bytes and the extension decide the format. Textures, materials
-/// and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
+/// Loads splats, Gaussians, points or a mesh from a file. The first bytes and the extension decide the format.
+/// Textures, materials and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
 ///
 /// # Errors
 /// [`IoError::System`] if the file can't be read. [`IoError::Invalid`] if it is damaged, or in a format that this build
-/// has no reader for. [`IoError::Model`] if it contains splats that violate the rendering model (§10) and
+/// has no reader for. [`IoError::Model`] if it contains splats that violate docs/rendering-model.md, §10, and
 /// `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     if let Some((format, mut file)) = survey_file(path) {
@@ -91,14 +91,14 @@ fn load_whole(
     run(|context| read_bytes(bytes, hint, name, context), name, siblings, options)
 }
 
-/// Properties of all points of a file that was read block by block.
+/// Properties of a file's points as a whole, which [`survey`] returns.
 #[derive(Clone, Debug)]
 pub struct PointSurvey {
-    /// Format, up axis and notes of the file. The content is an empty cloud, and `attributes` is empty.
+    /// Format, up axis and notes of the file. Its content is an empty point cloud, and `attributes` is empty.
     pub loaded: Loaded,
-    /// Bounds of the positions: the least and the largest coordinates, in the file's units; `None` without points.
+    /// Minimum and maximum of the positions, in the file's units; `None` without points.
     pub bounds: Option<(DVec3, DVec3)>,
-    /// Minimum and maximum of each colour component, in linear RGB; `None` without colours.
+    /// Minimum and maximum of each colour channel, in linear RGB; `None` without colours.
     pub colors: Option<([f32; 3], [f32; 3])>,
 }
 
@@ -133,8 +133,8 @@ pub fn survey(
     }
 }
 
-/// Opens a regular file of a format that is read with seeking, so that its bytes needn't be in memory. Returns `None`
-/// for other formats.
+/// Opens a file that is read with seeking, so that its bytes needn't be in memory: LAS, LAZ, COPC or E57. Returns
+/// `None` for other formats, and unless it is a regular file.
 fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
     let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
@@ -142,8 +142,8 @@ fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
     Some((Format::of_survey(&head)?, file))
 }
 
-/// Opens a regular file whose columns are read in place, so that memory contains the data only once. Returns `None` for
-/// other formats.
+/// Opens a file whose columns are read in place, so that memory contains the data only once: PLY, PCD, NPY, NPZ or raw
+/// rows. Returns `None` for other formats, and unless it is a regular file.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
@@ -204,7 +204,8 @@ fn read_bytes(
     Ok((format, read_as(format, bytes, context)?))
 }
 
-/// Detects the format from the first bytes if they are conclusive, else from `hint`, else from the content.
+/// Detects the format of a file in memory: from its first bytes if they are conclusive, else from `hint`, else from the
+/// content.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Format, Problem> {
     if let Some(format) = Format::from_signature(bytes, hint)? {

@@ -11,13 +11,13 @@ use surfel_model::Up;
 /// A loaded file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
-    /// Geometry of the file.
+    /// Geometry that was read from the file.
     pub content: Content,
-    /// Format of the file.
+    /// Format of the file, as it was detected.
     pub format: Format,
-    /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
-    /// Gaussian-splat PLY, SPLAT, SOG and COLMAP, and +y for all others. Gaussian splats and COLMAP's points have the
-    /// axes of a camera, with +z forward and y down.
+    /// Up axis of the geometry: as stated in the file, else the format's default. Defaults are +z for STL and for
+    /// formats of points alone, such as LAS, E57 and text. They are −y for Gaussian-splat PLY, SPLAT, SOG and COLMAP,
+    /// which have the axes of a camera with y down. They are +y for all others.
     pub up: Up,
     /// True if the file contains trained Gaussians, even if they were converted to splats.
     pub gaussian: bool,
@@ -25,11 +25,11 @@ pub struct Loaded {
     pub notes: Vec<String>,
     /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
-    /// Attributes found: "position", "normal", "colour", … and the names of those that Surfel doesn't interpret.
+    /// Names of the attributes that the geometry has: "position", "normal", "colour", …, then those of further columns.
     pub attributes: Vec<String>,
 }
 
-/// Runs a reader without access to other files.
+/// Runs a reader that has no access to other files.
 #[cfg(feature = "laz")]
 pub(crate) fn run_plain(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
@@ -39,7 +39,7 @@ pub(crate) fn run_plain(
     run(read, name, Siblings::None, options)
 }
 
-/// Runs a reader and returns its content with the notes.
+/// Runs a reader, and returns its content with notes and properties of the file.
 pub(crate) fn run(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
     name: &Path,

@@ -16,10 +16,11 @@ use surfel_model::{
     TriangleMaterials,
 };
 
-/// Name of the triangle column that is 1 for triangles visible only from outside, else 0.
+/// Name of the triangle column that is 1 for triangles visible only from outside, else 0. A mesh has it only if both
+/// kinds occur.
 const SINGLE_SIDED: &str = "single_sided";
 
-/// Material of a part: base colour, alpha mode, normal map and emission.
+/// Material of a part of a file: base colour, alpha mode, normal map and emission.
 #[derive(Clone, Debug)]
 pub(crate) struct Material {
     /// Base colour, in linear RGB and straight alpha.
@@ -33,7 +34,7 @@ pub(crate) struct Material {
     pub(crate) emission: [f32; 3],
     /// Index of the emission texture in the file's textures, which multiplies the emission.
     pub(crate) emission_map: Option<usize>,
-    /// True if surfaces are visible only from outside.
+    /// True if surfaces with the material are visible only from outside.
     pub(crate) single_sided: bool,
 }
 
@@ -48,7 +49,7 @@ impl Material {
         single_sided: false,
     };
 
-    /// True if the material doesn't change colours.
+    /// True if the material doesn't change the colours of vertices.
     pub(crate) fn is_plain(&self) -> bool {
         self.factor == [1.0; 4] && self.emission == [0.0; 3]
     }
@@ -114,11 +115,11 @@ pub(crate) fn add_emission<'a>(
     }
 }
 
-/// Inputs of a texture that is the sum of a base colour and an emission; key to reuse such textures.
+/// Base colour and emission of a material, whose sum becomes a texture. Equal ones share the texture.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Emission {
     texture: Option<usize>,
-    /// Bits of the linear RGB that multiplies the texture.
+    /// Bits of the linear RGB that multiplies the base colour's texture.
     factor: [u32; 3],
     map: Option<usize>,
     emission: [u32; 3],
@@ -135,7 +136,8 @@ impl Emission {
         }
     }
 
-    /// Returns the sum as a texture of the larger one's size; `None` if it exceeds the file's texel limit.
+    /// Returns the sum of base colour and emission as a texture, of the size of the larger texture. Returns `None` if
+    /// it exceeds the file's limit of texels.
     fn texture(self, textures: &[Arc<Texture>], context: &mut Context<'_>) -> Option<Texture> {
         let [color, map] = [self.texture, self.map].map(|i| i.and_then(|i| textures.get(i)));
         let size = |t: &&Arc<Texture>| u64::from(t.width) * u64::from(t.height);
@@ -165,11 +167,13 @@ impl Emission {
     }
 }
 
-/// Vertices and triangles of all parts, each with a material; every column has one value per vertex.
+/// Vertices and triangles of all parts of a file. Each column of vertices has one value per vertex, and each vertex has
+/// a material.
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) positions: Vec<DVec3>,
-    /// True if all digits of the positions are those printed in the file, rather than results of a computation.
+    /// True if the positions have all digits of the file; false if they were computed, so that digits beyond f32 mean
+    /// little.
     pub(crate) exact: bool,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
     pub(crate) uvs: Option<Vec<[f32; 2]>>,
@@ -177,7 +181,7 @@ pub(crate) struct Parts {
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) materials_of: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
-    /// Properties that Surfel doesn't interpret.
+    /// Further columns of the vertices, which Surfel doesn't interpret.
     pub(crate) extras: Vec<ExtraColumn>,
     pub(crate) comments: Vec<String>,
 }
@@ -253,7 +257,8 @@ impl Context<'_> {
     }
 }
 
-/// Returns the texture of all triangles, if they share one, and their materials, unless this texture suffices.
+/// Returns the texture that all triangles share, if they do. Also returns the materials of triangles, unless this
+/// texture suffices.
 fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>, Option<TriangleMaterials>) {
     let mut used = vec![false; all.materials.len()];
     all.of_triangle.iter().for_each(|&i| used[i as usize] = true);

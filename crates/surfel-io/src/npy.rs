@@ -20,13 +20,14 @@ use surfel_model::{Mesh, TableColumn, TableColumns};
 
 /// First bytes of a `.npy` file.
 pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
-/// Maximum number of numbers per point of an array that is recognised as transposed.
+/// Largest number of rows of an array that is recognised as transposed: its rows are coordinates, and its columns are
+/// points.
 const WIDEST_POINT: usize = 16;
-/// Maximum number of columns that an array is split into.
+/// Largest number of columns that an array of points may have. Larger arrays are refused.
 const MAX_COLUMNS: usize = 64;
-/// Maximum nesting depth of a header.
+/// Maximum nesting depth of the Python literal in an array's header.
 const MAX_DEPTH: usize = 8;
-/// Names of the array with positions in an `.npz` file, in order of priority.
+/// Names of the array with positions in an `.npz` file, in order of priority; letter case is ignored.
 const POSITIONS: [&str; 20] = [
     "points",
     "positions",
@@ -56,7 +57,7 @@ fn is_triangles(name: &str) -> bool {
     TRIANGLES.iter().any(|t| name.eq_ignore_ascii_case(t))
 }
 
-/// A numeric field of each element.
+/// A field of an array's elements, with one or several numbers of one type.
 struct Field {
     name: String,
     offset: usize,
@@ -67,18 +68,18 @@ struct Field {
 
 struct Array<'a> {
     fields: Vec<Field>,
-    /// True if the array has no record type; `fields` then has one field without a name.
+    /// True if the elements are plain numbers, not records. Then `fields` has one field without a name.
     plain: bool,
     item_bytes: usize,
     shape: Vec<usize>,
     fortran: bool,
     data: Bytes<'a>,
-    /// Names of fields of unsupported types, which aren't read.
+    /// Names of fields that aren't read, because their types aren't numeric.
     left_out: Vec<String>,
 }
 
 impl Array<'_> {
-    /// Returns the bytes of all elements, or `None` on overflow.
+    /// Returns the number of bytes of all elements, or `None` on overflow.
     fn bytes(&self) -> Option<usize> {
         // Empty axes would hide an overflow of the others.
         self.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis.max(1)))?;
@@ -86,7 +87,7 @@ impl Array<'_> {
     }
 }
 
-/// Reads one array.
+/// Reads a `.npy` file.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let array = parse(bytes)?;
     let (columns, roles) = columns(&array, context)?;
@@ -97,7 +98,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// Returns the columns of an array and their roles.
+/// Returns the columns of the points in an array, and their roles.
 fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     note_left_out(&array.left_out, context);
     let mut columns = Vec::new();
@@ -116,7 +117,7 @@ fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Name
     Ok((columns, roles))
 }
 
-/// Returns the columns and their roles for a file that is read block by block.
+/// Returns columns and roles like [`columns`], for a file that is read block by block.
 #[cfg(feature = "laz")]
 pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     columns(&parse(bytes)?, context)
@@ -126,7 +127,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Res
 #[cfg(feature = "laz")]
 pub(crate) struct Surveyed {
     pub(crate) points: u64,
-    /// Bytes of the array's data; 0 for an archive.
+    /// Number of bytes of the array's data, by which a damaged file is recognised; 0 for an archive.
     pub(crate) bytes: u64,
     pub(crate) has_normals: bool,
     /// True if there are enough columns for positions and colours, in addition to normals if there are any.
@@ -143,7 +144,7 @@ impl Surveyed {
     }
 }
 
-/// Surveys the points of an array from the start of its file; returns `None` for splats.
+/// Surveys the points of an array from the start of its file. Returns `None` for splats and for other content.
 #[cfg(feature = "laz")]
 pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     let array = header_of(head).ok()?;
@@ -154,7 +155,7 @@ pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     Some(Surveyed::new(parts.first()?.rows, array.bytes()? as u64, names)).filter(|_| are_points)
 }
 
-/// The arrays of an archive, with their names.
+/// The arrays of an `.npz` archive, with their names.
 pub(crate) struct Members<'a>(Vec<(String, Member<'a>)>);
 
 impl<'a> Members<'a> {
@@ -166,8 +167,8 @@ impl<'a> Members<'a> {
         Ok(Self(opened.collect::<Result<_, Fault>>()?))
     }
 
-    /// Writes the arrays one after another to `out`; returns false if all of them are uncompressed and can be read in
-    /// place.
+    /// Writes the unpacked arrays one after another to `out`. Writes nothing and returns false if all of them are
+    /// uncompressed and can be read in place.
     pub(crate) fn unpack(&self, out: &mut dyn Write) -> Result<bool, Fault> {
         if self.0.iter().all(|(_, content)| matches!(content, Member::Stored(_))) {
             return Ok(false);
@@ -181,7 +182,7 @@ impl<'a> Members<'a> {
         Ok(true)
     }
 
-    /// Returns names and bytes of the arrays, from `unpacked` if they were unpacked.
+    /// Returns names and bytes of the arrays: in `unpacked`, where [`Self::unpack`] wrote them, or else in the archive.
     fn files<'s, 'b>(&'s self, unpacked: Option<Bytes<'b>>) -> Vec<(&'s str, Bytes<'b>)>
     where
         'a: 'b,
@@ -197,7 +198,8 @@ impl<'a> Members<'a> {
         self.0.iter().filter_map(file).collect()
     }
 
-    /// Returns the columns of the points, from `unpacked` if they were unpacked; `None` for a mesh.
+    /// Returns the columns of the points and their roles; `None` for a mesh. `unpacked` is what [`Self::unpack`] wrote,
+    /// if it did.
     #[cfg(feature = "laz")]
     pub(crate) fn columns<'b>(
         &self,
@@ -253,7 +255,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
     }
 }
 
-/// Returns the index of the array with the positions, or with their x coordinates.
+/// Returns the index of the array with the positions, or with their x coordinates, among the arrays of an archive.
 fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     let find = |names: &[&str]| {
         names
@@ -269,7 +271,7 @@ fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     })
 }
 
-/// Returns the columns of the points, their roles, and the triangles of a mesh if there is one.
+/// Returns the columns of the points in an archive, their roles, and the triangles of a mesh if there is one.
 fn archive_columns<'a>(
     files: &[(&str, Bytes<'a>)],
     context: &mut Context<'_>,
@@ -386,7 +388,7 @@ fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Nam
     Ok((columns, roles))
 }
 
-/// Formats an array's shape for messages.
+/// Formats an array's shape for messages, as `100×3`.
 fn shape_words(shape: &[usize]) -> String {
     shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×")
 }
@@ -425,7 +427,7 @@ fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>
     Ok(roles)
 }
 
-/// Returns the problem of an array that contains images or matrices.
+/// Returns the problem of an array that contains images or matrices instead of points, if it does.
 fn not_points(columns: &[Strided<'_>], array: &Array<'_>) -> Option<Problem> {
     const SIDE: usize = 8;
     let shape = &array.shape[..];
@@ -450,7 +452,7 @@ fn not_points(columns: &[Strided<'_>], array: &Array<'_>) -> Option<Problem> {
     column_roles::is_image(columns).then(image)
 }
 
-/// One column of an array.
+/// A column into which an array is split.
 struct Part<'f> {
     name: String,
     offset: usize,
@@ -459,7 +461,8 @@ struct Part<'f> {
     field: &'f Field,
 }
 
-/// Splits an array into columns; returns true if columns are interpreted by position instead of name.
+/// Appends the columns of an array to `columns`. Returns true if the columns' positions state their roles, false if
+/// their names do.
 fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'a>>) -> Result<bool, Fault> {
     let (parts, by_axis) = parts(array_name, array)?;
     for Part { name, offset, stride, rows, field } in parts {
@@ -471,7 +474,8 @@ fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'
     Ok(by_axis)
 }
 
-/// Returns the columns that an array is split into, and true if they are interpreted by position.
+/// Returns the columns into which an array is split. Also returns true if the columns' positions state their roles,
+/// false if their names do.
 fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, bool), Fault> {
     let total: usize = array.shape.iter().product();
     let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
@@ -511,7 +515,7 @@ fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, b
     Ok((names.into_iter().enumerate().map(part).collect(), unnamed))
 }
 
-/// Returns names for the numbers of a field or array: `normals` of three become nx, ny and nz.
+/// Returns names for the `count` numbers of a field or array: `normals` of three become nx, ny and nz.
 fn expanded(name: &str, count: usize) -> Vec<String> {
     let lower = name.to_ascii_lowercase();
     let known: &[&str] = match (lower.as_str(), count) {
@@ -592,7 +596,7 @@ fn header_of(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
     Ok(array)
 }
 
-/// Appends the fields of a record: tuples of name, type and perhaps a shape.
+/// Appends the fields of a record type to `array`. In the header they are tuples of name, type and perhaps a shape.
 fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
     for field in fields {
         let Literal::List(parts) = field else { return None };
@@ -626,8 +630,8 @@ fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
     Some(())
 }
 
-/// Parses NumPy's type string, such as `<f4`: the type if it is numeric, its size in bytes, and true if it is big
-/// endian.
+/// Parses NumPy's type string, such as `<f4`. Returns the type if it is numeric, its size in bytes, and true if it is
+/// big endian.
 fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
     let mut chars = text.chars();
     let order = chars.next()?;
@@ -657,7 +661,7 @@ fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
     Some((kind, bytes, order == '>'))
 }
 
-/// A Python literal of a header.
+/// A Python literal in the header of an array.
 enum Literal {
     Text(String),
     Size(usize),

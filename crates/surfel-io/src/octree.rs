@@ -18,7 +18,7 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{Column3, Mesh, Octree, OctreeNode, Texture, Transition};
 
-/// Format version that is written, and the only one that can be read.
+/// Version of the `.surfel` format that is written, and the only one that can be read.
 const VERSION: u32 = 1;
 
 const SPLATS: &[u8; 4] = b"SPLT";
@@ -27,15 +27,20 @@ const TEXTURE: &[u8; 4] = b"TEXR";
 const NODES: &[u8; 4] = b"NODE";
 const EDGES: &[u8; 4] = b"EDGE";
 
-/// Flags of the columns that a mesh section has.
+/// Flag of a mesh section whose positions have a low part, the rounding errors of their f32 values.
 const LOW: u32 = 1;
+/// Flag of a mesh section with vertex normals.
 const NORMALS: u32 = 2;
+/// Flag of a mesh section with vertex colours.
 const COLORS: u32 = 4;
+/// Flag of a mesh section with vertex alphas.
 const ALPHAS: u32 = 8;
+/// Flag of a mesh section with texture coordinates.
 const UVS: u32 = 16;
 
-/// Bytes of a node and of a transition.
+/// Number of bytes of a node in its section.
 const NODE_BYTES: usize = 9 * 8 + 6 * 4;
+/// Number of bytes of a transition, an edge that two leaves share, in its section.
 const EDGE_BYTES: usize = 4 * 4;
 
 /// Writes an octree to a file, atomically and without loss.
@@ -139,7 +144,7 @@ fn edges_section(transitions: &[Transition]) -> Vec<u8> {
     bytes
 }
 
-/// Reads an octree.
+/// Reads an octree from the bytes of a `.surfel` file.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let mut file = Cursor { bytes, at: OCTREE_SIGNATURE.len(), what: "the file" };
     let version = file.number()?;
@@ -224,7 +229,7 @@ fn read_edges(section: &mut Cursor) -> Result<Vec<Transition>, Problem> {
     section.items(count, EDGE_BYTES, |s| Ok(Transition { leaves: [s.number()?, s.number()?], splats: s.range()? }))
 }
 
-/// A reader of bytes from front to back.
+/// A reader of a section's bytes from front to back.
 struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -12,7 +12,7 @@ use crate::words::counted;
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, PointCloud};
 
-/// Attributes of a vertex in addition to its position, stated by the letters before OFF.
+/// Attributes of vertices in addition to the position. The letters before the keyword OFF state them.
 #[derive(Clone, Copy, Default)]
 struct Kind {
     textured: bool,
@@ -20,7 +20,8 @@ struct Kind {
     homogeneous: bool,
 }
 
-/// Parses a file's first word; returns the kind and the rest of the word, or `None` if the file isn't OFF.
+/// Parses the first word of a file. Returns the attributes that it states, and the rest of the word. Returns `None` if
+/// the file isn't OFF.
 fn keyword(word: &[u8]) -> Option<(Kind, &[u8])> {
     let mut kind = Kind::default();
     let mut rest = word;
@@ -43,7 +44,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     content_lines(head).next().is_some_and(|(_, line)| words(line).next().is_some_and(|w| keyword(w).is_some()))
 }
 
-/// Returns the lines that have content, without comments.
+/// Returns the numbered lines that have content, without comments.
 fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
     let content = |line: &'_ [u8]| line.iter().position(|&b| b == b'#').unwrap_or(line.len());
     Lines::new(bytes)
@@ -51,12 +52,12 @@ fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
         .filter(|(_, line)| !line.trim_ascii().is_empty())
 }
 
-/// Columns of the vertices.
+/// Columns of the vertices that were read so far.
 #[derive(Default)]
 struct Vertices {
     positions: Vec<DVec3>,
     normals: Vec<Vec3>,
-    /// Red, green, blue and alpha, as printed.
+    /// Red, green, blue and alpha of the vertices, as printed.
     colors: Vec<[f64; 4]>,
 }
 
@@ -146,7 +147,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     finish(vertices, triangles, &colors_of, context)
 }
 
-/// Returns the range of printed colours: 255 if any value is above 1, else 1.
+/// Returns the maximum of the printed colours' range: 255 if any value is above 1, else 1. A note states it.
 fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Context<'_>) -> f64 {
     let largest = printed.flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
     let scale = if largest > 1.0 { 255.0 } else { 1.0 };
@@ -200,7 +201,7 @@ fn numbers(line: (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     add_numbers(line, row)
 }
 
-/// Appends a line's numbers.
+/// Parses the numbers of a line, and appends them to `row`.
 fn add_numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     for word in words(line) {
         row.push(number(word).ok_or_else(|| {
@@ -210,7 +211,7 @@ fn add_numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Re
     Ok(())
 }
 
-/// Appends a vertex; returns `None` if the line has too few numbers.
+/// Appends a vertex, whose numbers are in `row`; returns `None` if there are too few.
 fn push_vertex(vertices: &mut Vertices, kind: Kind, row: &[f64]) -> Option<()> {
     let (position, mut rest) = row.split_at_checked(if kind.homogeneous { 4 } else { 3 })?;
     let w = position.get(3).copied().unwrap_or(1.0);

@@ -14,12 +14,12 @@ use surfel_model::Up;
 
 /// Maximum length of a header, in bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Maximum expansion of LZF: a reference of 3 bytes copies 7 + 255 + 2 bytes.
+/// Maximum factor by which LZF expands data. A reference of 3 bytes copies 7 + 255 + 2 bytes.
 const LZF_EXPANSION: usize = 88;
-/// Maximum number of values of a field. Feature histograms have more values and aren't used.
+/// Largest number of values per point of a field that is read. Feature histograms have more values and aren't used.
 const MAX_FIELD_COUNT: usize = 64;
 
-/// A field: `count` numbers of one type.
+/// A field of each point: `count` numbers of one type.
 struct Field<'a> {
     name: &'a str,
     kind: NumberType,
@@ -36,14 +36,15 @@ enum Encoding {
 struct Header<'a> {
     fields: Vec<Field<'a>>,
     points: usize,
-    /// Columns and rows, if the points are an image.
+    /// Numbers of columns and rows, if the points are an image.
     image: Option<[usize; 2]>,
     viewpoint: Option<&'a str>,
     encoding: Encoding,
-    /// Bytes of a point.
+    /// Number of bytes of a point in binary data.
     point_bytes: usize,
-    /// Line number and byte offset of the end of the header.
+    /// Number of header lines.
     line: usize,
+    /// Byte offset of the data, after the header.
     start: usize,
 }
 
@@ -72,13 +73,13 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// Header of a file whose points are read block by block.
+/// Header of a PCD file whose points are read block by block.
 #[cfg(feature = "laz")]
 pub(crate) struct Table<'a>(Header<'a>);
 
 #[cfg(feature = "laz")]
 impl<'a> Table<'a> {
-    /// Maximum number of bytes that contain the header.
+    /// Number of bytes at the start of a file that surely contain the header.
     pub(crate) const HEAD_BYTES: usize = MAX_HEADER_BYTES;
 
     pub(crate) fn of(head: &'a [u8]) -> Result<Self, Fault> {
@@ -93,7 +94,7 @@ impl<'a> Table<'a> {
         self.0.fields.iter().any(|f| f.name == field)
     }
 
-    /// Returns the minimum number of bytes of the points.
+    /// Returns the minimum number of bytes that the points take in the file, by which a damaged header is recognised.
     pub(crate) fn least_bytes(&self) -> usize {
         let point = match self.0.encoding {
             // A digit and a separator.
@@ -106,18 +107,19 @@ impl<'a> Table<'a> {
         self.0.points.saturating_mul(point)
     }
 
-    /// Returns the up axis, if the sensor's pose shows it.
+    /// Returns −y as the up axis if the sensor's pose shows it.
     pub(crate) fn up(&self, context: &mut Context<'_>) -> Option<Up> {
         sensor(&self.0, context).1.map(|_| Up::MinusY)
     }
 
-    /// Converts the points to binary ones in `out`, field by field if they were compressed; returns false if they are
-    /// binary already.
+    /// Writes the points as binary numbers to `out`. Points that were compressed are written field by field. Writes
+    /// nothing and returns false if the file's points are binary already.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         unpack(&self.0, bytes, out)
     }
 
-    /// Returns the columns of the points, unpacked or in the file.
+    /// Returns the columns of the points and their roles. `bytes` is what [`Self::unpack`] wrote, if `is_unpacked`,
+    /// else the file.
     pub(crate) fn columns<'b>(
         &self,
         bytes: Bytes<'b>,
@@ -136,7 +138,7 @@ fn too_large(header: &Header<'_>) -> Problem {
     incomplete(format!("its header counts {} points, more than there can be", header.points))
 }
 
-/// Returns the number of bytes of all points; an error if there are none.
+/// Returns the number of bytes of all points in binary form; returns an error if there are none.
 fn size(header: &Header<'_>) -> Result<usize, Fault> {
     if header.points == 0 {
         return Err(Problem::new("holds no point").expected("POINTS of at least 1").into());
@@ -144,8 +146,8 @@ fn size(header: &Header<'_>) -> Result<usize, Fault> {
     Ok(header.points.checked_mul(header.point_bytes).ok_or_else(|| too_large(header))?)
 }
 
-/// Converts text or compressed points to binary ones, compressed ones field by field; returns false if they are binary
-/// already.
+/// Writes text or compressed points as binary numbers to `out`, compressed ones field by field. Writes nothing and
+/// returns false if they are binary already.
 fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
     let size = size(header)?;
     match header.encoding {
@@ -159,7 +161,7 @@ fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<
     Ok(true)
 }
 
-/// Returns the binary points in the file.
+/// Returns the part of the file with its points, which are binary.
 fn rows_in<'a>(header: &Header<'_>, bytes: Bytes<'a>) -> Result<Bytes<'a>, Fault> {
     let end = header.start.checked_add(size(header)?);
     Ok(end.and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
@@ -168,7 +170,7 @@ fn rows_in<'a>(header: &Header<'_>, bytes: Bytes<'a>) -> Result<Bytes<'a>, Fault
     })?)
 }
 
-/// Returns the columns of binary points, and their roles.
+/// Returns the columns of binary points, which are in `data`, and the columns' roles.
 fn columns<'a>(
     header: &Header<'_>,
     data: Bytes<'a>,
@@ -207,7 +209,8 @@ fn columns<'a>(
     Ok((columns, roles))
 }
 
-/// Returns the sensor's pose as a comment; also its position if the pose shows that −y is up.
+/// Returns the sensor's pose as a comment, if it isn't the default. Also returns the sensor's position, if the pose
+/// shows that −y is up.
 fn sensor(header: &Header<'_>, context: &mut Context<'_>) -> (Vec<String>, Option<DVec3>) {
     let (mut comments, mut upright_sensor) = (Vec::new(), None);
     if let Some(viewpoint) = header.viewpoint {
@@ -317,7 +320,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, line, start })
 }
 
-/// Converts text points to binary ones.
+/// Converts points from text to binary numbers, and writes them to `out`.
 fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Result<(), Fault> {
     let (mut rows, mut data) = (0, Vec::new());
     each_line(body, |line, text| {
@@ -354,7 +357,7 @@ fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Resul
     Ok(())
 }
 
-/// Appends a printed number as a binary value of the field's type.
+/// Parses a printed number, and appends it as a binary number of the field's type. Returns `None` if it isn't one.
 fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
     // Packed colours have the type float, but many programs print their bits as a whole number.
     let packed =
@@ -378,7 +381,7 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
     Some(())
 }
 
-/// Unpacks points compressed by LZF: two sizes, then the stream.
+/// Unpacks points that are compressed by LZF to `out`. The data are two sizes, then the stream.
 fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn Write) -> Result<(), Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")

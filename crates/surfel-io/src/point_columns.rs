@@ -58,7 +58,7 @@ pub(crate) const NORMALS: [[&str; 3]; 5] = [
     ["n_x", "n_y", "n_z"],
 ];
 
-/// Names of position vectors whose components are separate columns.
+/// Names of position vectors whose components are separate columns, such as `points_0`, `points_1` and `points_2`.
 const POSITION_VECTORS: [&str; 11] = [
     "points",
     "point",
@@ -72,15 +72,17 @@ const POSITION_VECTORS: [&str; 11] = [
     "pose_position",
     "center",
 ];
+/// Names of colour vectors whose components are separate columns.
 const COLOR_VECTORS: [&str; 7] = ["rgb", "rgba", "color", "colors", "colour", "colours", "rgb_color"];
+/// Names of normal vectors whose components are separate columns.
 const NORMAL_VECTORS: [&str; 4] = ["normals", "normal", "point_normals", "n"];
 
-/// Roles of columns, by index. Columns without a role become extra columns.
+/// Roles of the columns of a point file, as column indices. Columns without a role become extra columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Roles {
     pub(crate) position: [usize; 3],
     pub(crate) color: Option<[usize; 3]>,
-    /// Red, green and blue packed into one number, and true if it includes an alpha.
+    /// Column with red, green and blue packed into one number, and true if the number includes an alpha.
     pub(crate) packed_color: Option<(usize, bool)>,
     pub(crate) normal: Option<[usize; 3]>,
     pub(crate) alpha: Option<usize>,
@@ -106,8 +108,8 @@ impl Roles {
         })
     }
 
-    /// Detects roles from the columns' values; also returns the decisive reasons. Renames all columns to their roles,
-    /// or to `column_N` with the numbers in the file, `numbers`.
+    /// Detects the roles of columns from their values. Also returns the decisive reasons, as text for a note. Renames
+    /// all columns to their roles, or to `column_N` with their numbers in the file, `numbers`.
     ///
     /// # Errors
     /// [`Problem`] for columns that aren't points.
@@ -138,22 +140,22 @@ impl Roles {
         Ok((roles, layout.reasons))
     }
 
-    /// True if there are normals and radii, which make points splats.
+    /// True if there are normals and radii, so that the points are splats.
     #[cfg(feature = "laz")]
     pub(crate) fn are_splats(&self) -> bool {
         self.radius.is_some() && self.normal.is_some()
     }
 }
 
-/// Returns a name in lower case, without quotes, unit and comment characters.
+/// Returns a column's name for comparisons: in lower case, without quotes, unit and comment characters.
 pub(crate) fn plain_name(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#'));
     let name = name.split(['[', '(']).next().unwrap_or(name).trim();
     name.to_ascii_lowercase().replace([' ', '-', '.', ':'], "_")
 }
 
-/// Returns the columns `BASE:0`, `BASE:1` and `BASE:2` of a vector, as ParaView, VeloView and LidarView name them, or
-/// `BASE_X`, `BASE_Y` and `BASE_Z`.
+/// Returns the columns with the components of a vector: `BASE:0`, `BASE:1` and `BASE:2`, as ParaView, VeloView and
+/// LidarView name them, or `BASE_X`, `BASE_Y` and `BASE_Z`.
 fn numbered(names: &[String], base: &str) -> Option<[usize; 3]> {
     let endings = [["0", "1", "2"], ["x", "y", "z"]];
     let find = |ending: &str| {
@@ -162,16 +164,16 @@ fn numbered(names: &[String], base: &str) -> Option<[usize; 3]> {
     endings.iter().find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]))
 }
 
-/// Source of columns, which affects the meaning of their numbers.
+/// Kind of file from which columns were read, which affects the meaning of their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
-    /// Printed numbers, all stored as `f64`: the type doesn't distinguish whole numbers from others.
+    /// A text file: all numbers are stored as `f64`, so that their type doesn't distinguish whole numbers from others.
     Text,
-    /// Numbers of the file's own types.
+    /// A binary file: numbers have the types that the file states.
     Typed,
 }
 
-/// Builds points from columns; disks if there are valid normals and radii.
+/// Builds a point cloud from columns; or a cloud of disks, if there are valid normals and radii.
 pub(crate) fn build(
     columns: Vec<Named<'_>>,
     roles: &Roles,
@@ -266,7 +268,8 @@ pub(crate) fn build(
     }
 }
 
-/// Converts positions. f32 columns stay unchanged; other types keep digits beyond f32 only if these are significant.
+/// Converts three columns to positions. Returns an origin, and positions relative to it. Columns that f32 represents
+/// exactly stay unchanged; others keep digits beyond f32 only if [`f32_is_enough`] is false.
 pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let narrow = |c: &Strided<'_>| {
         matches!(c.kind(), NumberType::F32 | NumberType::F16) || c.kind().is_integer() && c.kind().bytes() <= 2
@@ -281,7 +284,7 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     strided::with_origin(columns)
 }
 
-/// Converts colours to linear light, by their range.
+/// Converts three columns of colours to linear light. Their range is determined by their type and largest value.
 fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     if source == Source::Typed && columns.iter().all(|c| c.kind() == NumberType::U8) {
         let table = linear_of_8_bit();

@@ -7,9 +7,9 @@ pub struct PointCount {
     pub points: u64,
     /// True if points have splat radii, which Surfel adds to LAS files.
     pub has_radii: bool,
-    /// True if points have normals, as far as the start of the file shows.
+    /// True if points have normals, judging from the start of the file.
     pub has_normals: bool,
-    /// True if points have colours, or may have them.
+    /// True if points have colours, or may have them, judging from the start of the file.
     pub has_colors: bool,
     /// Memory in bytes for reading one point: its record in the file or, for LAS, its columns in memory without
     /// colours.

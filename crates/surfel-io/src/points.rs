@@ -15,7 +15,7 @@ use crate::words::counted;
 use std::io::Write;
 use surfel_model::TableColumns;
 
-/// Description of rows of equal width, stored as 8-byte `f64` numbers, and metadata of the text.
+/// Description of points that were written as rows of `f64` numbers, and metadata of the text file that they come from.
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
@@ -23,15 +23,16 @@ pub(crate) struct Table {
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
-    /// Last comment before the points, if it has as many words as a row has columns, but doesn't name a position.
+    /// Last comment before the points, if it has as many words as a row has columns, but doesn't name a position. It is
+    /// quoted in a note.
     comment: Option<String>,
-    /// Number of each column in the file, counted from 1.
+    /// Number of each column in the file, counted from 1, for messages.
     numbers: Vec<usize>,
     comments: Vec<String>,
 }
 
 impl Table {
-    /// Creates a table without rows, with named columns.
+    /// Creates the description of a table without rows, whose columns have these names.
     pub(crate) fn with_names(names: &[&str]) -> Self {
         let names = names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
         Self { width: names.len(), names: Some(names), ..Self::default() }
@@ -48,7 +49,7 @@ impl Table {
         Ok(data.write_all(&bytes[..8 * row.len()]).map_err(unwritable)?)
     }
 
-    /// Returns the columns of the rows in `data`, without names.
+    /// Returns the columns of the rows in `data`, with empty names.
     fn unnamed<'a>(&self, data: Bytes<'a>) -> Vec<Named<'a>> {
         let (stride, rows) = (8 * self.width, self.rows);
         let column = |i: usize| Strided::new(data, 8 * i, stride, rows, NumberType::F64, false);
@@ -56,7 +57,7 @@ impl Table {
         (0..self.width - self.hidden).filter_map(named).collect()
     }
 
-    /// Returns the columns of the rows in `data`, and their roles.
+    /// Returns the columns of the rows in `data` with their names, and their roles.
     pub(crate) fn columns<'a>(
         &self,
         data: Bytes<'a>,
@@ -82,7 +83,8 @@ impl Table {
         Ok((columns, roles))
     }
 
-    /// Returns the column names that the file states, and the roles by name; `None` if they don't match the columns.
+    /// Returns the column names that the file states, and the roles by these names. Returns `None` if the names don't
+    /// match the columns.
     fn header(&self, columns: &[Named<'_>]) -> Option<(Vec<String>, Roles)> {
         let width = self.width - self.hidden;
         let mut names = self.names.clone()?;
@@ -113,11 +115,11 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
 
-/// Names of the seven columns of a complete PTS file.
+/// Names of the columns of a PTS file that has all seven.
 const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blue"];
-/// Expected columns, for messages about text files.
+/// Description of the expected columns, for messages about text files.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
-/// Help text for a table whose columns Surfel doesn't recognise.
+/// Advice to the user for a table whose columns Surfel doesn't recognise.
 const NAME_THEM: &str = "`columns=x,y,z,_,r,g,b` names the columns; _ leaves one out";
 
 /// Parses a text file, and writes the values of all points to `data` as rows of `f64`. Returns the description of these
@@ -161,11 +163,11 @@ pub(crate) fn unpack(
     Ok(lines.table)
 }
 
-/// Number of skipped lines of one kind, and the first of them.
+/// Number of lines that were skipped for one reason, and the first of them, for a note.
 #[derive(Default)]
 struct LeftOut {
     count: u64,
-    /// Number of the first skipped line in the file.
+    /// Number of the first skipped line in the file, counted from 1.
     first: usize,
 }
 
@@ -179,7 +181,7 @@ impl LeftOut {
 /// Reader of the lines of a text file of points.
 struct PointLines {
     plan: Plan,
-    /// True if the user named the columns.
+    /// True if the user named the columns ([`crate::LoadOptions::columns`]).
     named: bool,
     /// True for PTS files.
     pts: bool,
@@ -188,33 +190,33 @@ struct PointLines {
     cells: usize,
     header: Option<Vec<String>>,
     last_comment: String,
-    /// Numbers of the current row.
+    /// Numbers of the current row that are read.
     row: Vec<f64>,
-    /// True while the last three of seven columns are bytes, as the colours of a PTS file are.
+    /// True while all rows end in three bytes after four other numbers, as the colours of a PTS file do.
     ends_in_bytes: bool,
-    /// Number of points that the file states.
+    /// Number of points that the file states, in all of its scans together.
     stated_points: u64,
     /// Number of lines before the points that are neither comments nor points.
     lines_before: u64,
-    /// Skipped rows with an empty cell.
+    /// Rows that were skipped because of an empty cell.
     incomplete: LeftOut,
-    /// Skipped lines that don't begin with the word that marks points.
+    /// Lines that were skipped because they don't begin with the word that marks points.
     others: LeftOut,
 }
 
-/// Result of parsing the words of a line.
+/// Result of parsing the cells of a line.
 struct Cells<'a> {
     count: usize,
-    /// Value of the first word, if it is a number.
+    /// Value of the first cell, if it is a number.
     first: Option<f64>,
-    /// First word that is no number; the words after it aren't read.
+    /// First cell to be read that is no number; the cells after it aren't parsed.
     bad: Option<&'a [u8]>,
-    /// True if a cell that is read has no value.
+    /// True if a cell to be read is empty or states that its value is missing.
     is_incomplete: bool,
 }
 
 impl PointLines {
-    /// Reads a line, and writes the numbers of its point to `data`.
+    /// Parses a line of the file. If it is a point, writes the point's numbers to `data`.
     fn line(&mut self, line_number: usize, line: &[u8], data: &mut dyn Write) -> Result<(), Fault> {
         if is_comment(line) {
             self.comment(line);
@@ -327,7 +329,8 @@ impl PointLines {
         Ok(())
     }
 
-    /// Names the table's columns by the user's names, the file's header, or the format.
+    /// Determines the names of the table's columns: those of the user, those of the file's header, or those of the
+    /// format.
     fn name_columns(&mut self, named: Option<&TableColumns>, context: &mut Context<'_>) {
         let (plan, table, cells) = (&self.plan, &mut self.table, self.cells);
         table.numbers = plan.numbers(cells);
@@ -411,7 +414,8 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// Lines of a scan before its points: two counts, the scanner's pose, and the matrix, which includes the pose.
+/// Lines of a scan in a PTX file before its points: the number of numbers, and what they are for messages. The matrix
+/// includes the scanner's pose.
 const SCAN_LINES: [(usize, &str); 10] = {
     let (count, pose, matrix) =
         ((1, "the scan's columns and rows"), (3, "the scanner's pose"), (4, "the scan's matrix"));

@@ -7,29 +7,31 @@
 
 use glam::{DVec2, DVec3};
 
-/// Maximum number of corners for ear clipping; larger polygons become fans. Time grows with the square, up to some
-/// tenths of a second at this limit.
+/// Largest number of corners of a polygon that is cut by ear clipping; larger ones become fans. Time grows with the
+/// square, up to some tenths of a second at this limit.
 const MOST_CORNERS: usize = 10_000;
-/// Maximum area of a back-facing triangle, relative to the polygon's area. Rounded coordinates of collinear corners
-/// cause such triangles.
+/// Largest area of a triangle, relative to its polygon's area, that may face backward or be cut off as flat. Rounded
+/// coordinates of collinear corners cause such triangles.
 const FLAT: f64 = 1e-6;
-/// Maximum number of passes over all corners. Each pass removes flat corners that blocked the previous pass.
+/// Maximum number of passes of ear clipping over a polygon's corners. Between passes, flat corners are removed, which
+/// blocked the previous pass.
 const ROUNDS: usize = 8;
 
-/// Marker in `before` for a corner that was cut off.
+/// Marker in `Cutter::before` for a corner that was cut off.
 const NONE: u32 = u32::MAX;
 
 /// A triangulator, whose buffers are reused from polygon to polygon.
 #[derive(Default)]
 pub(crate) struct Cutter {
     corners: Vec<DVec3>,
-    /// Corners projected along the axis nearest to the normal, counter-clockwise. The projection doesn't round
-    /// coordinates.
+    /// Corners projected along the axis nearest to the polygon's normal, counter-clockwise. Coordinates aren't rounded
+    /// by this projection.
     flat: Vec<DVec2>,
-    /// Previous and next remaining corner of each corner.
+    /// Previous corner of each corner among the remaining ones; [`NONE`] for a corner that was cut off.
     before: Vec<u32>,
+    /// Next corner of each corner among the remaining ones.
     after: Vec<u32>,
-    /// Corners that were not convex when the pass began; no other corner becomes non-convex.
+    /// Corners that were not convex when the current pass of ear clipping began. No other corner becomes non-convex.
     blunt: Vec<u32>,
     triangles: Vec<[u32; 3]>,
 }
@@ -52,21 +54,21 @@ impl Cutter {
         &self.triangles
     }
 
-    /// Sets the triangles to a fan of `n` corners about the first.
+    /// Sets the triangles to the fan about the first of `n` corners.
     fn fan(&mut self, n: usize) {
         self.triangles.clear();
         self.triangles.extend((2..n as u32).map(|i| [0, i - 1, i]));
     }
 
-    /// True if all triangles of the fan face as the polygon does. The triangles then don't overlap either: the whole
-    /// polygon is visible from its first corner.
+    /// True if all triangles of the fan about the first corner face as the polygon does, with the normal `normal`. The
+    /// triangles then don't overlap either: the whole polygon is visible from its first corner.
     fn fan_is_inside(&self, normal: DVec3) -> bool {
         let least = -FLAT * normal.length_squared();
         let [first, ref others @ ..] = self.corners[..] else { return true };
         others.windows(2).all(|w| (w[0] - first).cross(w[1] - first).dot(normal) >= least)
     }
 
-    /// Fills the triangles by ear clipping; returns false if it fails, as for polygons that cross themselves.
+    /// Sets the triangles by ear clipping. Returns false if it fails, as for polygons that cross themselves.
     fn cut_ears(&mut self, normal: DVec3) -> bool {
         let axis = normal.abs().max_position();
         let (u, v) = if normal[axis] > 0.0 { (axis + 1, axis + 2) } else { (axis + 2, axis + 1) };
@@ -118,7 +120,8 @@ impl Cutter {
         self.before[i as usize] != NONE
     }
 
-    /// Returns twice the signed area of the triangle at a remaining corner; negative where the corner is reflex.
+    /// Returns twice the signed area of the triangle of a remaining corner and its neighbours; negative where the
+    /// corner is reflex.
     fn turn(&self, i: u32) -> f64 {
         let [a, b, c] = self.triangle(i).map(|i| self.flat[i as usize]);
         turn(a, b, c)
@@ -128,7 +131,8 @@ impl Cutter {
         [self.before[i as usize], i, self.after[i as usize]]
     }
 
-    /// True if a corner is convex and its triangle contains no other corner. Only non-convex corners need to be tested.
+    /// True if a corner is an ear: it is convex, and its triangle with its neighbours contains no other corner. Only
+    /// non-convex corners need to be tested.
     fn is_ear(&self, i: u32) -> bool {
         let [a, b, c] = self.triangle(i).map(|i| self.flat[i as usize]);
         if turn(a, b, c) <= 0.0 {
@@ -146,7 +150,7 @@ impl Cutter {
         !self.blunt.iter().any(|j| is_in(self.flat[*j as usize]) && self.is_left(*j) && self.turn(*j) <= 0.0)
     }
 
-    /// Cuts off a corner and returns its neighbours.
+    /// Cuts off a corner: its triangle with its neighbours is added. Returns the neighbours.
     fn remove(&mut self, i: u32) -> [u32; 2] {
         let [before, at, after] = self.triangle(i);
         self.triangles.push([before, at, after]);
@@ -156,7 +160,8 @@ impl Cutter {
         [before, after]
     }
 
-    /// Cuts off corners at which the outline turns back onto itself, and duplicate corners.
+    /// Cuts off corners at which the outline turns back onto itself, and duplicate corners. `flat` is the largest
+    /// doubled area of their triangles.
     fn cut_spikes(&mut self, flat: f64) {
         let mut at = 0;
         for _ in 0..2 * self.flat.len() {
@@ -172,7 +177,8 @@ impl Cutter {
         }
     }
 
-    /// Cuts off corners of almost no area, until there is none or three remain; returns their number.
+    /// Cuts off those of the corners `left` whose triangle has at most the doubled area `flat`, as long as more than
+    /// three remain. Returns their number.
     fn cut_flat(&mut self, left: &[u32], flat: f64) -> usize {
         let mut count = 0;
         for &i in left {
@@ -185,7 +191,7 @@ impl Cutter {
     }
 }
 
-/// Returns twice the area vector of a polygon, which needn't be planar (Newell).
+/// Returns the normal of a polygon with twice its area as length. The polygon needn't be planar (Newell's method).
 fn newell(corners: &[DVec3]) -> DVec3 {
     let Some((first, others)) = corners.split_first() else { return DVec3::ZERO };
     others.windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum()

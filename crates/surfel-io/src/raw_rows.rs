@@ -15,18 +15,20 @@ use surfel_model::{NumberFormat, TableColumns};
 
 /// Maximum number of rows whose coordinates are checked for plausibility.
 const JUDGED_ROWS: usize = 1000;
-/// Range of the absolute value of plausible coordinates. Data of other types usually have values outside the range.
+/// Range of the absolute values of plausible coordinates. If numbers are read as a wrong type, some are usually
+/// outside.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
-/// Layouts of rows without a header in `.bin` files: KITTI and many others; nuScenes; indoor data sets.
+/// Usual layouts of rows in `.bin` files without a header, as `--columns` states them: KITTI and many others; nuScenes;
+/// indoor data sets.
 const USUAL_LAYOUTS: [&str; 3] = ["f4:x,y,z,intensity", "f4:x,y,z,intensity,_", "f4:x,y,z,r,g,b"];
-/// Minimum number of rows for detecting a layout. Fewer rows may fit a wrong layout by chance.
+/// Smallest number of rows from which a layout is detected. Fewer rows may fit a wrong layout by chance.
 const LEAST_ROWS: usize = 100;
 /// Maximum number of rows that are examined to detect a layout.
 const EXAMINED_ROWS: usize = 1 << 16;
-/// Range of the absolute value of plausible coordinates of a scan, in metres; 0 is plausible too.
+/// Range of the absolute values of plausible coordinates of a scan, in metres; 0 is plausible, too.
 const SCANNED: std::ops::RangeInclusive<f32> = 1e-7..=1e4;
-/// Largest value of an intensity or a colour.
+/// Largest value that is plausible as an intensity or a colour when a layout is detected.
 const MAX_INTENSITY: f32 = 255.0;
 
 /// Returns the layout of a `.bin` file without a header if its values fit exactly one usual layout.
@@ -42,7 +44,8 @@ pub(crate) fn detected(name: &Path, bytes: &[u8]) -> Option<TableColumns> {
     found.filter(|_| fitting.next().is_none())
 }
 
-/// True if the first rows have finite plausible coordinates, and every other named column is an intensity or a colour.
+/// True if rows with this layout fit a file: the first rows have finite plausible coordinates, and every other named
+/// column is an intensity or a colour.
 fn fits(bytes: &[u8], columns: &TableColumns) -> bool {
     let row_bytes = columns.row_bytes();
     if !bytes.len().is_multiple_of(row_bytes) || bytes.len() / row_bytes < LEAST_ROWS {
@@ -72,14 +75,14 @@ pub fn check_columns(columns: &TableColumns) -> Result<(), String> {
     check(columns).map_err(|problem| problem.to_string().replace('\n', ","))
 }
 
-/// Checks like [`check_columns`], with a problem of a file as error.
+/// Checks that columns include a position, like [`check_columns`], but returns a problem of a file as the error.
 pub(crate) fn check(columns: &TableColumns) -> Result<(), Problem> {
     let names: Vec<&str> = columns.columns().iter().filter_map(|column| column.name.as_deref()).collect();
     let problem = || Problem::new(format!("has no position among the columns {}", list(&names))).expected("x, y and z");
     Roles::by_name(names.iter().copied()).map(|_| ()).ok_or_else(problem)
 }
 
-/// Returns the problem of a table with another number of columns than `--columns` states.
+/// Returns the problem of a table with `found` columns, where `--columns` states another number.
 pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
     let expected = format!("{found}, as its rows have; _ leaves a column out");
     let named = counted(columns.columns().len() as u64, "columns");
@@ -115,7 +118,7 @@ fn number_type(format: NumberFormat) -> NumberType {
     }
 }
 
-/// Returns the columns of a file, and their roles.
+/// Returns the columns of a file whose layout is `columns`, and their roles.
 pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     check(columns)?;
     let row_bytes = columns.row_bytes();
@@ -142,7 +145,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
     Ok((named, roles))
 }
 
-/// Returns an error for rows with implausible coordinates: the types are wrong, or columns are missing.
+/// Checks that the first coordinates are plausible. Otherwise the types are wrong, or columns are missing.
 fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Result<(), Problem> {
     let rows = position[0].values.len();
     let (mut wrong, mut seen, mut first) = (0, 0, None);
@@ -167,6 +170,6 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     point_columns::build(named, &roles, Source::Typed, Vec::new(), context)
 }
 
-/// Help text for a binary file without a header.
+/// Advice to the user for a binary file without a header.
 pub(crate) const RAW_HELP: &str =
     "`columns=f4:x,y,z,intensity` reads numbers without a header, here float32 as in KITTI's files";

@@ -4,11 +4,11 @@
 
 use crate::content::Content;
 
-/// Row numbers of the points that weren't dropped, in order.
+/// Recorder of the row numbers of points while rows are read and some are dropped.
 #[derive(Default)]
 pub(crate) struct KeptRows {
     read: u32,
-    /// Row number in the file of each point; `None` until a point is dropped.
+    /// Row number in the file of each point; `None` as long as no row was dropped.
     rows: Option<Vec<u32>>,
 }
 
@@ -28,12 +28,12 @@ impl KeptRows {
         self.read = self.read.saturating_add(1);
     }
 
-    /// Returns the row numbers, if rows were dropped.
+    /// Returns the row number of each point; `None` if no row was dropped.
     pub(crate) fn finish(self) -> Option<Vec<u32>> {
         self.rows
     }
 
-    /// Sets the row numbers of points that were made from these rows.
+    /// Sets the row numbers of points that were made from the recorded rows.
     pub(crate) fn give(self, content: &mut Content) {
         let own = match content {
             Content::Points(points) => &mut points.rows,

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use surfel_model::{Camera, SceneFile};
 
-/// Maximum size of a scene file, in bytes. Ordinary files are far smaller.
+/// Largest size of a scene file or another JSON file that is read, in bytes. Ordinary files are far smaller.
 pub(crate) const MAX_BYTES: u64 = 64 << 20;
 
 /// Reads a scene file, without checking its numbers (`Scene::validate` and `Camera::validate` do that).

@@ -39,7 +39,8 @@ struct Part {
 }
 
 impl Part {
-    /// Returns the value that a byte encodes: an entry of the table, or a fraction of the channel's range.
+    /// Returns the value that a byte of an image encodes: an entry of the table (version 2), or a fraction of the
+    /// channel's range (version 1).
     fn value(&self, channel: usize, byte: u8) -> f64 {
         match self.codebook.get(usize::from(byte)) {
             Some(value) => *value,
@@ -55,7 +56,7 @@ impl Part {
     }
 }
 
-/// Maximum size of `meta.json`, in bytes: a few tables of 256 numbers.
+/// Largest size, in bytes, of a file that is recognised as SOG's `meta.json`, which is a few tables of 256 numbers.
 const MAX_META_BYTES: usize = 1 << 20;
 
 /// True if the bytes are a `meta.json` file, whose images are other files in its folder.
@@ -66,7 +67,7 @@ pub(crate) fn looks_like(bytes: &[u8]) -> bool {
 
 /// Location of the images that contain the Gaussians.
 enum Pictures<'a> {
-    /// Members of an archive, in this folder.
+    /// Members of an archive, in the archive's folder that the text names.
     Members(Archive<'a>, String),
     /// Files in the folder of `meta.json`.
     Beside(&'a Siblings),

@@ -9,9 +9,9 @@ use crate::strided::f32_of_half;
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 
-/// Number of spherical-harmonic coefficients beyond the constant one, by degree.
+/// Number of spherical-harmonic coefficients of a colour channel beyond the constant one, by degree.
 const HARMONICS: [usize; 5] = [0, 3, 8, 15, 24];
-/// Factor of the constant harmonic's coefficient in the file.
+/// Factor by which the file multiplies the coefficient of the constant spherical harmonic.
 const COLOR_SCALE: f64 = 0.15;
 
 struct Header {
@@ -23,7 +23,7 @@ struct Header {
 }
 
 impl Header {
-    /// Returns the bytes per splat of each stream: positions, alphas, colours, scales, rotations, harmonics.
+    /// Returns the number of bytes per splat in each stream: positions, alphas, colours, scales, rotations, harmonics.
     fn stream_bytes(&self) -> [usize; 6] {
         let position = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version <= 2 { 3 } else { 4 };
@@ -31,7 +31,7 @@ impl Header {
     }
 }
 
-/// Reads a file after gzip decompression.
+/// Reads the bytes of an SPZ file after gzip decompression; those of version 4 have no gzip.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let damaged = |what: String| {
         let problem = Problem::new(what).at(Location::Byte(bytes.len()));

@@ -14,12 +14,12 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, Mesh};
 
-/// Bytes of a binary file before its triangles: an arbitrary header and the number of triangles.
+/// Number of bytes of a binary file before its triangles: an arbitrary header and the number of triangles.
 const HEADER_BYTES: usize = 84;
-/// Bytes of a binary triangle: normal, three corners, attribute.
+/// Number of bytes of a triangle in a binary file: normal, three corners, attribute.
 const TRIANGLE_BYTES: usize = 50;
 
-/// True if the content is STL.
+/// True if the content of a file is STL, as text or binary.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     is_text(bytes) || binary_count(bytes).is_some_and(|n| bytes.len() == HEADER_BYTES + n * TRIANGLE_BYTES)
 }
@@ -29,7 +29,7 @@ fn binary_count(bytes: &[u8]) -> Option<usize> {
     Some(u32::from_le_bytes(count.try_into().ok()?) as usize)
 }
 
-/// True if a file is text. Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
+/// True if an STL file is text. Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
 fn is_text(bytes: &[u8]) -> bool {
     let head = bytes[..bytes.len().min(1024)].trim_ascii_start();
     let has = |word: &[u8]| head.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word));
@@ -80,7 +80,7 @@ fn colors(bytes: &[u8], count: usize) -> Option<(Vec<Option<FaceColor>>, &'stati
     own.iter().any(Option::is_some).then_some((own, "VisCAM and SolidView write them"))
 }
 
-/// Returns the RGBA colour, stated in Magics' header, of all triangles without their own colour.
+/// Returns the RGBA colour, stated in the header by Materialise Magics, of all triangles without their own colour.
 fn color_of_all(bytes: &[u8]) -> Option<[u8; 4]> {
     const KEY: &[u8] = b"COLOR=";
     let header = &bytes[..HEADER_BYTES - 4];

@@ -45,7 +45,7 @@ impl NumberType {
     }
 }
 
-/// A column with one number every `stride` bytes.
+/// A column of numbers in a file or in memory, with one number every `stride` bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Strided<'a> {
     /// Bytes from the first number to the end of the last.
@@ -56,7 +56,7 @@ pub(crate) struct Strided<'a> {
     big_endian: bool,
 }
 
-/// Position of a column in a file, without a reference to the open file.
+/// Position and type of a column in a file, without a reference to the open file.
 #[cfg(feature = "laz")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -69,17 +69,18 @@ pub(crate) struct Place {
 
 #[cfg(feature = "laz")]
 impl Place {
-    /// Returns the column in the file's bytes, if it is inside them.
+    /// Returns the column at this place in a file's bytes; `None` if it isn't inside them.
     pub(crate) fn of(self, bytes: Bytes<'_>) -> Option<Strided<'_>> {
         Strided::new(bytes, self.offset, self.stride, self.rows, self.kind, self.big_endian)
     }
 }
 
-/// Maximum number of bytes and rows of columns that each thread has in memory at a time.
+/// Maximum number of bytes of a column that each thread has in memory at a time.
 const BLOCK_BYTES: usize = 1 << 18;
+/// Maximum number of rows that each thread has in memory at a time.
 const BLOCK_ROWS: usize = 1 << 14;
 
-/// Rows of K columns as `f64`, and the buffer that they are decoded from.
+/// A block of rows of K columns as `f64`, and the buffer of bytes from which the numbers are decoded.
 struct Block<const K: usize> {
     bytes: Vec<u8>,
     numbers: [Vec<f64>; K],
@@ -104,7 +105,7 @@ impl<const K: usize> Block<K> {
         Self { bytes: Vec::new(), numbers: [const { Vec::new() }; K] }
     }
 
-    /// Reads a range of rows.
+    /// Reads a range of rows into this block.
     fn read(&mut self, columns: &[Strided<'_>; K], rows: Range<usize>) {
         read_rows(columns, rows, &mut self.bytes, &mut self.numbers);
     }
@@ -114,13 +115,13 @@ impl<const K: usize> Block<K> {
     }
 }
 
-/// Returns the number of rows that are read as one block.
+/// Returns the number of rows of these columns that are read at a time, as one block.
 pub(crate) fn block_rows(columns: &[Strided<'_>]) -> usize {
     let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
     (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)
 }
 
-/// Applies a function to every row of columns of equal length.
+/// Applies a function to every row of columns of equal length, in parallel, and returns the results in order.
 pub(crate) fn combined<const K: usize, R: Copy + Default + Send>(
     columns: [Strided<'_>; K],
     f: impl Fn([f64; K]) -> R + Sync,
@@ -134,7 +135,7 @@ pub(crate) fn combined<const K: usize, R: Copy + Default + Send>(
     all
 }
 
-/// Folds the rows of each block of columns of equal length, and then joins the blocks in order.
+/// Folds the rows of each block of columns of equal length, in parallel, and then joins the blocks' results in order.
 fn folded<const K: usize, R: Clone + Send + Sync>(
     columns: [Strided<'_>; K],
     none: R,
@@ -151,7 +152,7 @@ fn folded<const K: usize, R: Clone + Send + Sync>(
     blocks.into_iter().fold(none.clone(), join)
 }
 
-/// Returns the minimum and maximum finite number of each column; infinities if there is none.
+/// Returns the minimum and maximum finite number of each column; +∞ and −∞ if there is none.
 pub(crate) fn ranges<const K: usize>(columns: [Strided<'_>; K]) -> [(f64, f64); K] {
     let wider = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
     let none = [(f64::INFINITY, f64::NEG_INFINITY); K];
@@ -162,7 +163,8 @@ pub(crate) fn ranges<const K: usize>(columns: [Strided<'_>; K]) -> [(f64, f64); 
     folded(columns, none, with, join)
 }
 
-/// Evaluates an expression for the column's type. `$number` is the function that converts a number's bytes to `f64`.
+/// Evaluates an expression for the number type of a column. In it, `$number` is the function that converts a number's
+/// bytes to `f64`.
 macro_rules! by_type {
     ($column:expr, $number:ident => $body:expr) => {
         match $column.kind {
@@ -213,7 +215,7 @@ impl<'a> Strided<'a> {
         self.rows
     }
 
-    /// Returns the column's position in its file; `None` for a column in memory.
+    /// Returns the column's place in its file; `None` for a column in memory.
     #[cfg(feature = "laz")]
     pub(crate) fn place(&self) -> Option<Place> {
         let Bytes::File { start, .. } = self.bytes else { return None };
@@ -225,7 +227,7 @@ impl<'a> Strided<'a> {
         self.kind
     }
 
-    /// Returns the column with its bytes interpreted as another type of the same size.
+    /// Returns the same column with the number type `kind` instead of its own; `None` if their sizes differ.
     pub(crate) fn reinterpreted(self, kind: NumberType) -> Option<Self> {
         (kind.bytes() == self.kind.bytes()).then_some(Self { kind, ..self })
     }
@@ -252,7 +254,7 @@ impl<'a> Strided<'a> {
         numbers.resize(rows, 0.0);
     }
 
-    /// Returns the number of a row; 0 beyond the last.
+    /// Returns the number in a row; 0 beyond the last row.
     pub(crate) fn at(&self, row: usize) -> f64 {
         let mut block = Block::new();
         if row < self.rows {
@@ -261,18 +263,19 @@ impl<'a> Strided<'a> {
         block.numbers[0].first().copied().unwrap_or(0.0)
     }
 
-    /// Applies a function to every number.
+    /// Applies a function to every number of the column, in parallel, and returns the results in order.
     pub(crate) fn map<R: Copy + Default + Send>(&self, f: impl Fn(f64) -> R + Sync) -> Vec<R> {
         combined([*self], |[v]| f(v))
     }
 
-    /// Returns the largest finite number, at least 0.
+    /// Returns the column's largest finite number, but at least 0.
     pub(crate) fn largest(&self) -> f64 {
         let [(_, largest)] = ranges([*self]);
         largest.max(0.0)
     }
 
-    /// Returns the numbers in their own type. Types that the model lacks become `f64`, half floats `f32`.
+    /// Reads the column into memory in its own number type. Types that the data model lacks become `f64`, half floats
+    /// `f32`.
     pub(crate) fn values(&self) -> ExtraValues {
         match self.kind {
             NumberType::I8 => ExtraValues::I8(self.map(|v| v as i8)),
@@ -287,7 +290,8 @@ impl<'a> Strided<'a> {
     }
 }
 
-/// Returns three columns of equal length as vectors with their origin, as [`Column3::with_origin`] does.
+/// Combines three columns of equal length to vectors. Returns an origin, and vectors relative to it, as
+/// [`Column3::with_origin`] does.
 pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
     let with = |(min, max, exact): (DVec3, DVec3, bool), p: [f64; 3]| {
@@ -303,13 +307,13 @@ pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     (origin, of_f64(columns, origin))
 }
 
-/// Splits a vector into its f32 value and the remainder.
+/// Splits a vector into its value rounded to f32 and the remainder.
 fn split(p: DVec3) -> (Vec3, Vec3) {
     let high = p.as_vec3();
     (high, if high.is_finite() { (p - high.as_dvec3()).as_vec3() } else { Vec3::ZERO })
 }
 
-/// Returns three columns of equal length as vectors relative to `origin`, with the remainders of f32 rounding.
+/// Combines three columns of equal length to vectors relative to `origin`. The rounding errors of f32 are stored, too.
 pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
     let (mut high, mut low) = (vec![[0.0; 3]; columns[0].rows], vec![[0.0; 3]; columns[0].rows]);
     let rows = block_rows(&columns);
@@ -326,17 +330,17 @@ pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
     Column3::from_parts(high, (!exact).then_some(low))
 }
 
-/// Returns three columns of equal length as f32 vectors, rounded.
+/// Combines three columns of equal length to vectors, rounded to f32.
 pub(crate) fn vectors_f32(columns: [Strided<'_>; 3]) -> Vec<Vec3> {
     vectors(combined(columns, |row| row.map(|v| v as f32)))
 }
 
-/// Converts arrays to vectors, which have the same layout, so that the memory is reused.
+/// Converts arrays to vectors. Both have the same layout, so that the memory is reused.
 fn vectors(arrays: Vec<[f32; 3]>) -> Vec<Vec3> {
     arrays.into_iter().map(Vec3::from_array).collect()
 }
 
-/// Converts an IEEE 754 half-precision value.
+/// Converts an IEEE 754 half-precision number, given by its bits, to f32.
 pub(crate) fn f32_of_half(half: u16) -> f32 {
     let magnitude = u32::from(half & 0x7fff);
     let value = match magnitude >> 10 {

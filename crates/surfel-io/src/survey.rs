@@ -7,12 +7,12 @@ use crate::color::{exact_8_bit, linear_of_8_bit, linear_of_16_bit};
 use std::io::{Read, Seek};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// A seekable source of bytes, from which only the points are read into memory.
+/// A seekable source of bytes, such as a file of a scan. Readers take only its points into memory.
 pub(crate) trait Source: Read + Seek + Send + Sync {}
 
 impl<T: Read + Seek + Send + Sync> Source for T {}
 
-/// A number type of extra columns.
+/// A number type that extra columns can have.
 pub(crate) trait Scalar: Copy + Default + PartialEq + Send + Sync {
     fn column(values: Vec<Self>) -> ExtraValues;
 }
@@ -37,7 +37,7 @@ pub(crate) struct SparseColumn<T> {
 }
 
 impl<T: Scalar> SparseColumn<T> {
-    /// Appends `count` values; `expected` is a lower bound of the final number of values.
+    /// Appends `count` values. Memory is reserved for `expected` values, a lower bound of the final number.
     pub(crate) fn append(&mut self, count: usize, expected: usize, values: impl Iterator<Item = T> + Clone) {
         if self.values.is_empty() {
             if values.clone().all(|v| v == T::default()) {
@@ -55,7 +55,7 @@ impl<T: Scalar> SparseColumn<T> {
         self.values.is_empty()
     }
 
-    /// Returns the column, unless all values are zero.
+    /// Returns the column under a name; `None` if all values are zero.
     pub(crate) fn finish(self, name: String) -> Option<ExtraColumn> {
         let mut values = self.values;
         values.shrink_to_fit();
@@ -63,13 +63,14 @@ impl<T: Scalar> SparseColumn<T> {
     }
 }
 
-/// sRGB-encoded colours in 16-bit fields, which many programs fill with 8-bit levels (0–255).
+/// sRGB-encoded colours from 16-bit fields, into which many programs write 8-bit levels (0–255). They are converted to
+/// linear RGB when they are appended.
 #[derive(Debug, Default)]
 pub(crate) struct WideColors {
     linear: Vec<[f32; 3]>,
-    /// True if a level exceeds 255.
+    /// True if some level so far exceeds 255, so that the levels have 16 bits.
     wide: bool,
-    /// True if a level exceeds 0.
+    /// True if some level so far exceeds 0, so that not all colours are black.
     any: bool,
 }
 
@@ -88,8 +89,8 @@ impl WideColors {
         }
     }
 
-    /// Includes the colours of dropped points in the detection of the range. The range then doesn't depend on which
-    /// points are dropped.
+    /// Includes colours in the detection of the range without appending them: those of dropped points. The range then
+    /// doesn't depend on which points are dropped.
     pub(crate) fn see(&mut self, levels: impl Iterator<Item = [u16; 3]>) {
         let largest = levels.flatten().max().unwrap_or(0);
         self.any |= largest > 0;
@@ -102,26 +103,27 @@ impl WideColors {
         }
     }
 
-    /// True if a colour so far isn't black.
+    /// True if some colour so far isn't black.
     pub(crate) fn any(&self) -> bool {
         self.any
     }
 
-    /// Returns the colours as linear RGB, unless all are black, and true if they range only to 255.
+    /// Returns the colours as linear RGB, and true if their levels range only to 255. Returns `None` if all colours are
+    /// black.
     pub(crate) fn finish(self) -> Option<(Vec<[f32; 3]>, bool)> {
         self.any.then_some((self.linear, !self.wide))
     }
 }
 
-/// Returns a name in lower case, without blanks and punctuation.
+/// Returns a column's name for comparisons: in lower case, without blanks and punctuation.
 pub(crate) fn plain_name(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
 
-/// Names of the three normal columns, as [`plain_name`] returns them.
+/// Names of the columns with normals, in the form that [`plain_name`] returns.
 pub(crate) const NORMAL_NAMES: [&str; 3] = ["normalx", "normaly", "normalz"];
 
-/// Removes normals from the extra columns. A missing component is zero.
+/// Removes the columns with normals from the extra columns, and returns them as vectors. A missing component is zero.
 #[cfg(feature = "las")]
 pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model::Column3> {
     let mut found: [Option<Vec<f32>>; 3] = [None, None, None];
@@ -145,7 +147,7 @@ pub(crate) fn one_line(bytes: &[u8]) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
-/// Formats an extent as "W x D x H", with four digits or in whole units.
+/// Formats an extent as "W x D x H" for a note, with four digits or in whole units.
 pub(crate) fn extent_words(extent: glam::DVec3) -> String {
     let one = |v: f64| {
         let digits = if v > 0.0 && v.is_finite() { (3 - v.log10().floor() as i32).clamp(0, 9) } else { 0 };

@@ -8,24 +8,24 @@ use crate::point_columns::Roles;
 use crate::raw_rows::wrong_count;
 use surfel_model::TableColumns;
 
-/// Maximum number of columns of a file.
+/// Maximum number of columns of a text file. Files with more are refused.
 pub(crate) const MAX_COLUMNS: usize = 128;
-/// Maximum number of lines for detecting a decimal comma.
+/// Maximum number of lines that are examined to detect a decimal comma.
 const JUDGED_LINES: usize = 100;
-/// Maximum number of lines for choosing the separator and detecting columns of words.
+/// Maximum number of lines that are examined to choose the separator and to detect columns of words.
 const PLANNED_LINES: usize = 1000;
-/// Words that begin the lines of points in files that also have other lines, such as `p x y z` and `d 1 1 1`. Words are
-/// compared with case: capital letters are chemical elements.
+/// Words that mark the lines of points in files that also have other lines, such as `p x y z` beside `d 1 1 1`. Letter
+/// case matters, because capital letters are chemical elements.
 const POINT_WORDS: [&[u8]; 7] = [b"p", b"v", b"pt", b"pnt", b"point", b"vertex", b"vtx"];
 
-/// Separator of the cells of a line.
+/// Separator between the cells of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Divider {
-    /// Any number of blanks, commas and semicolons.
+    /// Any number of blanks, commas and semicolons, together one separator.
     Any,
-    /// Any number of blanks and semicolons.
+    /// Any number of blanks and semicolons, together one separator. Commas are decimal marks.
     NoComma,
-    /// This character alone, so that a cell may be empty or contain blanks.
+    /// This character alone, each one a separator, so that a cell may be empty or contain blanks.
     Each(u8),
 }
 
@@ -36,8 +36,9 @@ pub(crate) struct Dialect {
     pub(crate) has_decimal_commas: bool,
 }
 
-/// Dialect of most point files.
+/// Dialect of most point files: any separator, and decimal points.
 pub(crate) const POINTS: Dialect = Dialect { divider: Divider::Any, has_decimal_commas: false };
+/// Dialect of tables with decimal commas.
 const DECIMAL_COMMAS: Dialect = Dialect { divider: Divider::NoComma, has_decimal_commas: true };
 
 impl Dialect {
@@ -117,7 +118,7 @@ impl<'a> Iterator for Words<'a> {
     }
 }
 
-/// Returns the end of a cell; a separator within quotes doesn't end the cell.
+/// Returns the end of the first cell in `rest`; a separator within quotes doesn't end the cell.
 fn cell_end(rest: &[u8], divider: u8) -> usize {
     let mut quoted = false;
     let is_quoted = rest.trim_ascii_start().first() == Some(&b'"');
@@ -128,12 +129,12 @@ fn cell_end(rest: &[u8], divider: u8) -> usize {
     rest.iter().position(ends).unwrap_or(rest.len())
 }
 
-/// Returns a value without enclosing quotes, which some programs write around all values.
+/// Returns a cell's text without enclosing quotes, which some programs write around all values.
 fn unquoted(word: &[u8]) -> &[u8] {
     word.strip_prefix(b"\"").and_then(|word| word.strip_suffix(b"\"")).unwrap_or(word)
 }
 
-/// True if a line contains no points in any format.
+/// True if a line is empty or a comment, so that it contains no point in any format.
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii();
     line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
@@ -144,28 +145,30 @@ pub(crate) fn is_missing(cell: &[u8]) -> bool {
     cell.is_empty() || [&b"NA"[..], b"N/A", b"null", b"none"].iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
 
-/// Dialect of a table, and the columns that are read.
+/// Interpretation of a text file: its dialect, and the columns that are read.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) dialect: Dialect,
-    /// Flag of each column of the file, true if the column contains numbers that are read; `None` if all columns are
-    /// read.
+    /// For each column of the file, true if it contains numbers and is read; `None` if all columns are read.
     pub(crate) kept: Option<Vec<bool>>,
-    /// Numbers, from 1, of columns that are dropped because they contain words, or because they are empty.
+    /// Numbers, from 1, of columns that aren't read because they contain words.
     pub(crate) words: Vec<usize>,
+    /// Numbers, from 1, of columns that aren't read because they are mostly empty.
     pub(crate) empty: Vec<usize>,
-    /// Word that begins every line of a point, one of [`POINT_WORDS`]; lines that begin with another word are dropped.
+    /// Word that begins every line of a point, one of [`POINT_WORDS`]. Lines that begin with another word are skipped.
+    /// `None` if points aren't marked.
     pub(crate) point_word: Option<&'static [u8]>,
 }
 
-/// A candidate dialect, and the cells that it gives at the start of a file.
+/// A dialect that may be that of a file, and statistics of the cells into which it splits the first lines.
 struct Trial {
     dialect: Dialect,
     width: usize,
-    /// Number of lines with `width` cells.
+    /// Number of the examined lines that have `width` cells.
     rows: usize,
-    /// Counts of numbers and of empty cells, for each column.
+    /// Number of cells that are numbers, for each column.
     numbers: Vec<usize>,
+    /// Number of cells without a value, for each column.
     empty: Vec<usize>,
 }
 
@@ -273,12 +276,12 @@ impl Plan {
         self
     }
 
-    /// Returns the word that a line begins with; `None` if the line begins with a number.
+    /// Returns the word with which a line begins; `None` if it begins with a number.
     fn first_word<'a>(&self, line: &'a [u8]) -> Option<&'a [u8]> {
         self.dialect.words(line).next().filter(|word| self.dialect.number(word).is_none())
     }
 
-    /// True if a line begins with another word than lines of points do.
+    /// True if a line begins with another word than the lines of points do, so that it is skipped.
     pub(crate) fn is_other_record(&self, line: &[u8]) -> bool {
         let Some(expected) = self.point_word else { return false };
         self.first_word(line).is_some_and(|word| word != expected)
@@ -306,7 +309,7 @@ impl Plan {
         }
     }
 
-    /// Returns the numbers, from 1, of the columns that are read, out of `width` columns.
+    /// Returns the numbers, from 1, of the columns that are read, among `width` columns of the file.
     pub(crate) fn numbers(&self, width: usize) -> Vec<usize> {
         match &self.kept {
             Some(kept) => kept.iter().enumerate().filter(|(_, kept)| **kept).map(|(i, _)| i + 1).collect(),
@@ -314,7 +317,7 @@ impl Plan {
         }
     }
 
-    /// Returns notes about dropped columns.
+    /// Returns notes for the user about columns that aren't read.
     pub(crate) fn notes(&self, names: Option<&[String]>) -> Vec<String> {
         let place = |i: &usize| match names.and_then(|names| names.get(i - 1)).filter(|name| !name.is_empty()) {
             Some(name) => format!("{i} ({})", name.chars().take(60).flat_map(char::escape_debug).collect::<String>()),
@@ -339,8 +342,8 @@ impl Plan {
     }
 }
 
-/// True if all words are numbers, except in the first line, with equal counts in all lines or fewer where a cell is
-/// empty.
+/// True if rows are plain numbers: all words are numbers, except in the first line. The lines have equal numbers of
+/// words, or fewer where a cell is empty.
 fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     let mut width = None;
     // If most rows have an empty cell, a column is empty.
@@ -363,8 +366,8 @@ fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     true
 }
 
-/// Returns the column names of a line, if they include a position. A name may be empty if a single character separates
-/// names.
+/// Returns the column names that a line states, if a position is among them. A name may be empty if a single character
+/// separates names.
 pub(crate) fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
     let text = |w: &[u8]| String::from_utf8_lossy(w).trim_matches(|c| matches!(c, '"' | '/' | '#')).trim().to_owned();
     // Names separated by commas, semicolons or tabs may contain blanks.

@@ -3,16 +3,16 @@
 
 #![cfg_attr(not(feature = "geotiff"), allow(dead_code))]
 
-/// A WKT node: `KEYWORD[…]`.
+/// An element of WKT: a keyword, followed by values and further elements in brackets.
 struct Node<'a> {
     keyword: &'a str,
-    /// The node's own strings, numbers and words, in order.
+    /// The element's own strings, numbers and words, in order.
     values: Vec<&'a str>,
     parts: Vec<Node<'a>>,
 }
 
 impl<'a> Node<'a> {
-    /// Parses a complete text; returns `None` if it isn't valid.
+    /// Parses a complete WKT text; returns `None` if it isn't valid.
     fn parse(text: &'a str) -> Option<Self> {
         // Ordinary texts are nested about ten deep.
         const MAX_DEPTH: usize = 32;
@@ -52,12 +52,12 @@ impl<'a> Node<'a> {
         keywords.iter().any(|k| self.keyword.eq_ignore_ascii_case(k))
     }
 
-    /// Returns the first child with one of the keywords.
+    /// Returns the first child element with one of the keywords.
     fn part(&self, keywords: &[&str]) -> Option<&Self> {
         self.parts.iter().find(|part| part.is(keywords))
     }
 
-    /// Returns the first node with one of the keywords: itself or a descendant.
+    /// Returns the first element with one of the keywords: this element itself or a descendant.
     fn find(&self, keywords: &[&str]) -> Option<&Self> {
         if self.is(keywords) { Some(self) } else { self.parts.iter().find_map(|part| part.find(keywords)) }
     }
@@ -70,20 +70,20 @@ impl<'a> Node<'a> {
         self.values.get(index)?.parse().ok().filter(|v: &f64| v.is_finite())
     }
 
-    /// Returns the node's EPSG code.
+    /// Returns the EPSG code that the element states for itself.
     fn code(&self) -> Option<u16> {
         let id = self.part(&["ID", "AUTHORITY"]).filter(|id| id.name().eq_ignore_ascii_case("EPSG"))?;
         id.values.get(1)?.parse().ok().filter(|code| (1..32_767).contains(code))
     }
 
-    /// Returns the size of the node's unit, in metres or radians.
+    /// Returns the size of the element's unit, in metres or radians. `keywords` are those of the unit's element.
     fn unit(&self, keywords: &[&str]) -> Option<f64> {
         self.part(keywords)?.number(1).filter(|unit| *unit > 0.0)
     }
 }
 
 /// Converts a text to what GeoTIFF allows: one line of ASCII. Control characters and non-ASCII characters become
-/// question marks; a NUL would end the text.
+/// question marks, since a NUL would end the text.
 pub(crate) fn printable(text: &str) -> String {
     let of_char = |c: char| match c {
         ' '..='~' => c,
@@ -93,7 +93,7 @@ pub(crate) fn printable(text: &str) -> String {
     text.chars().map(of_char).collect()
 }
 
-/// Returns the ASCII letters and digits of a name, in lower case.
+/// Returns a name for comparisons: its ASCII letters and digits, in lower case.
 fn plain(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
@@ -102,10 +102,10 @@ const PROJECTED: [&str; 3] = ["PROJCRS", "PROJECTEDCRS", "PROJCS"];
 const LENGTH: [&str; 2] = ["LENGTHUNIT", "UNIT"];
 const ANGLE: [&str; 2] = ["ANGLEUNIT", "UNIT"];
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// GeoTIFF code of user-defined values.
+/// GeoTIFF code that states that a value is user-defined rather than one with an EPSG code.
 const USER_DEFINED: u16 = 32_767;
 
-/// GeoTIFF keys, and the doubles and text that they refer to.
+/// GeoTIFF keys, and the numbers and text to which they refer.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) keys: Vec<[u16; 4]>,
@@ -132,7 +132,8 @@ impl Keys {
     }
 }
 
-/// WKT names, of both versions, of the parameters of projections.
+/// WKT names of the five usual parameters of projections, in both versions of WKT: natural origin, scale and false
+/// coordinates.
 const NATURAL: [&[&str]; 5] = [
     &["latitudeofnaturalorigin", "latitudeoforigin", "latitudeofcenter"],
     &["longitudeofnaturalorigin", "centralmeridian", "longitudeofcenter"],
@@ -140,18 +141,21 @@ const NATURAL: [&[&str]; 5] = [
     &["falseeasting", "eastingatfalseorigin"],
     &["falsenorthing", "northingatfalseorigin"],
 ];
+/// WKT names of the false origin of conic projections, in both versions of WKT.
 const FALSE_ORIGIN: [&[&str]; 2] = [
     &["latitudeoffalseorigin", "latitudeoforigin", "latitudeofcenter"],
     &["longitudeoffalseorigin", "centralmeridian", "longitudeofcenter"],
 ];
+/// WKT names of the two standard parallels, in both versions of WKT.
 const PARALLELS: [&[&str]; 2] =
     [&["latitudeof1ststandardparallel", "standardparallel1"], &["latitudeof2ndstandardparallel", "standardparallel2"]];
+/// WKT names of the standard parallel and origin of polar projections, in both versions of WKT.
 const POLAR: [&[&str]; 2] = [
     &["latitudeofstandardparallel", "latitudeoforigin", "latitudeofnaturalorigin", "standardparallel1"],
     &["longitudeoforigin", "centralmeridian", "longitudeofnaturalorigin"],
 ];
 
-/// Kind of a projection parameter, which decides its GeoTIFF unit.
+/// Kind of a projection's parameter, which decides the unit in which GeoTIFF stores it.
 #[derive(Clone, Copy, PartialEq)]
 enum Quantity {
     Angle,
@@ -159,10 +163,10 @@ enum Quantity {
     Ratio,
 }
 
-/// A projection parameter: GeoTIFF key, kind, and WKT names.
+/// A projection's parameter: its GeoTIFF key, its kind, and its names in WKT.
 type Parameter = (u16, Quantity, &'static [&'static str]);
 
-/// Returns the GeoTIFF code of a projection, by its WKT name, and its parameters. Keys and names follow GDAL
+/// Returns the GeoTIFF code and the parameters of a projection, by its WKT name. Keys and names follow GDAL
 /// (`gt_wkt_srs.cpp`, `geo_normalize.c`).
 fn method(name: &str) -> Option<(u16, Vec<Parameter>)> {
     use Quantity::{Angle, Length, Ratio};
@@ -196,7 +200,7 @@ fn method(name: &str) -> Option<(u16, Vec<Parameter>)> {
     })
 }
 
-/// EPSG codes of geographic systems in common use, by the names of their datums.
+/// EPSG codes of geographic systems in common use, by the names of their datums in the form of [`plain`].
 const DATUMS: [(&[&str], u16); 6] = [
     (&["worldgeodeticsystem1984", "worldgeodeticsystem1984ensemble", "wgs1984", "dwgs1984", "wgs84"], 4326),
     (&["northamericandatum1983", "northamerican1983", "dnorthamerican1983"], 4269),
@@ -206,8 +210,8 @@ const DATUMS: [(&[&str], u16); 6] = [
     (&["geocentricdatumofaustralia2020", "dgda2020"], 7844),
 ];
 
-/// Returns the keys of a projected system without a code; `None` for other systems and for projections that GeoTIFF
-/// lacks.
+/// Returns GeoTIFF keys for a projected system that states no EPSG code. Returns `None` for other systems, and for
+/// projections that GeoTIFF lacks.
 pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     let whole = Node::parse(wkt)?;
     let system = whole.find(&PROJECTED)?;
@@ -261,14 +265,14 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     (taken == parameters().count()).then_some(keys)
 }
 
-/// Returns the EPSG code of a unit of length by its size in metres: the metre, the foot or the survey foot.
+/// Returns the EPSG code of a unit of length by its size in metres. Known are the metre, the foot and the survey foot.
 fn unit_code(metres: f64) -> Option<u16> {
     // Files print the survey foot with 9 to 15 digits.
     let known = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)];
     known.iter().find(|(size, _)| (metres / size - 1.0).abs() < 1e-9).map(|(_, code)| *code)
 }
 
-/// Adds the vertical system of a WKT, if it has one: the code, or the name and unit.
+/// Adds keys for the vertical system that a WKT states, if any: its EPSG code, or else its name and unit.
 pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
     let root = Node::parse(wkt);
     let Some(system) = root.as_ref().and_then(|root| root.find(&["VERTCRS", "VERTICALCRS", "VERT_CS"])) else { return };
@@ -284,7 +288,8 @@ pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
     }
 }
 
-/// Adds the keys of a geographic system.
+/// Adds keys for a geographic system, or for the base of a projected one: its EPSG code, or else its parameters.
+/// Returns `None` if they can't be stored.
 fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64) -> f64) -> Option<()> {
     let datum = system.part(&["DATUM", "GEODETICDATUM", "TRF", "ENSEMBLE"])?;
     let name = plain(datum.name());

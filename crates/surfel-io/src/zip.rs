@@ -10,16 +10,16 @@ use flate2::read::DeflateDecoder;
 use std::borrow::Cow;
 use std::io::Write;
 
-/// Maximum factor by which deflate expands data.
+/// Maximum factor by which deflate expands data. Members that state more are refused.
 const DEFLATE_EXPANSION: u64 = 1032;
-/// Maximum bytes of a directory, enough for 100,000 members.
+/// Maximum number of bytes of a ZIP file's directory that is read; enough for 100,000 members.
 const DIRECTORY_BYTES: usize = 1 << 24;
 
-/// A ZIP file's directory.
+/// A ZIP file with its directory of members.
 pub(crate) struct Archive<'a> {
     bytes: Bytes<'a>,
     members: Vec<Member>,
-    /// Number of bytes that may still be unpacked.
+    /// Number of bytes that may still be unpacked from this file, all members together.
     budget: u64,
 }
 
@@ -29,18 +29,18 @@ struct Member {
     encrypted: bool,
     packed: u64,
     whole: u64,
-    /// Offset of the local header.
+    /// Byte offset of the member's local header, which precedes its data.
     start: u64,
 }
 
-/// A member's bytes in the file.
+/// A member's data, which stay in the file until they are read.
 pub(crate) enum Content<'a> {
     Stored(Bytes<'a>),
     Deflated(Deflated<'a>),
 }
 
 impl Content<'_> {
-    /// Returns the unpacked size in bytes.
+    /// Returns the member's size in bytes after unpacking.
     pub(crate) fn len(&self) -> usize {
         match self {
             Self::Stored(bytes) => bytes.len(),
@@ -49,7 +49,7 @@ impl Content<'_> {
     }
 }
 
-/// A deflated member.
+/// A member that is compressed by deflate.
 pub(crate) struct Deflated<'a> {
     bytes: Bytes<'a>,
     name: String,
@@ -66,7 +66,7 @@ impl Deflated<'_> {
         Ok(())
     }
 
-    /// Returns the first unpacked bytes, at most `most`.
+    /// Returns the member's first bytes after unpacking, at most `most`.
     #[cfg(feature = "laz")]
     pub(crate) fn head(&self, most: usize) -> Vec<u8> {
         let mut head = Vec::new();
@@ -97,7 +97,7 @@ impl<'a> Archive<'a> {
         Ok(Self { bytes, members, budget: most_unpacked(bytes.len()) })
     }
 
-    /// Returns the names of the members in the directory's order.
+    /// Returns the names of all members, in the directory's order.
     pub(crate) fn names(&self) -> impl Iterator<Item = String> {
         self.members.iter().map(|m| String::from_utf8_lossy(&m.name).into_owned())
     }
@@ -120,7 +120,7 @@ impl<'a> Archive<'a> {
         })
     }
 
-    /// Returns a member's bytes in the file, stored or deflated, after checks of its size and compression.
+    /// Returns a member's data in the file, stored or deflated. Its size and compression are checked first.
     pub(crate) fn open(&mut self, index: usize) -> Result<Content<'a>, Fault> {
         let member = self.members.get(index).ok_or_else(|| damaged("the ZIP file lacks a member"))?;
         let name = quote(&member.name);
@@ -147,7 +147,7 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// Returns the bytes of a member, which follow its local header.
+/// Returns the packed data of a member, which follow its local header.
 fn data_of<'a>(bytes: Bytes<'a>, member: &Member) -> Option<Bytes<'a>> {
     let start = usize::try_from(member.start).ok()?;
     let local = bytes.at_most(start, 30);
@@ -200,7 +200,7 @@ fn directory(bytes: Bytes<'_>) -> Option<Vec<Member>> {
     Some(members)
 }
 
-/// Replaces sizes that don't fit into 32 bits by those of the ZIP64 field.
+/// Replaces a member's sizes and offset that don't fit into 32 bits by those of its ZIP64 field.
 fn widen(member: &mut Member, mut extra: &[u8]) {
     while let (Some(tag), Some(length)) = (u16_at(extra, 0), u16_at(extra, 2)) {
         let Some((mut field, after)) = extra[4..].split_at_checked(length.into()) else { return };

@@ -11,11 +11,11 @@ use surfel_model::SplatCloud;
 const DARK: f32 = 0.05;
 /// Smallest light of a splat that is lit beside a black one, as a fraction of the cloud's mean.
 const BRIGHT: f32 = 0.25;
-/// Number of splats, before and after a splat in Morton order, among which neighbours are searched.
+/// Number of splats before and after a dark splat, in Morton order, that are searched for its neighbours.
 const WINDOW: usize = 32;
-/// Largest distance from a splat to its neighbours, in lengths of the splat's half-axis s.
+/// Largest distance of a dark splat's neighbours, in lengths of its half-axis s.
 const AROUND: f64 = 3.0;
-/// Smallest number of neighbours of a buried splat.
+/// Smallest number of neighbours from which a dark splat can count as buried.
 const FEWEST: u32 = 8;
 /// Smallest fraction of lit neighbours from which a black splat is buried. On a thin surface whose lower side is dark,
 /// half of the neighbours are lit.
@@ -26,8 +26,8 @@ const BRIGHTER: f32 = 2.0;
 /// right angles, three quarters of the neighbours are lit.
 const MOST_LIT: f64 = 0.8;
 
-/// Finds the buried splats of a cloud. Returns pairs of a buried splat and its nearest lit neighbour, whose light
-/// replaces the buried splat's own. `light` has one entry per splat.
+/// Finds the buried splats of a cloud: dark ones whose neighbours are mostly lit. Returns pairs of a buried splat and
+/// its nearest lit neighbour, whose light replaces the buried splat's own. `light` has one entry per splat.
 pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
     let mean = light.iter().map(|own| f64::from(own.total())).sum::<f64>() / light.len().max(1) as f64;
     if mean <= 0.0 {

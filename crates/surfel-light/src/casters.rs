@@ -5,12 +5,13 @@ use surfel_math::clip::Clip;
 use surfel_model::{ClipPolicy, Cull, Geometry, Mesh, Object, Scene, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
-/// Fraction of the points inside the inner sphere, from which the size of the depth maps follows.
+/// Fraction of the sampled points inside the inner sphere, which is centred at their median. The depth maps cover
+/// points within [`OUTER_RADIUS`] times its radius.
 const INNER_SHARE: f64 = 0.98;
-/// Largest radius of the sphere that the depth maps cover, in radii of the inner sphere. Points outside are stray
-/// points, which neither cast nor receive shadows.
+/// Largest distance, in radii of the inner sphere, from the median of the points to points that the depth maps cover.
+/// Points outside are stray points, which neither cast nor receive shadows.
 const OUTER_RADIUS: f64 = 2.5;
-/// Maximum number of points from which the sphere is estimated.
+/// Maximum number of splats and vertices from which the depth maps' sphere is estimated.
 const ESTIMATED: usize = 1 << 16;
 
 /// Sphere that the depth maps cover. Coordinates in the maps are relative to its centre, in units of its radius.
@@ -21,7 +22,7 @@ pub(crate) struct Sphere {
 }
 
 impl Sphere {
-    /// Estimates the sphere of a scene; `None` if the scene has no surfaces.
+    /// Estimates the sphere that contains a scene except for stray points; `None` if the scene has no surfaces.
     pub(crate) fn of(scene: &Scene) -> Option<Self> {
         let total: usize = scene.objects.iter().map(count).sum();
         let step = total.div_ceil(ESTIMATED).max(1);
@@ -84,7 +85,7 @@ fn count(object: &Object) -> usize {
     }
 }
 
-/// Returns the world position and radius of splat `i`, or the position of vertex `i` with radius 0.
+/// Returns the world position and radius of splat `i`, or the position of mesh vertex `i` with radius 0.
 fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
     let m = &object.world_from_object;
     let (point, radius) = match &object.geometry {
@@ -104,17 +105,16 @@ fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
 /// Surface that casts a shadow, in the coordinates of the depth maps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Caster {
-    /// Ellipse with half-axes s and t, and the index of its clip in [`Casters::clips`]. If `facing` isn't 0,
-    /// `facing`·(s × t) points out of a watertight surface. Ellipses that face away from the light then needn't be
-    /// drawn.
+    /// Splat with half-axes s and t. `clip` is the index of its clip in [`Casters::clips`]. If `facing` isn't 0,
+    /// `facing`·(s × t) points out of a watertight surface. Splats that face away from the light then needn't be drawn.
     Disk { center: Vec3, s: Vec3, t: Vec3, clip: Option<u32>, facing: f32 },
-    /// Ball.
+    /// Ball, a splat that is a sphere.
     Ball { center: Vec3, radius: f32 },
-    /// Triangle, given by its corners.
+    /// Triangle of a mesh, given by its corners.
     Triangle([Vec3; 3]),
 }
 
-/// Surfaces of a scene that cast shadows.
+/// Surfaces of a scene that cast shadows, in the coordinates of the depth maps.
 #[derive(Debug, Default)]
 pub(crate) struct Casters {
     pub casters: Vec<Caster>,

@@ -5,39 +5,42 @@ use glam::{Vec2, Vec3, Vec4};
 use surfel_math::V2;
 use surfel_math::basis::orthonormal;
 
-/// Orthographic depth map of the unit sphere along a direction.
+/// Orthographic depth map of the unit sphere, viewed from a light's direction. It determines which points the light
+/// reaches.
 pub(crate) struct DepthMap {
     side: usize,
     right: Vec3,
     down: Vec3,
-    /// Direction in which the light travels.
+    /// Unit vector in which the light travels, along which depth is measured.
     forward: Vec3,
-    /// Smallest depth in each texel, row by row; infinite without a surface.
+    /// Smallest depth of a surface in each texel, row by row; infinite in texels without a surface.
     depths: Vec<f32>,
 }
 
-/// Half-width of a splat, in texels, below which the splat is drawn as one texel.
+/// Half-width and half-height of a disk, in texels, below which the disk is drawn as one texel.
 const TINY: f32 = 0.6;
 /// Largest half-width and half-height, in texels, of a disk that is drawn by testing all texels of its bounding box.
+/// Larger disks are drawn row by row.
 const SMALL: f32 = 4.0;
-/// Number of texels in a row that are tested at once.
+/// Number of texels in a row that are tested at once, by SIMD instructions.
 const LANES: usize = 4;
-/// Largest slope of a surface, in texels of depth per texel. Steeper surfaces are treated as if they had this slope.
+/// Largest slope of a surface in a depth map: change of depth, in texel widths, per texel. Steeper surfaces are treated
+/// as if they had this slope.
 const MOST_SLOPE: f32 = 8.0;
 
-/// Disk projected to a depth map.
+/// Disk projected to a depth map, as [`DepthMap::draw_small`] needs it.
 struct Ellipse {
-    /// Centre in texels.
+    /// Position of the centre in the map, in texels.
     middle: Vec2,
-    /// Depth of the centre.
+    /// Depth of the centre, in radii of the depth map's sphere.
     depth: f32,
-    /// Half-width and half-height in texels.
+    /// Half-width and half-height of the bounding box, in texels.
     half: Vec2,
-    /// Change of the position within the unit disk per texel to the right.
+    /// Change of the unit disk's coordinates (along s and t) per texel to the right.
     right: Vec2,
-    /// Change of the position within the unit disk per texel down.
+    /// Change of the unit disk's coordinates (along s and t) per texel down.
     down: Vec2,
-    /// Change of the depth along the two axes of the unit disk.
+    /// Change of the depth per unit of the unit disk's two coordinates.
     slope: Vec2,
 }
 
@@ -70,11 +73,12 @@ impl DepthMap {
         2.0 / side as f32
     }
 
+    /// Returns the number of texels per unit of the depth maps' coordinates.
     fn scale(&self) -> f32 {
         0.5 * self.side as f32
     }
 
-    /// Projects a point: returns its position in texels and its depth.
+    /// Projects a point of the depth maps' coordinates: returns its position in texels and its depth.
     #[inline]
     fn project(&self, p: Vec3) -> (Vec2, f32) {
         let scale = self.scale();
@@ -87,8 +91,8 @@ impl DepthMap {
         (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
     }
 
-    /// Lowers the depth of the texel that contains the point `at` of a plane. The new depth is the plane's at the
-    /// texel's centre.
+    /// Lowers the depth of the texel that contains the point `at` of a plane, unless it is lower already. The new depth
+    /// is the plane's at the texel's centre.
     #[inline]
     fn put(&mut self, at: Vec2, depth: f32, normal: Vec3) {
         let (x, y) = (at.x as usize, at.y as usize);
@@ -110,7 +114,7 @@ impl DepthMap {
         if slope.is_finite() { slope } else { Vec2::ZERO }
     }
 
-    /// Returns the texels, along one axis, whose centres are within `half` of the coordinate `middle`.
+    /// Returns the range of texels, along one axis, whose centres are within `half` texels of the coordinate `middle`.
     fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
         let (lo, hi) = ((middle - half - 0.5).max(0.0), middle + half + 0.5);
         // Conversions truncate and saturate, which is the floor of non-negative numbers.
@@ -238,14 +242,15 @@ impl DepthMap {
         }
     }
 
-    /// True if a sphere is entirely outside of the map.
+    /// True if a sphere is entirely beside the map, so that no surface in the map hides light from it.
     pub(crate) fn misses(&self, center: Vec3, radius: f32) -> bool {
         let reach = 1.0 + radius;
         center.dot(self.right).abs() > reach || center.dot(self.down).abs() > reach
     }
 
-    /// Returns the fraction of the light, 0 to 1, that reaches a point of a surface: the bilinear mean over the four
-    /// texels around. The point's depth at each texel is that of a plane whose [`DepthMap::fall`] is `slope`.
+    /// Returns the fraction of the light, 0 to 1, that reaches a point `p` of a surface. It is the bilinear mean of the
+    /// depth comparisons at the four nearest texels. At each texel, the surface is taken as a plane whose
+    /// [`DepthMap::fall`] is `slope`.
     #[inline]
     pub(crate) fn share(&self, p: Vec3, slope: Vec2) -> f32 {
         let (at, depth) = self.project(p);

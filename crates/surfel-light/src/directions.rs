@@ -5,27 +5,29 @@ use std::f64::consts::TAU;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::Sky;
 
-/// Golden ratio's fraction of a turn, the angle between successive points of a spiral.
+/// Fraction of a turn (2π) between successive directions of a spiral: the inverse of the golden ratio, which spreads
+/// them evenly.
 const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
-/// Ratio of the number of the sky's directions to that of each area.
+/// Ratio of the number of directions in the sky to the number in each of its bright areas.
 const AREA_SHARE: u32 = 4;
-/// Smallest number of directions of an area.
+/// Smallest number of directions in a bright area of the sky.
 const LEAST_AREA: u32 = 16;
-/// Ratio of the number of directions in the sky's upper half to that in its lower half.
+/// Ratio of the number of directions in the upper half of the sky to that in the lower half, if the lower half shines.
 const LOWER_SHARE: u32 = 3;
 
-/// Direction of a sky, with the light from it.
+/// Direction from which a part of a sky's light comes, with the strength of this light.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ray {
-    /// Unit vector toward the light.
+    /// Unit vector from the scene toward the light.
     pub toward: Vec3,
-    /// Brightness of a white surface that faces the light.
+    /// Brightness of a white surface that faces the direction and gets only its light.
     pub weight: f32,
     /// True if the light belongs to the sky, false if it belongs to one of the sky's bright areas.
     pub is_sky: bool,
 }
 
-/// Returns the directions of a sky and of its areas (rendering model §12). Directions without light are left out.
+/// Returns the directions that represent a sky and its bright areas (rendering model §12). Directions without light are
+/// left out.
 pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     let up = unit(sky.up.into());
     let is_lower = sky.below > 0.0;
@@ -50,8 +52,8 @@ pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     rays
 }
 
-/// Returns `count` directions along a spiral, each for an equal area of a cap of the unit sphere. The cap has the
-/// centre `middle`, and its smallest cosine to the centre is `least`.
+/// Returns `count` directions along a spiral in a cap of the unit sphere, each for an equal part of the cap's area.
+/// `middle` is the cap's centre, and `least` the cosine of the angle from the centre to the rim.
 fn cap(middle: DVec3, least: f64, count: u32) -> impl Iterator<Item = DVec3> {
     let (right, up) = orthonormal(middle);
     (0..count).map(move |i| {
@@ -61,7 +63,7 @@ fn cap(middle: DVec3, least: f64, count: u32) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Returns the light of the sky and of its areas, as two sums, on an unoccluded surface with this unit normal.
+/// Returns the light on an unoccluded surface with this unit normal: from the sky, and from its bright areas.
 pub(crate) fn open(rays: &[Ray], normal: Vec3) -> [f32; 2] {
     let mut sums = [0.0; 2];
     for ray in rays {

@@ -11,45 +11,47 @@ use surfel_math::toon::smoothstep;
 use surfel_model::{Ground, GroundStyle};
 use surfel_render::View;
 
-/// Number of points along each axis of the ground's square at which light is computed.
+/// Number of points at which the ground's light is computed, along each side of the square [`Plane`].
 const POINTS: usize = 448;
-/// Half-width of the square in which the ground's shadows are computed, in radii of the scene's sphere.
+/// Half-width of the square [`Plane`], in radii of the scene's sphere.
 const EXTENT: f64 = 4.0;
-/// Concentration of the points toward the middle. A point with parameter u from −1 to 1 lies at
-/// sinh(u·CROWDING)/sinh(CROWDING) half-widths.
+/// Exponent by which the points of the square [`Plane`] are denser toward its middle. A point with parameter u from −1
+/// to 1 lies at sinh(u·CROWDING)/sinh(CROWDING) half-widths.
 const CROWDING: f64 = 2.0;
-/// Distance from the square's middle at which the ground begins to fade, as a fraction of the half-width.
+/// Distance from the middle of the square [`Plane`] at which the ground begins to fade, as a fraction of its
+/// half-width.
 const FADE: f64 = 0.5;
-/// Width of the image's border in which the ground's shadow fades, as a fraction of the shorter side. Framed objects
-/// don't reach into the border.
+/// Width of the image's border in which the ground's shadow fades, as a fraction of the image's shorter side. Framed
+/// objects don't reach into this border.
 const BORDER: f64 = 0.1;
-/// Linear grey of the ground in the style [`GroundStyle::Plane`].
+/// Albedo (linear grey) of the ground in the style [`GroundStyle::Plane`].
 const PLANE_ALBEDO: f64 = 0.75;
-/// Linear grey and opacity of the grid's lines.
+/// Colour (linear grey) and opacity of the lines in the style [`GroundStyle::Grid`].
 const LINE: (f64, f64) = (0.1, 0.5);
-/// Width of the grid's lines, in pixels.
+/// Width of the lines in the style [`GroundStyle::Grid`], in pixels.
 const LINE_PX: f64 = 1.2;
-/// Smallest number of grid lines per radius of the scene's sphere.
+/// Smallest number of grid lines per radius of the scene's sphere. The distance between lines is the largest round
+/// length that gives so many.
 const LINES: f64 = 4.0;
 
-/// Square part of the ground in which shadows are computed.
+/// Square part of the ground, centred below the scene, in which shadows are computed.
 #[derive(Clone, Debug)]
 pub(crate) struct Plane {
     style: GroundStyle,
-    /// Projection of the scene's centre onto the ground, in world space.
+    /// Middle of the square in world space: the projection of the scene's centre onto the ground.
     origin: DVec3,
-    /// Unit axes along the plane.
+    /// Unit vectors along the sides of the square.
     axes: [DVec3; 2],
-    /// Unit normal of the plane, which points up.
+    /// Unit normal of the ground, which points up.
     normal: DVec3,
     /// Half-width of the square, in world units.
     half: f64,
-    /// Sphere of the scene, which the depth maps cover.
+    /// Sphere around the scene, whose coordinates the depth maps use.
     sphere: Sphere,
 }
 
 impl Plane {
-    /// Creates the square below a scene in which the ground's shadows are computed.
+    /// Creates the square of the ground below a scene with this sphere.
     pub(crate) fn of(ground: &Ground, sphere: &Sphere) -> Self {
         let normal = unit(ground.normal.into());
         let origin = sphere.center - normal * normal.dot(sphere.center - DVec3::from(ground.point));
@@ -57,7 +59,7 @@ impl Plane {
         Self { style: ground.style, origin, axes: [u, v], normal, half: EXTENT * sphere.radius, sphere: *sphere }
     }
 
-    /// Returns the points at which the ground's light is computed, row by row.
+    /// Returns the points of the square at which light is computed, row by row.
     pub(crate) fn receivers(&self) -> Vec<Receiver> {
         let coordinate = |i: usize| self.half * warped(2.0 * i as f64 / (POINTS - 1) as f64 - 1.0);
         let [u, v] = self.axes;
@@ -71,15 +73,15 @@ impl Plane {
     }
 }
 
-/// Ground with the light that reaches it.
+/// Ground below a scene, with the light that reaches it around the scene.
 #[derive(Clone, Debug)]
 pub struct LitGround {
     plane: Plane,
-    /// Distance between the lines of the grid, in world units.
+    /// Distance between the lines of the style [`GroundStyle::Grid`], in world units.
     spacing: f64,
-    /// Brightness of a white ground without shadows.
+    /// Brightness of a white ground without shadows, by which a [`GroundStyle::Plane`] is shaded.
     whole: f32,
-    /// Fraction of the unoccluded light that reaches each of [`Plane::receivers`], row by row.
+    /// Fraction of the unoccluded light that reaches each of the points [`Plane::receivers`], row by row.
     shares: Vec<f32>,
 }
 
@@ -135,8 +137,8 @@ impl LitGround {
         }
     }
 
-    /// Returns the fraction of a pixel that the grid lines across one axis cover. `x` is the pixel's position and
-    /// `pixel` its width, in world units.
+    /// Returns the fraction of a pixel that grid lines cover, for the lines at multiples of the spacing along one axis.
+    /// `x` is the pixel's position along this axis and `pixel` its width, in world units.
     fn line(&self, x: f64, pixel: f64) -> f64 {
         let half = 0.5 * LINE_PX * pixel;
         // The mean of the lines over the pixel is a difference of the integral of a comb of lines.
@@ -153,8 +155,8 @@ impl LitGround {
         }
     }
 
-    /// Draws the ground behind the colours of a frame (linear premultiplied RGBA, of the view's region), and
-    /// `background` behind both. The ground isn't drawn in pixels from which it is viewed from below.
+    /// Draws the ground behind the colours of a frame, and `background` behind both. `colors` are linear premultiplied
+    /// RGBA in the view's region. Rays that look up at the ground from below don't show it.
     pub fn draw_behind(&self, view: &View, background: [f32; 4], colors: &mut [[f32; 4]]) {
         let width = view.region.width as usize;
         let background = background.map(f64::from);
@@ -172,7 +174,7 @@ impl LitGround {
     }
 
     /// Returns the factor, 0 to 1, by which the ground fades toward the border of an image of `size` pixels. Only the
-    /// style [`GroundStyle::Shadow`] fades. An image on a page of its background's colour then shows no edge.
+    /// style [`GroundStyle::Shadow`] fades, so that the image shows no edge on a page of the same colour.
     fn fade(&self, size: [u32; 2], pixel: [f64; 2]) -> f64 {
         if self.plane.style != GroundStyle::Shadow {
             return 1.0;
@@ -182,16 +184,16 @@ impl LitGround {
         smoothstep(inside, 0.0, BORDER * width.min(height))
     }
 
-    /// Returns the point of the ground that a pixel shows, and the size of the pixel, both along the plane's axes.
-    /// `None` if the pixel shows no ground.
+    /// Returns the point of the ground that a pixel shows, and the size of the pixel on the ground. Both are in world
+    /// units along the plane's axes. `None` if the pixel shows no ground.
     fn seen(&self, view: &View, [x, y]: [f64; 2]) -> Option<(DVec2, DVec2)> {
         let at = self.hit(view, x, y)?;
         let (right, below) = (self.hit(view, x + 1.0, y)?, self.hit(view, x, y + 1.0)?);
         Some((at, (right - at).abs() + (below - at).abs()))
     }
 
-    /// Returns the point, along the plane's axes, at which the ray through (x, y) of the image meets the ground from
-    /// above. `None` if they don't meet.
+    /// Returns the point, in world units along the plane's axes, at which the ray through image position (x, y) meets
+    /// the ground from above. `None` if the ray doesn't meet it.
     fn hit(&self, view: &View, x: f64, y: f64) -> Option<DVec2> {
         let (from, direction) = view.projection.ray(V2::new(x, y));
         let world_from_view = view.view_from_world.transpose();
@@ -212,10 +214,12 @@ fn over(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
     std::array::from_fn(|i| front[i] + (1.0 - front[3]) * back[i])
 }
 
+/// Maps a parameter from −1 to 1 to a coordinate in the square, in half-widths, so that points are dense in the middle.
 fn warped(u: f64) -> f64 {
     (CROWDING * u).sinh() / CROWDING.sinh()
 }
 
+/// Inverts [`warped`].
 fn unwarped(x: f64) -> f64 {
     (x * CROWDING.sinh()).asinh() / CROWDING
 }

@@ -51,18 +51,18 @@ use surfel_model::{Geometry, ModelError, Scene};
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LightError {
-    /// Objects of this kind have no colours in which light can be stored.
+    /// An object of the scene is of a kind that has no colours in which light can be stored.
     #[error(
         "objects[{object}] is {what}, which can't store the light of a sky, expected splats, points or a mesh: leave \
          out the sky, or give the object's source"
     )]
     Unsuitable {
-        /// Index of the object in the scene.
+        /// Index of the unsuitable object in the scene.
         object: usize,
-        /// Kind of the object, such as "an octree".
+        /// Kind of the unsuitable object, such as "an octree".
         what: &'static str,
     },
-    /// Some value of the scene is invalid.
+    /// A value of the scene, such as a sky's strength, is invalid.
     #[error(transparent)]
     Model(#[from] ModelError),
 }
@@ -71,7 +71,7 @@ pub enum LightError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LightOptions {
-    /// Width and height of each direction's depth map, in texels; at least 16, default 384.
+    /// Width and height of the depth map that is drawn for each direction, in texels; at least 16, default 384.
     pub map_side: u32,
 }
 

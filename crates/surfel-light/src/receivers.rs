@@ -6,18 +6,19 @@ use crate::directions::Ray;
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-/// Offset of a receiver along its normal, in texels, at which its light is looked up. The offset prevents curved
-/// surfaces from casting shadows on themselves; flat surfaces need none.
+/// Offset along the normal, in texels of the depth maps, from a surface point to the position at which its light is
+/// looked up. It prevents curved surfaces from casting shadows on themselves; flat surfaces need none.
 const OFFSET_TEXELS: f32 = 0.35;
 
-/// Point of a surface at which light is summed.
+/// Point of a surface at which the light of all directions is summed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Receiver {
-    /// Position in the coordinates of the depth maps.
+    /// Position of the point in the coordinates of the depth maps.
     pub position: Vec3,
-    /// Unit normal.
+    /// Unit normal of the surface's front, in world space.
     pub normal: Vec3,
-    /// Additional offset along the normal because of the splats' noise, in units of the depth maps.
+    /// Additional offset along the normal for the light's lookup, in units of the depth maps. It prevents noisy splats
+    /// from casting shadows on each other.
     pub noise: f32,
     /// Sides of the surface on which light is summed.
     pub sides: Sides,
@@ -26,23 +27,24 @@ pub(crate) struct Receiver {
 /// Sides of a surface on which light is summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sides {
-    /// Front only.
+    /// Front only: light from behind the surface is ignored.
     Front,
-    /// Both sides, but the back only from every [`SPARSE`]th direction.
+    /// Front from all directions, back from every [`SPARSE`]th direction, which suffices to find out which side is lit.
     FrontAndSparseBack,
-    /// Both sides, from all directions.
+    /// Both sides, each from all directions.
     Both,
 }
 
-/// Interval of the directions that sparse sums use.
+/// Interval of the directions that are summed for the back in [`Sides::FrontAndSparseBack`]. Each of them stands for as
+/// many directions.
 const SPARSE: usize = 4;
 
-/// Smallest number of depth maps drawn at once. Several maps share one pass over the receivers.
+/// Smallest number of depth maps that are drawn before a pass over the receivers looks all of them up.
 const LEAST_MAPS: usize = 4;
-/// Largest number of depth maps drawn at once.
+/// Largest number of depth maps that are drawn before a pass over the receivers, which limits memory.
 const MOST_MAPS: usize = 16;
 
-/// Light that reaches a receiver, as brightness of a white surface.
+/// Light that reaches both sides of a receiver, as brightness of a white surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Light {
     /// Light on the front: from the sky, and from the sky's bright areas.
@@ -51,19 +53,19 @@ pub(crate) struct Light {
     pub back: [f32; 2],
 }
 
-/// Number of receivers for which one sphere is tested against a map.
+/// Number of successive receivers that share one bounding sphere, which is tested against each depth map.
 const GROUP: usize = 64;
 
-/// Bounding sphere of the positions at which the light of several receivers is looked up.
+/// Bounding sphere of the positions at which the light of a group of receivers is looked up.
 struct Near {
     center: Vec3,
     radius: f32,
-    /// Common normal of the receivers; `None` if their normals differ.
+    /// Normal that all receivers of the group share; `None` if their normals differ.
     normal: Option<Vec3>,
 }
 
 impl Near {
-    /// Computes the bounding sphere of receivers, for maps of side×side texels.
+    /// Computes the bounding sphere of a group of receivers, for depth maps of side×side texels.
     fn of(receivers: &[Receiver], side: usize) -> Self {
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for Receiver { position, .. } in receivers {
@@ -79,13 +81,13 @@ impl Near {
     }
 }
 
-/// Returns the offset from the surface at which a receiver's light is looked up.
+/// Returns the offset along the normal, in units of the depth maps, at which a receiver's light is looked up.
 fn offset(receiver: &Receiver, side: usize) -> f32 {
     OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise
 }
 
 /// Draws one depth map of side×side texels per ray, and sums the light of all rays at each receiver. Returns the light
-/// of each group of receivers, in the receivers' order.
+/// in the order of `receivers`.
 ///
 /// Each receiver sums in the order of the rays, so that the result doesn't depend on the number of threads.
 pub(crate) fn gather<const N: usize>(
@@ -125,19 +127,19 @@ pub(crate) fn gather<const N: usize>(
     light
 }
 
-/// Smallest ratio of the light on the back to the light on the front at which the back counts. It applies to surfaces
-/// whose front is known.
+/// Smallest ratio of the light on the back to the light on the front at which the back of an oriented surface counts.
+/// The surface's normals then probably point inward.
 const BACK_OF_FRONT: f32 = 10.0;
 
 impl Light {
-    /// Returns the light on the brighter side: from the sky and its areas together.
+    /// Returns the light on the brighter side, as the sum of the light from the sky and from its bright areas.
     pub(crate) fn total(&self) -> f32 {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         total(self.front).max(total(self.back))
     }
 
-    /// Sets the light on the back to zero, unless the front is dark in comparison. Normals of scans that point inward
-    /// have a dark front.
+    /// Sets the light on the back to zero, unless it is at least [`BACK_OF_FRONT`] times the light on the front. A
+    /// front as dark as this shows that the normal of a scan points inward.
     pub(crate) fn prefer_front(&mut self) {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         if total(self.back) < BACK_OF_FRONT * total(self.front) {
@@ -145,8 +147,8 @@ impl Light {
         }
     }
 
-    /// Adds the light of the ray with index `number`. `side` is the width of the maps in texels. `share` returns the
-    /// fraction of the ray's light that reaches a point.
+    /// Adds the light of the ray with index `number` to the receiver's front or back. `side` is the width of the depth
+    /// maps in texels. `share` returns the fraction of the ray's light that reaches a position.
     #[inline]
     fn add(&mut self, receiver: &Receiver, ray: &Ray, (side, number): (usize, usize), share: impl Fn(Vec3) -> f32) {
         let cosine = receiver.normal.dot(ray.toward);

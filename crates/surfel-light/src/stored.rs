@@ -12,26 +12,26 @@ use surfel_render::ball_scale;
 use crate::LightError;
 use std::sync::Arc;
 
-/// Number of normals at which the light of a ball is computed: axes and diagonals.
+/// Number of normals at which the light of a ball is computed: 6 along the axes and 8 along the diagonals.
 const BALL_NORMALS: usize = 14;
-/// Weights of an axis and of a diagonal in the mean over a ball's normals. The mean is exact for polynomials up to
-/// degree 5 (Lebedev 1976).
+/// Weights of an axis normal and of a diagonal normal in the mean over a ball's surface. The mean is exact for
+/// polynomials up to degree 5 (Lebedev 1976).
 const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
-/// Maximum number of splats from which the noise of a cloud is estimated.
+/// Maximum number of splats of a cloud at which [`noise_of`] compares neighbours.
 const NOISE_SAMPLES: usize = 4096;
-/// Number of neighbours per splat in this estimate.
+/// Number of neighbours in Morton order with which [`noise_of`] compares a splat.
 const NEIGHBOURS: usize = 8;
-/// Largest distance of such a neighbour along the splat's plane, in half-axes. Its height above the plane may be at
-/// most one half-axis.
+/// Largest distance along a splat's plane, in half-axes, of the neighbours that [`noise_of`] uses. Their height above
+/// the plane may be at most one half-axis.
 const BESIDE: f64 = 1.25;
-/// Number of splats below which [`LEAST_NOISE`] replaces an estimate.
+/// Number of splats of a cloud below which [`noise_of`] returns [`LEAST_NOISE`] instead of an estimate.
 const FEWEST_NOISY: usize = 64;
-/// Ratio of the noise to the 90th percentile of the neighbours' heights.
+/// Ratio of a cloud's noise to the 90th percentile of the largest heights of neighbours above a splat's plane.
 const NOISE_FACTOR: f32 = 1.5;
-/// Smallest noise of a cloud, in half-axes. Even without noise, neighbours on a curved surface are outside each other's
-/// planes.
+/// Smallest noise of a cloud that [`noise_of`] returns, in half-axes. Even without noise, neighbours on a curved
+/// surface are outside each other's planes.
 const LEAST_NOISE: f32 = 0.05;
-/// Weights of linear RGB in the luminance (BT.709).
+/// Weights of linear red, green and blue in the luminance (ITU-R BT.709).
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 /// Returns the unit normals at which the light of a ball is computed: along the axes, then along the diagonals.
@@ -46,7 +46,7 @@ fn ball_normals() -> [Vec3; BALL_NORMALS] {
     })
 }
 
-/// Returns the weight of one of the [`ball_normals`] in the mean over the ball.
+/// Returns the weight of one of the [`ball_normals`] in the mean over a ball's surface.
 fn mean_weight(normal: Vec3) -> f32 {
     MEAN_WEIGHTS[usize::from(normal.abs().max_element() < 1.0)]
 }
@@ -103,7 +103,8 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
     }
 }
 
-/// Estimates the noise of a cloud: the distance of neighbours from each other's planes, in half-axes of a splat.
+/// Estimates the noise of a cloud, in half-axes of a splat: how far neighbours are outside of each other's planes. The
+/// noise offsets the lookup of light, so that noisy splats don't shade each other.
 fn noise_of(cloud: &SplatCloud) -> f32 {
     let order = cloud.morton_order();
     let step = order.len().div_ceil(NOISE_SAMPLES).max(1);
@@ -128,6 +129,7 @@ fn noise_of(cloud: &SplatCloud) -> f32 {
     (NOISE_FACTOR * height as f32).clamp(LEAST_NOISE, 1.0)
 }
 
+/// Transforms a normal to world space by a normal matrix.
 fn in_world(normals: &DMat3, normal: glam::DVec3) -> Vec3 {
     unit(*normals * normal).as_vec3()
 }
@@ -194,7 +196,7 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
     Ok(objects)
 }
 
-/// Parameters of the light that an object's surface reflects.
+/// Sky and material from which the light that an object reflects is computed.
 struct Shading<'a> {
     sky: &'a Sky,
     rays: &'a [Ray],
@@ -202,7 +204,8 @@ struct Shading<'a> {
 }
 
 impl Shading<'_> {
-    /// Returns the colour of a surface with albedo `own` (linear RGB) in the given light.
+    /// Returns the colour of a surface with albedo `own` (linear RGB) in `light`. The brighter side of the surface
+    /// counts.
     fn color(&self, own: [f32; 3], normal: Vec3, light: &Light) -> [f32; 3] {
         let total = |[sky, areas]: [f32; 2]| sky + areas;
         // The brighter side of a two-sided surface is the outer one.
@@ -212,8 +215,8 @@ impl Shading<'_> {
         own.map(|albedo| albedo * self.reflected(side, whole, albedo))
     }
 
-    /// Returns the brightness of a white surface. Light from other surfaces is estimated as if they had this albedo.
-    /// `whole` is the light of the sky on an unoccluded surface.
+    /// Returns the brightness of a white surface that gets the light `[sky, areas]`. Light from other surfaces is
+    /// estimated as if they had the albedo `albedo`. `whole` is the light of the sky on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
         let sky = if self.sky.bounce && whole > 0.0 { whole * bounced(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;
@@ -237,8 +240,8 @@ impl Shading<'_> {
     }
 }
 
-/// Returns the visibility of the sky, increased by light that surfaces of this albedo reflect to each other (Jimenez et
-/// al. 2016, *Practical realtime strategies for accurate indirect occlusion*).
+/// Returns the visibility of the sky, 0 to 1, increased by light that neighbouring surfaces of this albedo reflect to
+/// each other. Source: Jimenez et al. 2016, *Practical realtime strategies for accurate indirect occlusion*.
 fn bounced(visibility: f32, albedo: f32) -> f32 {
     let a = 2.0404 * albedo - 0.3324;
     let b = -4.7951 * albedo + 0.6417;

@@ -12,7 +12,7 @@ use surfel_model::{
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
-/// Multiplies the radii of splats by `scale`, and estimates their interior weight again.
+/// Multiplies the radii of splats by `scale`, and estimates their interior weight again, since it depends on the radii.
 pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
@@ -28,8 +28,8 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     Ok(cloud)
 }
 
-/// Returns one flag per point or splat, true if the options select it; `None` if they select all. Adds a note about the
-/// selection.
+/// Returns one flag per point or splat, true if the options select it; `None` if no option restricts the selection.
+/// Adds a note about the selection. `what` names the elements in the note.
 fn chosen(
     (count, position): (usize, &dyn Fn(usize) -> DVec3),
     extras: &[ExtraColumn],
@@ -76,10 +76,10 @@ pub(crate) fn chosen_splats(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Largest number of points at the same position that are used, such as the origin. Positions with more points are
-/// dropped.
+/// Largest number of points at exactly the same position, such as the origin, at which all of them are used. Further
+/// ones are dropped.
 const COINCIDENT: usize = 16;
-/// Reason, as text for notes, why points at a shared position are dropped.
+/// Reason, as text for notes, for dropping points at a position that many points share.
 const CROWDED: &str = "more than 16 are in their place";
 
 /// Returns the points that the options select, without the internal columns for levels of detail.
@@ -95,7 +95,8 @@ pub fn chosen_points(
     Ok(points)
 }
 
-/// Returns the points that the options select. The flag is true if they were thinned evenly.
+/// Returns the points that the options select, with the internal columns for levels of detail. The flag is true if the
+/// points were thinned evenly.
 fn chosen_points_of_levels(
     mut points: PointCloud,
     path: &Path,
@@ -213,8 +214,8 @@ pub fn splats_of_points(
     finished((cloud, false), report, path, options, notes, progress)
 }
 
-/// Finishes splats made from points. Enlarges them for their level of detail, clips them along edges, and fits their
-/// colours, as the options state. `stated` is true if the file states the radii.
+/// Finishes splats made from points. Enlarges them where finer levels of detail are missing, clips them along edges,
+/// and fits their colours, as the options state. `stated` is true if the file states the radii.
 fn finished(
     (cloud, stated): (SplatCloud, bool),
     report: PointReport,

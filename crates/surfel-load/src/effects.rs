@@ -6,7 +6,7 @@ use surfel_io::Content;
 use surfel_model::{Outliers, PointColors};
 use surfel_sample::MeshMethod;
 
-/// Set of kinds of input files, as bits.
+/// Set of kinds of input files, as bits. Each kind is a constant of this type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Inputs(u8);
 
@@ -23,7 +23,7 @@ impl Inputs {
     pub const GAUSSIANS: Self = Self(16);
     /// Set of all kinds.
     pub const ALL: Self = Self(31);
-    /// All kinds, with their names in messages.
+    /// Each kind as a set, with its name in messages.
     const NAMED: [(&'static str, Self); 5] = [
         ("points", Self::POINTS),
         ("splats", Self::SPLATS),
@@ -53,20 +53,20 @@ impl Inputs {
     }
 }
 
-/// Loading option, with the kinds of files that it affects.
+/// Loading option, with the kinds of files that it affects. It serves to report options without effect.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect {
     /// Key of the option in a scene file's `convert` object.
     pub option: &'static str,
     /// Kinds of files that the option affects.
     pub inputs: Inputs,
-    /// Function that returns true if the option is set.
+    /// Function that returns true if the user has set the option.
     pub given: fn(&LoadOptions) -> bool,
 }
 
-/// Files of points or splats, whose rows can be selected.
+/// Kinds of files with rows (points or splats) that can be selected.
 const ROWS: Inputs = Inputs::POINTS.and(Inputs::SPLATS);
-/// Files whose attributes can determine colours.
+/// Kinds of files whose attributes can determine colours.
 const VALUES: Inputs = ROWS.and(Inputs::MESHES);
 
 /// Kinds of files that each loading option affects. Options that aren't listed affect all files.
@@ -102,14 +102,14 @@ pub fn of(option: &str) -> Option<Effect> {
     EFFECTS.into_iter().find(|effect| effect.option == option)
 }
 
-/// Option that has no effect on a file's content.
+/// Report that an option has no effect on a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnusedOption {
     /// Key of the option in a scene file's `convert` object, such as "splats" or "max_points".
     pub option: &'static str,
     /// Content of the file, such as "splats", "points", "a mesh" or "an octree", or a list of its attributes.
     pub holds: Cow<'static, str>,
-    /// Content that the option would affect.
+    /// Content that the option would affect, such as "a mesh".
     pub expected: Cow<'static, str>,
 }
 

@@ -4,7 +4,7 @@ use crate::Error;
 use std::path::Path;
 use surfel_model::{ExtraColumn, NO_LABEL, SplatCloud};
 
-/// Default attribute for labels.
+/// Name of the attribute from which labels are taken if the options name none.
 pub const DEFAULT_LABEL: &str = "classification";
 
 /// Sets labels from an attribute of the cloud's file. Values are integers from 0; −1 and NaN mean that a splat has no

@@ -10,28 +10,29 @@ pub enum Levels {
     /// The coarsest levels, which are enough to place a camera. Their splats aren't enlarged and have gaps, so that
     /// they cover no larger area than all points.
     Overview,
-    /// The nodes that one or several views need.
+    /// The nodes that one or several views need, so that no splat appears larger than an error limit.
     Views {
         /// Views of one image, or of all images of one movie.
         views: Arc<[View]>,
         /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
-        /// Maximum projected splat radius in pixels, more than 0. Points of levels finer than this are skipped.
+        /// Largest projected splat radius in pixels, more than 0, that is accepted. Finer nodes are read until splats
+        /// are below it.
         error_px: f64,
-        /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped, if the file
-        /// stores radii and normals and the points are used for images only. `None` skips no points.
+        /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped if the file
+        /// stores radii and normals, and if the points are used for images only. `None` skips no points.
         sight_px: Option<f64>,
     },
 }
 
-/// Parameters of one or several views, by which the levels of detail of all objects are selected.
+/// Views of images with their accuracy, by which the levels of detail of all objects are selected.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
     /// Views of one image, or of all images of one movie, which then share the selection.
     pub views: &'a [View],
-    /// Largest projected splat radius in pixels, as in [`Levels::Views`].
+    /// Largest projected splat radius in pixels that is accepted, as in [`Levels::Views`].
     pub error_px: f64,
-    /// Margin around the view frustum in pixels, as in [`Levels::Views`].
+    /// Margin around the view frustum in pixels beyond which points are skipped, as in [`Levels::Views`].
     pub sight_px: Option<f64>,
 }
 

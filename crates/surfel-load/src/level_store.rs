@@ -18,20 +18,20 @@ use surfel_sample::Progress;
 /// signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    /// Temporary COPC copies by path and column names. Each has its own lock, which is held while the copy is written.
-    /// Different copies can be written at the same time, and no copy is written twice.
+    /// Temporary COPC copies of point files. Each has its own lock, which is held while the copy is written. Different
+    /// copies can be written at the same time, and no copy is written twice.
     converted: Mutex<BTreeMap<Key, Arc<Mutex<Option<Converted>>>>>,
-    /// Minimum memory budget, in bytes, for writing a COPC copy.
+    /// Smallest memory budget, in bytes, with which a COPC copy is written.
     least_memory: u64,
 }
 
-/// Key of a COPC copy: path of the source, and the column names if the options state them.
+/// Key of a COPC copy: path of the source file, and the column names if the options state them.
 type Key = (PathBuf, Option<String>);
 
-/// COPC copy of a point file.
+/// Temporary COPC copy of a point file.
 struct Converted {
-    /// State of the source file when it was copied; `None` if the file's state can't be read. A changed source is
-    /// copied again.
+    /// Identity (path, size and modification time) of the source file when it was copied; `None` if it can't be read. A
+    /// source with another identity is copied again.
     of: Option<FileState>,
     file: Arc<Temporary>,
 }
@@ -51,7 +51,7 @@ impl LevelStore {
         Self { nodes: Some(Arc::default()), ..Self::default() }
     }
 
-    /// Sets the minimum memory budget, in bytes, with which a file is copied to COPC.
+    /// Sets the smallest memory budget, in bytes, with which a file is copied to COPC.
     #[must_use]
     pub fn with_least_memory(self, least_memory: u64) -> Self {
         Self { least_memory, ..self }
@@ -76,7 +76,7 @@ impl LevelStore {
     }
 
     /// Returns the estimated memory, in bytes, that the allocator retains after a COPC copy was written: a third of the
-    /// minimum memory for writing. With a minimum of 200 MiB, 40 to 60 MiB were measured.
+    /// smallest memory budget for writing. With a budget of 200 MiB, 40 to 60 MiB were measured.
     pub(crate) fn left_bytes(&self) -> u64 {
         self.least_memory / 3
     }
@@ -94,8 +94,8 @@ impl LevelStore {
         Some(nodes.clone())
     }
 
-    /// Returns a COPC copy of a point file, and a note about it. Writes the copy unless it exists. Returns `None` if
-    /// the memory budget is too small for writing, or if the file has levels of detail itself.
+    /// Returns a temporary COPC copy of a point file, and a note about it. Writes the copy unless it exists. Returns
+    /// `None` if the memory budget is too small for writing, or if the file has levels of detail itself.
     pub(crate) fn by_levels(
         &self,
         path: &Path,
@@ -147,7 +147,7 @@ impl fmt::Debug for LevelStore {
 }
 
 impl PartialEq for LevelStore {
-    /// True only for the same store.
+    /// True only if both are the same store in memory.
     fn eq(&self, other: &Self) -> bool {
         std::ptr::eq(self, other)
     }

@@ -57,8 +57,8 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     Ok(())
 }
 
-/// Returns the report that the option `color_by` has no effect on a file without the attribute. The report lists the
-/// file's attributes.
+/// Returns the report that the option `color_by` has no effect on the file of `job`, because it lacks the attribute.
+/// The report lists the file's attributes.
 pub fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these".into() }
@@ -103,15 +103,15 @@ pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Splats made from a file's content.
+/// Splats made from a file's content, and what is known about them from the conversion.
 struct Converted {
     cloud: SplatCloud,
     conversion: Conversion,
-    /// True if the splats cover a watertight surface from outside.
+    /// True if the splats cover a watertight surface from outside, according to the file or its mesh.
     closed: bool,
-    /// Octree, if the file contains one; the splats are its finest ones.
+    /// Octree, if the file contains one; `cloud` then has its finest splats.
     octree: Option<Box<Octree>>,
-    /// Columns of the mesh from which the splats were made.
+    /// Mesh from which the splats were made, whose columns can be transferred to them.
     on_mesh: Option<MeshColumns>,
 }
 
@@ -171,7 +171,8 @@ fn converted(
     Ok(Converted { cloud, conversion, closed, octree, on_mesh })
 }
 
-/// Adds labels and row numbers if the options request them. `of_mesh` has the names of the mesh's columns.
+/// Adds labels and row numbers to splats if the options request them. `of_mesh` has the names of the mesh's columns,
+/// for messages.
 fn numbered(
     mut cloud: SplatCloud,
     of_mesh: &[String],
@@ -267,7 +268,7 @@ fn not_splats(path: &Path) -> Error {
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
-/// Extent in metres below which the content of an E57 or PTS file counts as a small object, not a scanned site.
+/// Extent, in metres, below which the content of an E57 or PTS file counts as a small object, not as a scanned site.
 const THING_M: f64 = 1.0;
 
 /// Returns the reason why a file's up axis is certain: the file or its format states it. Returns `None` for OBJ, STL,

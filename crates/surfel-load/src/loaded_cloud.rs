@@ -10,7 +10,7 @@ use surfel_io::Format;
 use surfel_model::{Octree, SplatCloud, Up};
 use surfel_sample::{MeshReport, PointReport};
 
-/// Conversion by which splats were made from a file's content.
+/// Conversion by which splats were made from a file's content, with its report.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Conversion {
     /// No conversion, because the file has splats.
@@ -38,7 +38,8 @@ pub struct LoadedCloud {
     pub up_reason: Option<UpReason>,
     /// True if the splats cover a watertight mesh from outside, so that their backs are never visible.
     pub closed: bool,
-    /// True if the splats were made from trained Gaussians, whose alphas are opacities of a volume.
+    /// True if the splats were made from trained Gaussians. Their alphas are opacities of overlapping volumes, not of a
+    /// surface.
     pub gaussian: bool,
     /// Conversion by which the splats were made.
     pub conversion: Conversion,

@@ -12,7 +12,7 @@ use surfel_model::{Object, Up};
 /// Note about a file, for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectNote {
-    /// The file.
+    /// Path of the file that the note is about.
     pub path: PathBuf,
     /// Text of the note: a sentence without a full stop.
     pub text: String,
@@ -31,7 +31,7 @@ pub struct LoadedObjects {
     pub objects: Vec<Object>,
     /// Facts about each object, in the same order.
     pub facts: Vec<ObjectFacts>,
-    /// Notes on data that was dropped, assumed or estimated, for each file.
+    /// Notes for the user on data that was dropped, assumed or estimated, with the file of each.
     pub notes: Vec<ObjectNote>,
     /// Files to which the input files refer, such as textures and buffers, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
@@ -41,12 +41,12 @@ pub struct LoadedObjects {
     pub colorings: Colorings,
     /// Colouring requests, one for each object.
     pub color_jobs: ColorJobs,
-    /// True if all objects share one radius for balls and disks without a stated radius, so that objects can be
-    /// compared.
+    /// True if all balls and disks without a stated radius share one radius, so that objects can be compared.
     pub has_one_radius: bool,
 }
 
-/// Colouring requests for the objects of [`LoadedObjects`].
+/// Colouring requests, one for each of [`LoadedObjects::objects`]; `None` for an object that isn't coloured by an
+/// attribute.
 #[derive(Clone, Debug, Default)]
 pub struct ColorJobs(pub(crate) Vec<Option<ColorJob>>);
 
@@ -76,24 +76,24 @@ pub struct ObjectFacts {
     pub sparse: Option<SparseReason>,
     /// True if the file has so few points that a surface may not be estimated reliably.
     pub few: bool,
-    /// True if a mesh's edges or a comment of the file determine whether the surface is watertight. It is estimated
-    /// otherwise.
+    /// True if a mesh's edges or a comment of the file determine whether the surface is watertight, so that it needn't
+    /// be estimated.
     pub sides_known: bool,
     /// True if the object has colours, whether from its file or by an attribute.
     pub colored: bool,
     /// True if the file or its mesh states that the splats cover a watertight surface from outside.
     pub closed: bool,
     /// True if overlapping splats have nearly the same depth, because they were made from a mesh of flat parts or
-    /// clipped by `sharp`.
+    /// clipped by `sharp`. A small depth tolerance then suffices.
     pub flat: bool,
     /// True if overlapping splats differ little in depth, because there is at least one splat per triangle of their
-    /// mesh.
+    /// mesh. A small depth tolerance then suffices.
     pub fine: bool,
     /// True if the cloud has separate splats for each visible side of the surface. Back faces are then always culled.
     pub each_side: bool,
     /// True if only an overview of the file was read, which [`refine_objects`](crate::scene::refine_objects) completes.
     pub partial: bool,
-    /// True if the file has more points than the point limit.
+    /// True if the file has more points than the point limit, so that only some of them became splats.
     pub thinned: bool,
     /// True if the options select points of all classes, so that stray points are framed, too.
     pub all_classes: bool,

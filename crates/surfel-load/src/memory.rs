@@ -5,26 +5,29 @@ use std::path::Path;
 use surfel_io::PointCount;
 use surfel_model::PointCloud;
 
-/// Peak memory per point in bytes, from reading to drawing, in addition to the size of the point's row in the file. It
-/// includes reading, searching for neighbours, making a splat, and uploading it to the CPU backend. Peaks measured for
-/// 3 to 4 million points are within 20 % of these constants plus the row. The measured formats are PLY, PCD, NPY, NPZ,
-/// LAS, LAZ, E57 and text.
+/// Peak memory, in bytes per point, for points without normals and radii, from reading to drawing. It includes reading,
+/// searching for neighbours, making a splat, and uploading it to the CPU backend. The size of the point's row in the
+/// file is added. Peaks measured for 3 to 4 million points are within 20 % of these constants plus the row. The
+/// measured formats are PLY, PCD, NPY, NPZ, LAS, LAZ, E57 and text.
 const PREPARED_BYTES: u64 = 49;
-/// Peak bytes per point with a normal, and per point with a normal and a radius, like [`PREPARED_BYTES`].
+/// Peak memory, in bytes per point, for points with normals but without radii, like [`PREPARED_BYTES`].
 const NORMAL_BYTES: u64 = 44;
+/// Peak memory, in bytes per point, for points with radii, like [`PREPARED_BYTES`].
 const RADIUS_BYTES: u64 = 25;
-/// Additional peak bytes per point with a colour, for the point and the splat together.
+/// Additional peak memory, in bytes per point, for points with colours, of the point and the splat together.
 const COLOR_BYTES: u64 = 24;
-/// Peak bytes per point of a COPC file that states normals and radii. Measured: 87 bytes with 4 million points.
+/// Peak memory, in bytes per point, for a COPC file that states normals and radii. Measured: 87 bytes with 4 million
+/// points.
 pub const KNOWN_BYTES: u64 = 90;
-/// Peak bytes per point of a COPC file that also states colours, of the points and of level averages. Measured: 105
-/// bytes.
+/// Peak memory, in bytes per point, for a COPC file that also states colours, of the points and of level averages.
+/// Measured: 105 bytes.
 pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
-/// Peak bytes per point that the C library's heap retains from freed arrays, for clouds of fewer points than
-/// [`RETAINED_POINTS`]. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the sum of the other
-/// constants. In larger clouds, most arrays (12 to 16 bytes per point) have at least 32 MiB, and glibc returns them to
-/// the system immediately.
+/// Peak memory, in bytes per point, that the C library's heap retains from freed arrays. It is added for clouds of
+/// fewer than [`RETAINED_POINTS`] points. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the sum
+/// of the other constants.
 const RETAINED_BYTES: u64 = 28;
+/// Number of points from which the heap retains no freed arrays. Most arrays (12 to 16 bytes per point) then have at
+/// least 32 MiB, and glibc returns them to the system immediately.
 const RETAINED_POINTS: u64 = (32 << 20) / 16;
 /// Fraction of the available memory that the default budget uses.
 const SHARE: f64 = 0.6;
@@ -88,7 +91,7 @@ pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     known + count.row_bytes + if count.has_colors { COLOR_BYTES } else { 0 }
 }
 
-/// Returns the peak bytes per point that the heap retains after neighbours were searched.
+/// Returns the peak memory, in bytes per point, that the heap retains after neighbours were searched.
 fn retained_bytes(points: u64) -> u64 {
     if points < RETAINED_POINTS && cfg!(target_env = "gnu") { RETAINED_BYTES } else { 0 }
 }

@@ -63,7 +63,8 @@ impl MeshColumns {
         self.with_column(cloud, attribute, are_categories)
     }
 
-    /// Adds the column `name` to the splats, if the mesh has it. `is_nearest` disables interpolation.
+    /// Adds the column `name` to the splats, if the mesh has it. If `is_nearest` is true, each splat gets the value of
+    /// the nearest vertex; otherwise values are interpolated.
     fn with_column(&mut self, cloud: SplatCloud, name: &str, is_nearest: bool) -> Result<SplatCloud, ModelError> {
         let Self { mesh, places } = self;
         let of_vertices = ExtraColumn::find(&mesh.vertex_extras, name);
@@ -93,7 +94,7 @@ fn is_constant_over_most(mesh: &Mesh, column: &ExtraValues) -> bool {
     2 * mesh.triangles.iter().filter(is_constant).count() > mesh.triangles.len()
 }
 
-/// Returns a column's name, and true if its values are integers.
+/// Returns a column's name, and true if its values are integers, which aren't interpolated.
 fn named(extra: &ExtraColumn) -> (String, bool) {
     (extra.name.clone(), extra.values.is_integer())
 }

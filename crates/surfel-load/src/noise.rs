@@ -4,9 +4,9 @@ use crate::LoadOptions;
 use crate::words::counted;
 use surfel_model::{Classes, CloudData, ExtraColumn, OnInvalid, SplatCloud};
 
-/// ASPRS classes of low and high noise.
+/// Numbers of the ASPRS classes for low and high noise.
 const NOISE: [f64; 2] = [7.0, 18.0];
-/// ASPRS class of water.
+/// Number of the ASPRS class for water.
 const WATER: f64 = 9.0;
 
 /// Points of a file that aren't part of a surface, by their class or flag.
@@ -43,7 +43,7 @@ impl NoisePoints {
     }
 }
 
-/// Criteria that are applied: noise by class, withheld points by flag.
+/// Criteria by which points count as noise or withheld: by their class, or by their flag in the file.
 struct Judged {
     by_class: bool,
     by_flag: bool,

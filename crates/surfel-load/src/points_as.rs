@@ -22,7 +22,7 @@ use std::sync::Arc;
 use surfel_model::{CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, PointRadius, PointsAs, Shape, SplatCloud};
 use surfel_sample::{PointClass, PointReport};
 
-/// Radius of a ball or disk relative to the spacing of the points. At one half, neighbours touch.
+/// Default radius of a ball or disk, as a fraction of the spacing of the points. At one half, neighbours touch.
 pub const OF_SPACING: f64 = 0.5;
 
 /// Returns the radius of an object's balls or disks in world units if no radius is stated: half of the points' spacing.
@@ -33,17 +33,15 @@ pub(crate) fn own_radius(object: &Object, points_as: PointsAs) -> Option<f64> {
     is_own.then(|| OF_SPACING * spacing(cloud))
 }
 
-/// Returns the median of radii. For an even number of radii, returns the larger of the two in the middle.
+/// Returns the median of radii; `None` if there are none. For an even number of radii, returns the larger of the two in
+/// the middle.
 pub(crate) fn median(mut radii: Vec<f64>) -> Option<f64> {
     radii.sort_unstable_by(f64::total_cmp);
     radii.get(radii.len() / 2).copied()
 }
 
-/// Replaces the splats of an object that were made from points. Balls and disks without a stated radius get the radius
-/// `shared`, or else their [`own_radius`]. Objects of other geometry don't change.
-///
-/// # Errors
-/// [`Error::Model`] for a radius that is out of range in the object's units.
+/// Replaces the splats of an object that were made from points by balls, disks or dots. Balls and disks without a
+/// stated radius get the radius `shared`, or else their [`own_radius`]. Objects of other geometry don't change.
 pub(crate) fn redraw(object: &mut Object, points_as: PointsAs, shared: Option<f64>) -> Result<(), Error> {
     let own = || shared.or_else(|| own_radius(object, points_as)).map(PointRadius::World);
     let given = match points_as {
@@ -100,15 +98,16 @@ pub enum SparseReason {
     /// The file has few points, without normals or radii. Neighbours lie off each other's planes, or at uneven
     /// distances.
     Few,
-    /// Many points are on lines or isolated.
+    /// Many of the points are isolated, or lie on lines instead of surfaces.
     Loose,
-    /// The file has few points, without normals and radii, and another file of the scene is drawn as balls for this
-    /// reason.
+    /// The file has few points, without normals and radii, and another file of the scene is drawn as balls because of
+    /// its few points.
     Others,
 }
 
 impl SparseReason {
-    /// Returns the strongest reason if the sum of the evidence reaches 1. `cloud` has the splats made of the points.
+    /// Returns the reason to draw points as balls, if the sum of the evidence reaches 1: that of the strongest
+    /// evidence. `cloud` has the splats made of the points.
     pub(crate) fn of(report: &PointReport, cloud: &SplatCloud) -> Option<Self> {
         let found = EVIDENCE.map(|(reason, strength)| (reason, strength(report, cloud)));
         let score: f64 = found.iter().map(|(_, strength)| strength).sum();
@@ -138,17 +137,18 @@ const EVIDENCE: [(SparseReason, Strength); 2] =
 /// Function that returns the strength of a piece of evidence, from 0 to 1, for points and the splats made of them.
 type Strength = fn(&PointReport, &SplatCloud) -> f64;
 
-/// Limits on the number of points: smallest cloud that can count as few, largest cloud with full strength, and smallest
-/// cloud with strength 0.
+/// Three limits on the number of points: the smallest number that can count as few; the largest at which this evidence
+/// has full strength; the smallest at which it has strength 0.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
-/// Fractions of points on lines or isolated at which the strength of this evidence is 0 and 1.
+/// Fractions of points on lines or isolated, at which the strength of this evidence for balls is 0 and 1.
 const LOOSE: (f64, f64) = (0.15, 0.45);
 
-/// Values of [`roughness`] at which the strength of this evidence is 0 and 1. Measured with 2,048 points: 0 for a
-/// sphere or hills, 0.3 to 0.4 for a chair, a bunny or a rocker arm. Measured with 300 points: 0.2 for a sphere.
+/// Values of [`roughness`] at which the strength of this evidence for balls is 0 and 1. Measured with 2,048 points: 0
+/// for a sphere or hills, 0.3 to 0.4 for a chair, a bunny or a rocker arm. Measured with 300 points: 0.2 for a sphere.
 const ROUGH: (f64, f64) = (0.12, 0.26);
 
-/// Returns the strength of the number of points as evidence, from 0 to 1.
+/// Returns the strength of a small number of points as evidence for balls, from 0 to 1. Points with normals or radii
+/// never count as few.
 fn few(report: &PointReport) -> f64 {
     if report.splats < FEW.0 || report.normals_given > 0 || report.radii_given > 0 {
         return 0.0;
@@ -162,12 +162,13 @@ fn strength_of_few(report: &PointReport, cloud: &SplatCloud) -> f64 {
     if few == 0.0 { 0.0 } else { few * strength(roughness(cloud), ROUGH).max(strength(unevenness(cloud), UNEVEN)) }
 }
 
-/// Values of [`unevenness`] at which the strength of this evidence is 0 and 1. Measured: 0 for evenly distributed
-/// points, and 0.05, 0.23 and 0.86 for the visible sides of a lamp, a car and a chair. The legs and the rims of the
-/// chair's seat are lines, on which the orientation of disks is arbitrary.
+/// Values of [`unevenness`] at which the strength of this evidence for balls is 0 and 1. Measured: 0 for evenly
+/// distributed points, and 0.05, 0.23 and 0.86 for the visible sides of a lamp, a car and a chair. The legs and the
+/// rims of the chair's seat are lines, on which the orientation of disks is arbitrary.
 const UNEVEN: (f64, f64) = (0.06, 0.2);
 
-/// Returns the fraction of the sum of squared radii that is due to splats larger than two median radii.
+/// Returns the fraction of the sum of squared radii that is due to splats larger than two median radii. It is large if
+/// the points' spacing is uneven.
 fn unevenness(cloud: &SplatCloud) -> f64 {
     let radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     let large = 2.0 * surfel_sample::DENSITY * spacing(cloud);
@@ -175,13 +176,15 @@ fn unevenness(cloud: &SplatCloud) -> f64 {
     area(large) / area(0.0).max(f64::MIN_POSITIVE)
 }
 
-/// Largest number of splats that are tested for roughness, and number of neighbours of each.
+/// Largest number of splats that are tested for roughness, and number of neighbours with which each is tested.
 const ROUGH_SAMPLES: (usize, usize) = (256, 8);
 
-/// Mean distance of neighbours from a splat's plane, in units of the points' spacing, above which a splat is rough.
+/// Mean distance of a splat's neighbours from its plane, in units of the points' spacing, above which the splat is
+/// rough.
 const OFF_PLANE: f64 = 0.2;
 
-/// Returns the fraction of rough splats, from 0 to 1, estimated from a sample.
+/// Returns the fraction of rough splats, from 0 to 1, estimated from a sample. The neighbours of a rough splat are off
+/// its plane by more than [`OFF_PLANE`].
 fn roughness(cloud: &SplatCloud) -> f64 {
     let (most, neighbours) = ROUGH_SAMPLES;
     if cloud.len() <= neighbours {

@@ -25,7 +25,7 @@ use surfel_model::{
 };
 use surfel_sample::Progress;
 
-/// Maximum size of scene files in bytes, far above that of any real one.
+/// Largest accepted size of scene files in bytes, far above that of any real one.
 const MAX_SCENE_BYTES: u64 = 64 << 20;
 
 /// Splats that one or several objects share, and the request for colouring them.
@@ -33,7 +33,7 @@ struct Shared {
     cloud: Arc<SplatCloud>,
     job: ColorJob,
     is_colored: bool,
-    /// Indices of the objects that share the splats.
+    /// Indices, among the scene's objects, of those that share the splats.
     objects: Vec<usize>,
 }
 
@@ -48,7 +48,7 @@ pub fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && !surfel_io::names_geometry(path)
 }
 
-/// Creates an object for a bare file, drawn as splats without a transformation.
+/// Creates an object for a bare file, drawn as splats at its own position.
 pub fn bare_object(path: &Path) -> ObjectFile {
     ObjectFile {
         splats: Some(path.to_path_buf()),
@@ -93,7 +93,7 @@ struct Known {
     color_job: Option<ColorJob>,
 }
 
-/// Returns trained Gaussians as geometry, and notes about them.
+/// Returns trained Gaussians as geometry for an object, and notes about them.
 fn gaussians(
     cloud: &Arc<GaussianCloud>,
     read: &Loaded,
@@ -130,8 +130,8 @@ pub fn load_bare_objects(
 }
 
 impl LoadedObjects {
-    /// Colours the splats that were read since the last call, or all splats if `all` is true. Splats with the same
-    /// attribute share one scale, which also covers splats that were coloured before.
+    /// Colours the splats that were read since the last call by their attributes, or all splats if `all` is true.
+    /// Splats with the same attribute share one scale, which also covers splats that were coloured before.
     fn color(&mut self, all: bool) -> Result<(), Error> {
         let is_new = |facts: &ObjectFacts| all || facts.partial;
         let Self { objects, facts, color_jobs, colorings, notes, unused, .. } = self;
@@ -291,20 +291,22 @@ fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geom
     }
 }
 
-/// Key of a loaded file: its path, and how the object uses it apart from conversion options.
+/// Key of a loaded file: its path, and how an object uses it, apart from conversion options. Objects with the same key
+/// share the loaded file.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct FileUse {
     path: PathBuf,
     as_mesh: bool,
-    /// True if the interior weight must be estimated.
+    /// True if the interior weight of the splats must be estimated when they are loaded.
     interior_weight: bool,
-    /// True if the object's material states the interior weight.
+    /// True if the object's material states the interior weight, so that it isn't estimated.
     has_stated_weight: bool,
 }
 
 impl FileUse {
-    /// Returns how an object uses its file; `None` for an object without a file. Splats that are drawn with meshes need
-    /// their interior weight, because they are blended over polygons by their coverage (rendering model §6).
+    /// Returns the key of the file that an object uses; `None` for an object without a file. Splats that are drawn with
+    /// meshes need their interior weight, because they are blended over polygons by their coverage (rendering model
+    /// §6).
     fn of(object: &ObjectFile, base_dir: &Path, options: &LoadOptions, among_meshes: bool) -> Option<Self> {
         let (file, as_mesh) = match (&object.splats, &object.mesh) {
             (Some(file), _) => (file, false),
@@ -398,12 +400,13 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
     (facts, about_noise)
 }
 
-/// Counter of options that have no effect on objects of splats.
+/// Counter of options without effect, over all objects of splats. It finds the options that affect none of them.
 #[derive(Default)]
 struct Useless {
-    /// Number of splat objects.
+    /// Number of objects of splats that were counted.
     objects: usize,
-    /// Options that don't affect some object. Each has the number of these objects, and the path of the first one.
+    /// Options that don't affect some object, by key. Each has the number of these objects, and the path and report of
+    /// the first one.
     options: BTreeMap<&'static str, (usize, (PathBuf, UnusedOption))>,
 }
 

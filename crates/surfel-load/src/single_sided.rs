@@ -6,11 +6,11 @@
 use surfel_model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape, SplatCloud};
 use surfel_sample::MeshPlaces;
 
-/// Name of the column of a mesh's triangles that marks single-sided ones: 1 for triangles visible only from outside,
-/// else 0.
+/// Name of the column of a mesh's triangles that marks single-sided ones. It is 1 for triangles visible only from
+/// outside, and 0 for others.
 const COLUMN: &str = "single_sided";
 
-/// Comment of a cloud with separate splats for each visible side, whose back faces are always culled.
+/// Comment that marks a cloud with separate splats for each visible side. Its back faces are always culled.
 pub(crate) const EACH_SIDE: &str = "has splats for each side";
 
 /// True if the mesh's file has both single-sided and double-sided triangles.

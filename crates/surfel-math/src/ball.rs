@@ -1,34 +1,37 @@
-//! Balls and dots (§11): the ellipse on the screen, the coverage of a pixel by it, and the point of the sphere that a
-//! pixel shows.
+//! Balls and dots (rendering model §11): their ellipse on the screen, its coverage of a pixel, and the point of the
+//! sphere that a pixel shows.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 use std::f64::consts::FRAC_PI_4;
 
-/// Coverage from which on a pixel counts as fully covered.
+/// Smallest coverage of a pixel by a ball that counts as complete, so that nothing behind the ball shows. The slack
+/// absorbs rounding.
 pub const FULL: f64 = 1.0 - 1.0 / 4096.0;
 
-/// Coverage from which on a fragment is shown in the planes of depth, normal and nearest splat.
+/// Smallest coverage of a pixel at which a ball's fragment also shows in the planes of depth, normal and nearest splat.
+/// Fragments with less coverage show there only in the pixel of the ball's centre.
 pub const SOLID: f64 = 0.5;
 
-/// Size of an ellipse, as the geometric mean of its half extents in pixels, from which on f32 loses the area's digits.
-/// [`Outline::coverage_of_large`] is then the more accurate formula.
+/// Smallest size of an ellipse at which [`Outline::coverage_of_large`] is more accurate in f32 than
+/// [`Outline::coverage`]. The size is the geometric mean of the ellipse's half extents, in pixels.
 pub const LARGE_PX: f64 = 32.0;
 
-/// Minimum half-axis of a ball in a shadow map, in texels. At this size every ball covers a texel's centre.
+/// Smallest radius of a ball in a shadow map, in texels; smaller balls are enlarged. At this radius every ball covers a
+/// texel's centre, so that none loses its shadow.
 pub const LEAST_TEXELS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// The ellipse that a ball or a dot covers on the screen: dx = `extent.x`·(`skew`·v + `width`·u), dy = `extent.y`·v
-/// over the unit disk u² + v² ≤ 1.
+/// The ellipse that a ball or a dot covers on the screen. Its points are dx = `extent.x`·(`skew`·v + `width`·u), dy =
+/// `extent.y`·v over the unit disk u² + v² ≤ 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outline<R> {
     /// Offset of the ellipse's centre from the projection of the ball's centre, in pixels.
     pub center: V2<R>,
-    /// Half extents along x and y, in pixels.
+    /// Largest distances of the ellipse's points from its centre along x and y, in pixels.
     pub extent: V2<R>,
-    /// Correlation of x and y, in (−1, 1).
+    /// Slant of the ellipse: correlation of dx and dy, in (−1, 1); 0 if the ellipse's axes are along x and y.
     pub skew: R,
-    /// √(1 − skew²).
+    /// √(1 − skew²), stored because every pixel needs it.
     pub width: R,
 }
 
@@ -85,15 +88,16 @@ impl<R: Real> Outline<R> {
         u.mul_add(u, v * v).le(u.one())
     }
 
-    /// Converts a point, given by its offset from the ellipse's centre in pixels, to coordinates in the unit disk.
+    /// Converts a point, given by its offset from the ellipse's centre in pixels, to (u, v) in the unit disk.
     #[inline(always)]
     fn unit(&self, from_center: V2<R>) -> (R, R) {
         let v = from_center.y / self.extent.y;
         (((-self.skew).mul_add(v, from_center.x / self.extent.x)) / self.width, v)
     }
 
-    /// Returns the area of the ellipse inside a pixel whose upper left corner has this offset from the ellipse's
-    /// centre. `S` is [`Rounded`] or, for f64, [`Exact`]. The sum over all pixels is the ellipse's area.
+    /// Returns the area of the ellipse inside a pixel, which is the pixel's coverage. `corner` is the offset of the
+    /// pixel's upper left corner from the ellipse's centre. `S` is [`Rounded`] or, for f64, [`Exact`]. The sum over all
+    /// pixels is the ellipse's area.
     ///
     /// The area left of a column at X is ∫ clamp(X − c(y), −h, h) dy plus a constant, where c ± h are the ends of a
     /// row's chord. The pixel's area is the difference of two such integrals. The integrand is linear in y where the
@@ -110,14 +114,16 @@ impl<R: Real> Outline<R> {
         Self::limited((right - left) * (self.extent.x * self.extent.y))
     }
 
-    /// Returns a bound of the rounding error of [`Self::coverage`] in f32, for pixels outside of the ellipse.
+    /// Returns the largest coverage that rounding in f32 can make [`Self::coverage`] return for a pixel outside the
+    /// ellipse.
     #[inline(always)]
     pub fn rounding(&self) -> R {
         self.extent.x * self.extent.y * self.extent.x.constant(4e-7)
     }
 
-    /// Returns the integral of [`Self::coverage`] left of a column at `x`, over the rows from `down[0]` to `down[1]`,
-    /// in units of the half extents. `rows` are the values of `S` at these two rows.
+    /// Returns the ellipse's area left of a column at `x`, between the rows `down[0]` and `down[1]`, up to a constant.
+    /// Lengths are in units of the half extents. `rows` are the integral `S` at these two rows. [`Self::coverage`] is
+    /// the difference of two such areas.
     #[inline(always)]
     fn left_of<S: Segment<R>>(&self, x: R, down: [R; 2], rows: [R; 2]) -> R {
         let one = x.one();
@@ -132,8 +138,8 @@ impl<R: Real> Outline<R> {
         full.mul_add(self.width, (last - first) * (-self.skew).mul_add(middle, inside))
     }
 
-    /// Approximates [`Self::coverage`] of a large ellipse by the half plane of its tangent: within 10⁻³ from
-    /// [`LARGE_PX`] on.
+    /// Approximates [`Self::coverage`] for a large ellipse by the half plane inside the tangent nearest to the pixel.
+    /// The error is below 10⁻³ for ellipses of at least [`LARGE_PX`].
     #[inline(always)]
     pub fn coverage_of_large(&self, corner: V2<R>) -> R {
         let (half, one) = (corner.x.constant(0.5), corner.x.one());
@@ -153,6 +159,7 @@ impl<R: Real> Outline<R> {
         Self::limited((-sagitta).mul_add(chord, area))
     }
 
+    /// Limits a coverage to [0, 1], and rounds one of at least [`FULL`] to 1.
     #[inline(always)]
     fn limited(area: R) -> R {
         R::select(area.constant(FULL).le(area), area.one(), area.max(area.zero()))
@@ -165,15 +172,15 @@ fn signed<R: Real>(at: R, area: R) -> R {
     R::select(at.lt(at.zero()), -area, area)
 }
 
-/// Returns a distance, or 0 if it is negative.
+/// Returns `distance`, or 0 if it is negative.
 #[inline(always)]
 fn beyond<R: Real>(distance: R) -> R {
     distance.max(distance.zero())
 }
 
-/// Returns the area of a unit square inside a half plane, and the length of the border inside the square. `distance` is
-/// that of the square's centre from the border, positive inside; `a` ≥ `b` are the absolute coordinates of the border's
-/// unit normal.
+/// Returns the area of a unit square inside a half plane, and the length of the half plane's border inside the square.
+/// `distance` is the distance of the square's centre from the border, positive inside. `a` ≥ `b` are the absolute
+/// coordinates of the border's unit normal.
 #[inline(always)]
 fn half_plane<R: Real>(distance: R, a: R, b: R) -> (R, R) {
     let (half, b) = (a.constant(0.5), b.max(a.constant(1e-3)));
@@ -210,17 +217,17 @@ pub fn segment<R: Real>(v: R) -> R {
     R::select(v.lt(v.zero()), -area, area)
 }
 
-/// The integral ∫√(1 − v²) from 0 to v, for |v| ≤ 1, as a type.
+/// The integral ∫√(1 − v²) from 0 to v, for |v| ≤ 1, as a type parameter: [`Rounded`] or [`Exact`].
 pub trait Segment<R> {
-    /// Returns the integral from 0 to `v`.
+    /// Returns the integral ∫√(1 − v²) from 0 to `v`.
     fn of(v: R) -> R;
 }
 
-/// The integral as approximated by [`segment`], for any number type.
+/// Implementation of [`Segment`] by the approximation [`segment`], for any number type.
 #[derive(Clone, Copy, Debug)]
 pub enum Rounded {}
 
-/// The integral as computed by [`exact_segment`], for f64.
+/// Implementation of [`Segment`] by the closed form [`exact_segment`], for f64.
 #[derive(Clone, Copy, Debug)]
 pub enum Exact {}
 
@@ -237,17 +244,17 @@ impl Segment<f64> for Exact {
     }
 }
 
-/// Returns ∫√(1 − v²) from 0 to v, for |v| ≤ 1.
+/// Returns ∫√(1 − v²) from 0 to v, for |v| ≤ 1, by its closed form with an arcsine.
 pub fn exact_segment(v: f64) -> f64 {
     0.5 * v.mul_add((1.0 - v * v).max(0.0).sqrt(), v.clamp(-1.0, 1.0).asin())
 }
 
-/// The point of a ball that a pixel's centre shows: the nearest intersection of the pixel's ray with the sphere. If the
-/// ray misses the ball, the point of the ray that is nearest to the ball's centre.
+/// The point of a ball that a pixel shows: the nearest intersection of the ray through the pixel's centre with the
+/// sphere. If the ray misses the ball, the point of the ray that is nearest to the ball's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallHit<R> {
-    /// Planar depth divided by the depth of the ball's centre (perspective), or minus the depth of the centre
-    /// (orthographic).
+    /// Planar depth of the point: divided by the depth of the ball's centre (perspective), or relative to the centre's
+    /// depth, in world units (orthographic).
     pub depth: R,
     /// Unit outward normal of the ball at the point, in view space.
     pub normal: V3<R>,
@@ -255,8 +262,8 @@ pub struct BallHit<R> {
 
 impl<R: Real> BallHit<R> {
     /// Computes the point that a pixel shows. `center` is p_xy/p_z of the ball's centre (orthographic: unused). `size`
-    /// is the ball's radius over p_z (orthographic: the radius). `offset` is the pixel's distance from the centre's
-    /// projection in the same unit: pixels over the focal length.
+    /// is the ball's radius over p_z (orthographic: the radius). `offset` is the pixel's offset from the centre's
+    /// projection, in pixels divided by the focal length.
     #[inline(always)]
     pub fn new(center: V2<R>, size: R, offset: V2<R>, projection: &Projection) -> Self {
         let (one, zero) = (size.one(), size.zero());

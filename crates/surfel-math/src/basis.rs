@@ -3,14 +3,16 @@
 use crate::V3;
 use glam::{DMat3, DVec3};
 
-/// Minimum length of a half-axis relative to the longest; shorter ones are lengthened, so that their direction
-/// survives.
+/// Smallest length of an ellipsoid's half-axis relative to its longest. [`shortest_axis`] lengthens shorter ones to it,
+/// because the direction of a zero axis would be lost.
 const LEAST_AXIS: f64 = 1e-9;
-/// Cosine of the angle between half-axes below which they count as perpendicular.
+/// Largest cosine of the angle between two half-axes that count as perpendicular, so that they need no further
+/// rotation.
 const RIGHT_ANGLE: f64 = 1e-12;
-/// Relative difference in length below which half-axes count as equally long.
+/// Largest relative difference of the lengths of two half-axes that count as equally long.
 const EQUAL_AXES: f64 = 1e-6;
-/// Maximum number of sweeps of Jacobi rotations, which converge quadratically.
+/// Largest number of sweeps of Jacobi rotations in [`shortest_axis`]; far fewer are needed, because they converge
+/// quadratically.
 const JACOBI_SWEEPS: usize = 12;
 
 /// Scales `v` of any magnitude (1e±300) to unit length; zero stays zero.

@@ -1,21 +1,21 @@
-//! Bounding boxes of the pixels that a footprint can touch (§3): conservative and tight.
+//! Bounding boxes of the pixels that a footprint can touch (rendering model §3): conservative and tight.
 
 use crate::mapping::Footprint;
 use crate::project::{Projected, ViewSplat};
 use crate::projection::Projection;
 use crate::{Real, V2};
 
-/// A box of pixel offsets from an anchor.
+/// A box of pixel offsets from an anchor, such as a splat's projected centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent<R> {
-    /// Minimum offset, in pixels.
+    /// Smallest offset along x and y, in pixels.
     pub min: V2<R>,
-    /// Maximum offset, in pixels.
+    /// Largest offset along x and y, in pixels.
     pub max: V2<R>,
 }
 
 impl<R: Real> Extent<R> {
-    /// Returns the smallest box that contains both.
+    /// Returns the smallest box that contains both boxes.
     #[inline(always)]
     pub fn union(self, o: Self) -> Self {
         Self {
@@ -24,13 +24,13 @@ impl<R: Real> Extent<R> {
         }
     }
 
-    /// Returns a box of half-width `half`, in pixels, around the anchor.
+    /// Returns the box of offsets between −`half` and `half`, in pixels.
     #[inline(always)]
     pub fn symmetric(half: V2<R>) -> Self {
         Self { min: -half, max: half }
     }
 
-    /// Returns the box, grown by `by` pixels on every side.
+    /// Returns the box grown by `by` pixels on every side.
     #[inline(always)]
     pub fn grow(self, by: R) -> Self {
         let g = V2::new(by, by);
@@ -54,8 +54,8 @@ pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     Extent { min: V2::new(x0, y0), max: V2::new(x1, y1) }
 }
 
-/// Returns the minimum and maximum of one coordinate; `d` = 1 − |a|². A function, since a closure isn't inlined into
-/// SIMD code.
+/// Returns the minimum and maximum of one coordinate over the ellipse of [`ellipse`]. `j` is the coordinate's row of J,
+/// `slope` is a, `d` = 1 − |a|², and `inverse` = 1/d. A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
 fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R, inverse: R) -> (R, R) {
     let b = j.dot(slope);
@@ -63,8 +63,8 @@ fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R, inverse: R) -> (R, R) {
     (-((root + b) * inverse), (root - b) * inverse)
 }
 
-/// Returns the box of the unfiltered splat. If projective, the disk must be ordinary, that is, well in front of the eye
-/// (e ≤ p_z/2).
+/// Returns the bounding box of an unfiltered splat's footprint, as offsets from its projected centre. If `projective`,
+/// the disk must be well in front of the eye (depth extent e ≤ p_z/2).
 #[inline(always)]
 pub fn unfiltered<R: Real>(projected: &Projected<R>, projective: bool) -> Extent<R> {
     let zero = projected.det_j.zero();
@@ -72,7 +72,8 @@ pub fn unfiltered<R: Real>(projected: &Projected<R>, projective: bool) -> Extent
     ellipse(projected.j_s, projected.j_t, slope)
 }
 
-/// Returns the box of a footprint around its centre (constants 0, 0, 1), from its forms alone.
+/// Returns the bounding box of a footprint from its linear forms alone, as offsets from its centre. The constant terms
+/// of the forms must be 0, 0 and 1.
 ///
 /// The footprint's own half-axes are the columns of the inverse of its (U, V) gradients.
 #[inline(always)]
@@ -89,7 +90,8 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
     ellipse(j_s, j_t, V2::new(-(g.cross(v) * inverse), g.cross(u) * inverse))
 }
 
-/// Size of a disk, as a multiple of its distance, beyond which [`through_near`] returns an infinite box.
+/// Largest ratio of a disk's size to its distance for which [`through_near`] computes a finite box. Larger disks get an
+/// infinite box.
 const BOUNDLESS: f64 = 1e5;
 
 /// Returns the box, in pixel coordinates, of the part of a disk at or beyond z_near, wherever the disk's centre is

@@ -1,4 +1,5 @@
-//! Clip curves and lines (§7), which remove a part of a splat's disk. The test needs no root and no division.
+//! Clip curves and lines (rendering model §7), which remove a part of a splat's disk. The test needs no root and no
+//! division.
 //!
 //! A clip is a few linear forms over the disk's (u, v). Composed with a [`Footprint`], they are forms over pixels of
 //! the homogeneous (U, V, W), with the same signs as over (u, v) wherever W > 0. A pixel costs at most seven forms, one
@@ -13,11 +14,14 @@
 use crate::mapping::{Footprint, Linear};
 use crate::{Real, V2};
 
-/// Absolute [`Curve::turn`] (twice the area of the control polygon) below which a curve is replaced by its chord (§7).
+/// Smallest absolute [`Curve::turn`] (twice the area of the control polygon) of a curve. A straighter curve is replaced
+/// by its chord (rendering model §7).
 const STRAIGHT: f64 = 1e-9;
-/// Weight beyond which the curve equals its control polygon, up to far below f32's precision.
+/// Largest weight of a curve's middle control point that is used; larger weights are limited to it. The curve then
+/// equals its control polygon within far less than f32's precision.
 const MOST_WEIGHT: f64 = 1e12;
-/// Minimum scale of the chord form relative to forms of scale 1, so that its square stays a normal f32.
+/// Smallest scale of a clip's chord form, where the other forms have scale 1. The form's square thereby stays a normal
+/// f32.
 const LEAST_SCALE: f64 = 1e-18;
 
 /// A rational quadratic Bézier curve over the unit disk (C12 eq. 3), with end weights 1.
@@ -25,13 +29,14 @@ const LEAST_SCALE: f64 = 1e-18;
 /// The curve removes the part of the disk between the arc from `p1` counter-clockwise to `p3` and the curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Curve {
-    /// Start of the curve, on the unit circle.
+    /// Start of the curve, in (u, v) on the unit circle.
     pub p1: V2<f64>,
-    /// Middle control point of the curve, anywhere.
+    /// Middle control point of the curve, anywhere in (u, v).
     pub p2: V2<f64>,
-    /// End of the curve, on the unit circle.
+    /// End of the curve, in (u, v) on the unit circle.
     pub p3: V2<f64>,
-    /// Weight of `p2`, at least 0.
+    /// Weight of the control point `p2`, at least 0. A larger weight pulls the curve closer to `p2`; 0 makes it the
+    /// chord.
     pub w: f64,
 }
 
@@ -48,47 +53,48 @@ impl Curve {
         (self.p2 - self.p1).cross(self.p3 - self.p1)
     }
 
-    /// True if the curve is replaced by its chord: if w = 0, or the control polygon has no turn.
+    /// True if the curve is replaced by its chord, because w = 0 or the control points are in a line.
     pub fn is_chord(&self) -> bool {
         self.w <= 0.0 || self.turn().abs() < STRAIGHT
     }
 
-    /// Returns the point at parameter `t` in [0, 1] (C12 eq. 3).
+    /// Returns the curve's point at parameter `t` in [0, 1] (C12 eq. 3).
     pub fn at(&self, t: f64) -> V2<f64> {
         let (a, b, c) = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * self.w, t * t);
         (self.p1 * a + self.p2 * b + self.p3 * c) * (1.0 / (a + b + c))
     }
 }
 
-/// Returns twice the signed area of (a, b, x) as a form over x: positive left of a→b.
+/// Returns twice the signed area of the triangle (a, b, x) as a linear form over x: positive left of the line a→b.
 fn left_of(a: V2<f64>, b: V2<f64>) -> Linear<f64> {
     Linear::new(a.cross(b), V2::new(a.y - b.y, b.x - a.x))
 }
 
-/// The orthogonal map from a filtered footprint's (u', v') to the splat's own (u, v).
+/// The orthogonal map from the (u', v') of a filtered footprint, whose half-axes a filter has turned, to the splat's
+/// own (u, v). Clips are stated in the latter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn<R> {
-    /// Image (u, v) of (u', v') = (1, 0).
+    /// The splat's (u, v) at (u', v') = (1, 0) of the filtered footprint.
     pub first: V2<R>,
-    /// Image (u, v) of (u', v') = (0, 1).
+    /// The splat's (u, v) at (u', v') = (0, 1) of the filtered footprint.
     pub second: V2<R>,
 }
 
 impl<R: Real> Turn<R> {
-    /// Returns the identity, with as many lanes as `like`.
+    /// Returns the identity map, with as many SIMD lanes as `like`.
     #[inline(always)]
     pub fn none(like: R) -> Self {
         let (zero, one) = (like.zero(), like.one());
         Self { first: V2::new(one, zero), second: V2::new(zero, one) }
     }
 
-    /// Returns (u, v) of a point.
+    /// Returns the splat's (u, v) of a point (u', v') of the filtered footprint.
     #[inline(always)]
     pub fn apply(&self, p: V2<R>) -> V2<R> {
         self.first * p.x + self.second * p.y
     }
 
-    /// Returns the composition: first `inner`, then this map.
+    /// Returns the composition of two maps: first `inner`, then this one.
     #[inline(always)]
     pub fn after(&self, inner: &Self) -> Self {
         Self { first: self.apply(inner.first), second: self.apply(inner.second) }
@@ -101,17 +107,18 @@ impl<R: Real> Turn<R> {
 /// control triangle). The inside of the curve is chord ≤ 0 or (side1 ≥ 0 and chord² ≤ side1·side3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip<R> {
-    /// Form proportional to τ2: positive on P2's side of P1 P3.
+    /// Form proportional to τ2, the barycentric coordinate of the curve's middle control point `p2`: positive on that
+    /// point's side of the chord.
     pub chord: Linear<R>,
-    /// Form proportional to τ1, the barycentric coordinate of `p1`.
+    /// Form proportional to τ1, the barycentric coordinate of the curve's start `p1`.
     pub side1: Linear<R>,
-    /// Form proportional to τ3, the barycentric coordinate of `p3`.
+    /// Form proportional to τ3, the barycentric coordinate of the curve's end `p3`.
     pub side3: Linear<R>,
-    /// 1 to retain the inside of the curve, −1 to retain its outside.
+    /// 1 if the splat retains the inside of the curve, −1 if it retains the outside.
     pub curve_sign: R,
-    /// Forms of the lines, multiplied by `line_sign`; unused forms are positive everywhere.
+    /// Forms of the clip lines, multiplied by `line_sign`; unused forms are positive everywhere.
     pub lines: [Linear<R>; 4],
-    /// 1 if a point must be inside every line, −1 if one line is enough.
+    /// 1 if the splat retains points inside every line, −1 if it retains points inside at least one line.
     pub line_sign: R,
 }
 
@@ -175,7 +182,7 @@ impl Clip<f64> {
         Self { lines: forms, line_sign, ..self }
     }
 
-    /// Converts every number to another type: f32, or a SIMD lane.
+    /// Converts every number of the clip to another type: f32, or SIMD lanes.
     pub fn map<S: Real>(&self, f: impl Fn(f64) -> S) -> Clip<S> {
         let linear = |l: &Linear<f64>| Linear { c: f(l.c), x: f(l.x), y: f(l.y) };
         Clip {
@@ -197,7 +204,8 @@ fn scaled(l: &Linear<f64>, k: f64) -> Linear<f64> {
     Linear { c: l.c * k, x: l.x * k, y: l.y * k }
 }
 
-/// Composes a form over the splat's (u, v) to a form over pixels, as [`Clip::through`] does with each of its forms.
+/// Composes a linear form over the splat's (u, v) with a footprint, and returns a form over pixels. [`Clip::through`]
+/// does this with each of its forms.
 // A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
 pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>) -> Linear<R> {
@@ -212,10 +220,12 @@ pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>
 }
 
 impl<R: Real> Clip<R> {
-    /// Returns the clip over pixels, composed with a footprint whose (u', v') `turn` maps to the splat's (u, v).
+    /// Returns the clip as forms over pixels, by composing it with a footprint. `turn` maps the footprint's (u', v') to
+    /// the splat's (u, v).
     ///
     /// The forms have the same signs as over (u, v) where the footprint's W > 0. The filter `clamp` also produces
-    /// fragments where W ≤ 0. For them it tests the anchor, offset 0 (§7).
+    /// fragments where W ≤ 0. For them the clip is tested at the splat's projected centre, offset 0 (rendering model
+    /// §7).
     #[inline(always)]
     pub fn through(&self, footprint: &Footprint<R>, turn: &Turn<R>) -> Self {
         let mut lines = self.lines;
@@ -232,7 +242,7 @@ impl<R: Real> Clip<R> {
         }
     }
 
-    /// True where the curve retains the point `d`, which is (u, v), or a pixel offset once composed.
+    /// True where the curve retains the point `d`: (u, v), or a pixel offset if the clip is composed with a footprint.
     #[inline(always)]
     pub fn curve_keeps(&self, d: V2<R>) -> R::Mask {
         let (chord, side1, side3) = (self.chord.at(d), self.side1.at(d), self.side3.at(d));
@@ -244,7 +254,7 @@ impl<R: Real> Clip<R> {
         (inside & !outside) | (!inside & outside)
     }
 
-    /// True where the lines retain the point `d`.
+    /// True where the lines retain the point `d`: (u, v), or a pixel offset if the clip is composed with a footprint.
     #[inline(always)]
     pub fn lines_keep(&self, d: V2<R>) -> R::Mask {
         let [a, b, c, e] = self.lines.each_ref().map(|l| l.at(d));
@@ -253,7 +263,8 @@ impl<R: Real> Clip<R> {
         least.zero().le(least * self.line_sign)
     }
 
-    /// True where the clip retains the point `d`, both by its curve and by its lines.
+    /// True where both the curve and the lines of the clip retain the point `d`: (u, v), or a pixel offset if the clip
+    /// is composed with a footprint.
     #[inline(always)]
     pub fn keeps(&self, d: V2<R>) -> R::Mask {
         self.curve_keeps(d) & self.lines_keep(d)

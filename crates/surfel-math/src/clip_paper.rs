@@ -9,21 +9,22 @@ use crate::{Real, V2};
 /// a division.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperCurve<R> {
-    /// Start of the curve, on the unit circle.
+    /// Start of the curve, in (u, v) on the unit circle.
     pub p1: V2<R>,
-    /// Middle control point of the curve, anywhere.
+    /// Middle control point of the curve, anywhere in (u, v).
     pub p2: V2<R>,
-    /// End of the curve, on the unit circle.
+    /// End of the curve, in (u, v) on the unit circle.
     pub p3: V2<R>,
-    /// Weight of `p2`, at least 0.
+    /// Weight of the control point `p2`, at least 0. A larger weight pulls the curve closer to `p2`; 0 makes it the
+    /// chord.
     pub w: R,
-    /// 1 if the control polygon turns left, which retains the inside of the curve; −1 if it turns right, which retains
-    /// the outside; 0 for the chord.
+    /// Turn of the control polygon at `p2`: 1 for left, −1 for right. A left turn retains the inside of the curve, a
+    /// right turn the outside. 0 replaces the curve by its chord.
     pub turn: R,
 }
 
 impl PaperCurve<f64> {
-    /// Precomputes the curve's data and decisions.
+    /// Converts a curve to the numbers that [`Self::keeps`] needs.
     pub fn new(curve: &Curve) -> Self {
         let turn = if curve.is_chord() { 0.0 } else { 1f64.copysign(curve.turn()) };
         Self { p1: curve.p1, p2: curve.p2, p3: curve.p3, w: curve.w, turn }

@@ -1,17 +1,20 @@
-//! Depth of a fragment, and the tolerance between depths of fragments of one surface (§3, §5).
+//! Depth of a fragment, and the tolerance between depths of fragments of one surface (rendering model §3, §5).
 
 use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// Planar depth of a splat's plane as a function of pixels, clamped to the disk's own depth range (§3).
+/// Planar depth of a splat's plane as a function of pixels, clamped to the disk's own depth range (rendering model §3).
+/// [`DepthForm`] states the function. Pixels are offsets from an anchor, usually the splat's projected centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthPlane<R> {
-    /// Depth at the anchor in world units; for a splat drawn through the near plane, the numerator of the depth.
+    /// Numerator of the depth: for an ordinary splat, the depth at its projected centre in world units.
     pub scale: R,
-    /// Gradient of the depth form over pixels; see [`DepthForm`].
+    /// Change of the depth form per pixel to the right and down: of the denominator for [`DepthForm::Reciprocal`], of
+    /// the depth for [`DepthForm::Linear`].
     pub gradient: V2<R>,
-    /// Denominator at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
+    /// Value of the denominator of [`DepthForm::Reciprocal`] at the anchor; 1 for an ordinary splat, whose anchor is
+    /// its projected centre.
     pub at_anchor: R,
     /// Nearest planar depth of the disk, in world units.
     pub z_min: R,
@@ -19,17 +22,18 @@ pub struct DepthPlane<R> {
     pub z_max: R,
 }
 
-/// The kind of function by which depth varies over pixels.
+/// The kind of function by which a [`DepthPlane`]'s depth z varies with the pixel offset d.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthForm {
-    /// z = scale/(at_anchor + gradient·d): the plane in perspective. A denominator of at most 0 yields `z_max`.
+    /// z = scale/(at_anchor + gradient·d), for the exact mapping in perspective. A denominator of at most 0 yields
+    /// `z_max`.
     Reciprocal,
-    /// z = scale + gradient·d: orthographic, or perspective with the affine mapping.
+    /// z = scale + gradient·d, for orthographic projections and the affine mapping.
     Linear,
 }
 
 impl<R: Real> DepthPlane<R> {
-    /// Returns the planar depth at offset `d`, within the disk's own range.
+    /// Returns the planar depth at pixel offset `d`, clamped to the disk's own range.
     ///
     /// The clamp applies to 1/z, so that a plane that passes behind the eye yields the far end.
     #[inline(always)]
@@ -46,20 +50,21 @@ impl<R: Real> DepthPlane<R> {
     }
 }
 
-/// Depth tolerance setting: how far behind the nearest surface fragments are blended with it.
+/// Setting of the depth tolerance: how far behind the nearest surface fragments are still blended with it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
-    /// Multiple of the larger radius, at least 0.
+    /// Multiple k of the splat's larger radius, at least 0.
     Relative(f64),
-    /// Distance in world units, at least 0.
+    /// Distance in world units, at least 0, the same for all splats.
     Absolute(f64),
 }
 
-/// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
+/// Distance in pixels, in addition to the filter radius, over which a splat's slope may explain a depth difference
+/// within its tolerance ε. It is half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
 /// Returns the change of planar depth per pixel to the right and down, in world units. The plane passes through the
-/// view position `p`, and `n` is its unit normal in view space. Steepness is limited as in ε (§5).
+/// view position `p`, and `n` is its unit normal in view space. Steepness is limited as in ε (rendering model §5).
 #[inline(always)]
 pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
     let k = |value: f64| p.x.constant(value);
@@ -73,8 +78,9 @@ pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V
     across * -(scale / steep)
 }
 
-/// Returns the depth difference, in world units, that a polygon's slope may cause within a texel of a shadow map (§5).
-/// `gradient` is the change of depth per texel at depth `z`. The result is the slope term of ε, with its cap.
+/// Returns the depth difference, in world units, that a polygon's slope may cause within a texel of a shadow map
+/// (rendering model §5). `gradient` is the change of depth per texel at depth `z`. The result is the slope term of ε,
+/// with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -83,12 +89,12 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
     (SLOPE_MARGIN_PX * gradient.length()).min(0.2 * scale)
 }
 
-/// Number of pixels over which a polygon's slope may explain a depth step to one of its eight neighbours. It includes
-/// the distance to the neighbour and some curvature.
+/// Number of pixels over which a polygon's slope may explain a depth step to one of its eight neighbouring pixels. It
+/// includes the distance to the neighbour and some curvature.
 const STEP_PX: f64 = 2.0;
 
-/// Returns the depth difference, in world units, that a polygon's slope may cause between neighbouring pixels (§5,
-/// edges by samples). `gradient` is the change of depth per pixel at depth `z`.
+/// Returns the depth difference, in world units, that a polygon's slope may cause between neighbouring pixels
+/// (rendering model §5, edges by samples). `gradient` is the change of depth per pixel at depth `z`.
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -98,8 +104,8 @@ pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64
     (STEP_PX * gradient.length()).min(0.1 * scale).max(1e-3 * scale)
 }
 
-/// Returns a splat's depth tolerance ε (§5) in world units: how much deeper than the splat a fragment may be and still
-/// blend.
+/// Returns a splat's depth tolerance ε (rendering model §5) in world units: how much deeper than the splat a fragment
+/// may be and still blend.
 ///
 /// `radius_max` is the splat's larger radius in world units ([`crate::project::radius_max`]). `h_px` is the filter
 /// radius in pixels, 0 for a splat drawn without a filter. The slope term is Surfel's own: without it, a surface at a
@@ -153,8 +159,8 @@ pub fn projected_tolerance<R: Real>(
     limited(z, slope, radius_max, h_px, setting)
 }
 
-/// Returns ε in world units. `z` is the depth that limits it, and `slope` the steepness of the plane in world units per
-/// pixel.
+/// Returns a splat's depth tolerance ε in world units. `z` is the depth that the caps of ε are fractions of, and
+/// `slope` the change of depth per pixel, in world units.
 #[inline(always)]
 fn limited<R: Real>(z: R, slope: R, radius_max: R, h_px: R, setting: Tolerance) -> R {
     let k = |value: f64| z.constant(value);

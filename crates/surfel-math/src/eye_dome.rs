@@ -1,5 +1,5 @@
-//! The shader `edl`, eye-dome lighting (§5), which shows shape from depth alone, for scans without colours or good
-//! normals.
+//! The shader `edl`, eye-dome lighting (rendering model §5), which shows shape from depth alone, for scans without
+//! colours or good normals.
 //!
 //! Source: Boucheny 2009, "Interactive scientific visualization of large datasets", as in CloudCompare and Potree.
 //! Deviations: neighbours are weighted by angle instead of depth, so that neither the image's size nor the surface's
@@ -8,10 +8,11 @@
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Distance in pixels from a pixel to its eight neighbours, along x, y or both.
+/// Distance in pixels from a pixel to each of the eight neighbours that eye-dome lighting compares it with, along x, y
+/// or both.
 pub const REACH_PX: i32 = 2;
 
-/// Offsets from a pixel to its eight neighbours in pixels, row by row.
+/// Offsets, in pixels, from a pixel to the eight neighbours that eye-dome lighting compares it with, row by row.
 pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [-REACH_PX, -REACH_PX],
     [0, -REACH_PX],
@@ -23,12 +24,12 @@ pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [REACH_PX, REACH_PX],
 ];
 
-/// Factor that makes a plane turned by an angle as dark as the angle's cosine: the mean rise is the angle's tangent
-/// over π.
+/// Factor of the mean rise toward the neighbours, by which eye-dome lighting darkens. With it, a plane turned by an
+/// angle is as dark as the angle's cosine, since the mean rise is the angle's tangent over π.
 const STRENGTH: f64 = std::f64::consts::PI;
 
-/// Returns the weight of the neighbour at `offset` (pixels): its contribution to the mean rise, per world unit by which
-/// the neighbour is nearer. The weight is one over the distance between the two pixels at depth 1 (orthographic: at any
+/// Returns the weight of the neighbour at `offset` (pixels) in the mean rise: the rise per world unit by which the
+/// neighbour is nearer. The weight is one over the distance between the two pixels at depth 1 (orthographic: at any
 /// depth), divided by eight.
 #[inline(always)]
 pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
@@ -37,8 +38,9 @@ pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     offset.x.constant(0.125) / apart
 }
 
-/// Returns the brightness of a pixel in (0, 1], from its planar depth `z` in world units. `rise` is Σ weight·max(0, z −
-/// z of the neighbour). The brightness is 1 if no neighbour is nearer, and approaches 0 as the rise grows.
+/// Returns the brightness of a pixel in (0, 1], from its planar depth `z` in world units. `rise` is the sum over the
+/// neighbours of weight·max(0, z − z of the neighbour), with [`rise_weight`]. The brightness is 1 if no neighbour is
+/// nearer, and approaches 0 as the rise grows.
 #[inline(always)]
 pub fn brightness<R: Real>(z: R, rise: R, projection: &Projection) -> R {
     let slope = match projection.kind {

@@ -1,26 +1,26 @@
-//! Front- and back-facing splats of one oriented surface (§5): the choice of the visible side of a pixel, and normals
-//! of splats that reach past the contour.
+//! Front- and back-facing splats of one oriented surface (rendering model §5): the choice of the visible side of a
+//! pixel, and normals of splats that reach past the contour.
 
 use crate::{Real, V3};
 
-/// Fraction of its ε by which a back-facing fragment has to be nearer than the front-facing ones for a pixel to show
-/// the back.
+/// Fraction of its depth tolerance ε by which a back-facing fragment must be nearer than all front-facing ones for a
+/// pixel to show the back.
 pub const BACK_FACING_LAG: f64 = 0.125;
 
-/// Sine of the rim angle, 10°. A back-facing splat is lit as if it were front-facing if the angle between its plane and
-/// the ray is smaller.
+/// Sine of the largest angle between a back-facing splat's plane and the view ray at which the splat is lit as if it
+/// were front-facing: 10°. Such splats mostly reach past the contour of the visible front.
 pub const RIM_SINE: f64 = 0.173_648_177_666_930_35;
 
-/// Returns the depth of a visibility fragment for choosing the side that a pixel shows. Back-facing fragments are moved
-/// back by a fraction of ε.
+/// Returns the depth of a visibility fragment for choosing whether a pixel shows the front or the back of a surface.
+/// Back-facing fragments are moved back by [`BACK_FACING_LAG`] of ε.
 #[inline(always)]
 pub fn nearness<R: Real>(z: R, epsilon: R, back_facing: bool) -> R {
     if back_facing { z.constant(BACK_FACING_LAG).mul_add(epsilon, z) } else { z }
 }
 
 /// Returns the depth behind which no fragment blends with the side that a pixel shows. It is midway between the nearest
-/// depths of both sides, so that a surface's underside separates its top from what is below (rendering model §5,
-/// sheets).
+/// depths of the front and the back. A surface's underside thereby separates its top from what is below (rendering
+/// model §5, sheets).
 #[inline(always)]
 pub fn sheet_limit<R: Real>(shown: R, other: R) -> R {
     (shown + other) * shown.constant(0.5)

@@ -1,4 +1,5 @@
-//! Screen-space filters (§4), which change a splat's footprint and weight so that the splat covers a pixel.
+//! Screen-space filters (rendering model §4), which change a splat's footprint and weight so that the splat covers a
+//! pixel.
 
 use crate::basis;
 use crate::clip::Turn;
@@ -10,18 +11,20 @@ use crate::{Real, V2, V3};
 /// A splat's footprint and weight after a screen-space filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<R> {
-    /// Footprint after the filter.
+    /// Footprint with the half-axes lengthened by the filter.
     pub footprint: Footprint<R>,
-    /// Factor of the weight: the area ratio if the filter includes it in the weight, else 1.
+    /// Factor of the kernel's weight: the ratio of the splat's area to the filtered area if the filter scales weights,
+    /// else 1.
     pub weight_scale: R,
-    /// Factor of the coverage (§5): the area ratio a if the weight doesn't include it, else 1.
+    /// Factor of the coverage (rendering model §5): the ratio of the splat's area to the filtered area if the weight
+    /// doesn't include it, else 1.
     pub coverage_scale: R,
-    /// Map from the footprint's (u, v) to the splat's own (u, v). Only clips need it (§7).
+    /// Map from the filtered footprint's (u, v) to the splat's own (u, v). Only clips need it (rendering model §7).
     pub turn: Turn<R>,
 }
 
 impl<R: Real> Filtered<R> {
-    /// Returns the result of no filter.
+    /// Returns a footprint unchanged, with factors of 1.
     #[inline(always)]
     pub fn unfiltered(footprint: Footprint<R>) -> Self {
         let one = footprint.w.c.one();
@@ -32,14 +35,15 @@ impl<R: Real> Filtered<R> {
 /// Applies `principal`, Surfel's own filter: lengthens the projected ellipse's axes to at least h pixels. The weight is
 /// multiplied by ∏ min(1, ℓ/h), where ℓ are the lengths of the axes in pixels.
 ///
-/// Source: §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays exact, also in
-/// perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
+/// Source: rendering model §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays
+/// exact, also in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
 #[inline(always)]
 pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     principal_or_unturned(projected, h_px, projective, true)
 }
 
-/// Applies [`principal`], but computes the turn only if `turned`.
+/// Applies the filter as [`principal`] does, but computes the result's `turn` only if `turned`; otherwise `turn` is the
+/// identity. Only clips need it.
 #[inline(always)]
 pub fn principal_or_unturned<R: Real>(
     projected: &Projected<R>,
@@ -92,13 +96,14 @@ pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
     }
 }
 
+/// Returns √(length² + h²), the half-length in pixels of an axis that `ewa` has widened.
 #[inline(always)]
 fn widened<R: Real>(length: R, h_px: R) -> R {
     length.mul_add(length, h_px * h_px).sqrt()
 }
 
-/// True where both axes of the projected ellipse certainly reach h, so that `principal` changes nothing. The test
-/// doesn't compute the axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
+/// True where both axes of the projected ellipse certainly measure at least h pixels, so that `principal` changes
+/// nothing. The test doesn't compute the axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
 #[inline(always)]
 pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     let (s, t) = (projected.j_s, projected.j_t);
@@ -122,7 +127,7 @@ fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
 }
 
 /// Returns ∏ ℓ/max(ℓ, h): the area ratio by which the filters `clamp` and `adjust` scale the coverage instead of the
-/// weight (§5).
+/// weight (rendering model §5).
 #[inline(always)]
 pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
@@ -151,15 +156,19 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
     }
 }
 
-/// A projected half-axis after G06 eq. 8–9.
+/// A projected half-axis after the filter `adjust` (G06 eq. 8–9).
 struct Lengthened<R: Real> {
+    /// The half-axis in the image, in pixels.
     j: V2<R>,
-    /// Change of depth along the half-axis; 0 if it was lengthened, which makes it parallel to the screen.
+    /// Change of depth along the half-axis, relative to p_z. 0 if the half-axis was lengthened, which makes it parallel
+    /// to the screen.
     slope: R,
+    /// Mask of the lanes in which the half-axis was lengthened.
     was_short: R::Mask,
 }
 
-/// Lengthens one half-axis by eq. 8–9 if it is too short.
+/// Lengthens one projected half-axis to `h_px` pixels if it is shorter by the measure of G06 eq. 8. `j` is the
+/// half-axis and `other` the second one, both in pixels; `a` is the change of depth along `j`, relative to p_z.
 #[inline(always)]
 fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
@@ -174,9 +183,9 @@ fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     Lengthened { j: V2::select(short, unit * h_px, j), slope: R::select(short, zero, a), was_short: short }
 }
 
-/// Returns the half-axes that `adjust` lengthens (§4). For an ellipse, they are the principal half-axes. For a disk
-/// (half-axes equal within 1e-3), they are the half-axes of G06 eq. 10: s along p × n and t along n × s. In an
-/// orthographic projection, p is the view direction.
+/// Returns the half-axes that `adjust` lengthens (rendering model §4). For an ellipse, they are the principal
+/// half-axes. For a disk (half-axes equal within 1e-3), they are the half-axes of G06 eq. 10: s along p × n and t along
+/// n × s. In an orthographic projection, p is the view direction.
 ///
 /// Eq. 10 specifies neither the scale nor the case p ∥ n, for which the principal axes serve. An ellipse that isn't
 /// quite round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n.

@@ -7,36 +7,44 @@ use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3, basis, filter, srgb};
 
-/// Minimum planar depth of perspective views, as in training; world units.
+/// Smallest planar depth, in world units, at which perspective views draw Gaussians: the near plane used in training.
 pub const NEAR: f64 = 0.2;
-/// Depth that [`distortion_depth`] maps to 1.
+/// Planar depth, in world units, that [`distortion_depth`] maps to 1.
 const FAR: f64 = 100.0;
-/// Maximum fraction of a pixel that one Gaussian covers.
+/// Largest α, the fraction of a pixel that one Gaussian covers; larger values are limited to it, as in training.
 pub const MAX_ALPHA: f64 = 0.99;
-/// Minimum α with which a Gaussian is blended into a pixel.
+/// Smallest α, the fraction of a pixel that one Gaussian covers, with which the Gaussian is blended into the pixel.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Minimum transmittance of a pixel. Blending stops before the Gaussian that would reduce the transmittance below this.
+/// Smallest transmittance of a pixel. Blending stops before the Gaussian that would reduce the transmittance below this
+/// value.
 pub const MIN_TRANSMITTANCE: f64 = 1e-4;
-/// Maximum Σw of a pixel that counts as empty and has no depth.
+/// Largest sum of weights, Σw, of a pixel that counts as empty and has no depth.
 pub const MIN_WEIGHT: f64 = 1e-12;
-/// Weight of a squared distance in pixels from the projected centre: the low-pass filter of flat Gaussians.
+/// Factor k of the low-pass filter of flat Gaussians: ρ² is at most k·|d|², where d is the offset from the projected
+/// centre in pixels.
 const LOW_PASS: f64 = 2.0;
-/// Variance in square pixels that is added to the footprints of solid Gaussians.
+/// Variance, in square pixels, that is added to the footprints of solid Gaussians as their low-pass filter.
 const DILATION: f64 = 0.3;
-/// Value larger than any visible ρ², which disables the low-pass filter.
+/// Value of [`GaussianForms::low_pass`] that disables the low-pass filter: it makes the filter's ρ² larger than any
+/// visible one.
 const NO_LOW_PASS: f64 = 1e30;
-/// Distance from the centre of a surface splat to its rim, in standard deviations.
+/// Distance from the centre of a Gaussian to its rim, in standard deviations, when it is filtered as a surface splat.
 const RADIUS: f64 = 2.0;
-/// Half-width used for a filter radius of zero, in pixels.
+/// Smallest filter radius h, in pixels, of the filter `principal` for Gaussians; replaces a radius of zero, which would
+/// divide by zero.
 const LEAST_PX: f64 = 1e-6;
-/// Limit of slopes, in half-widths of the image, where solid Gaussians are linearised.
+/// Largest slope x/z or y/z at which solid Gaussians are linearised, in half-widths (half-heights) of the image.
+/// Centres farther outside are linearised at this slope, as in training.
 const SLOPE_LIMIT: f64 = 1.3;
-/// Sine of the angle from edge-on below which a flat Gaussian isn't drawn (rendering model §2).
+/// Largest sine of the angle between a flat Gaussian's plane and the view ray at which the Gaussian is edge-on and not
+/// drawn (rendering model §2).
 const EDGE_ON: f64 = 1e-5;
-/// Largest coefficient of a form, so that products stay finite in f32.
+/// Largest absolute coefficient of a Gaussian's linear forms; larger ones are limited to it, so that products stay
+/// finite in f32.
 const MOST: f64 = 1e15;
 
-/// Returns the depth at which perspective views begin: the camera's near plane, but at least [`NEAR`].
+/// Returns the smallest planar depth, in world units, at which a projection draws Gaussians: the camera's near plane,
+/// but in perspective at least [`NEAR`].
 pub fn near(projection: &Projection) -> f64 {
     if projection.is_perspective() { projection.near.max(NEAR) } else { projection.near }
 }
@@ -44,55 +52,58 @@ pub fn near(projection: &Projection) -> f64 {
 /// A Gaussian in view space (x right, y down, z forward, eye at the origin).
 #[derive(Clone, Copy, Debug)]
 pub struct ViewGaussian {
-    /// Centre, in world units.
+    /// Position of the centre in view space, in world units.
     pub center: V3<f64>,
-    /// Axes, of length 1 before the object's matrix. The first two axes of a flat Gaussian span its plane.
+    /// Axes in view space: unit vectors of object space, transformed by the object's matrix. The first two axes of a
+    /// flat Gaussian span its plane.
     pub axes: [V3<f64>; 3],
-    /// Standard deviations along the axes, in object units.
+    /// Standard deviations along `axes`, in object units.
     pub sigmas: [f64; 3],
-    /// True if the Gaussian is flat, false if it is solid.
+    /// True for a flat Gaussian (2DGS), false for a solid one (3DGS).
     pub flat: bool,
     /// Opacity at the centre, in [0, 1].
     pub opacity: f64,
 }
 
-/// A Gaussian projected to the image, ready for evaluation at pixels.
+/// A Gaussian projected to the image, in the form in which it is evaluated at pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct ProjectedGaussian {
-    /// Position of the centre, in pixels.
+    /// Projected centre, in pixels from the image's upper left corner.
     pub center_px: V2<f64>,
-    /// Linear forms that are evaluated at each pixel.
+    /// Linear forms from which ρ² and depth are computed at each pixel.
     pub forms: GaussianForms<f64>,
     /// Unit normal in view space, towards the eye; for a solid Gaussian, along the shortest axis of its ellipsoid.
     pub normal: V3<f64>,
-    /// Minimum and maximum offset from the centre, in pixels, beyond which α is less than [`MIN_ALPHA`]. `None` if the
-    /// projected ellipse reaches the eye's plane, or nearly does.
+    /// Smallest and largest offset from the centre, in pixels, of pixels where α is at least [`MIN_ALPHA`]. `None` if
+    /// the projected ellipse reaches, or nearly reaches, the eye's plane, so that the offsets are unbounded.
     pub bounds_px: Option<[V2<f64>; 2]>,
-    /// Minimum planar depth at which the Gaussian is visible, in world units.
+    /// Smallest planar depth of the Gaussian's visible fragments, in world units.
     pub nearest: f64,
-    /// Factor of α: the fraction of a filtered footprint that the Gaussian covers, or 1 as trained.
+    /// Factor of α for a filtered Gaussian: the ratio of its own area to the filtered footprint's; 1 with the filters
+    /// used in training.
     pub weight: f64,
 }
 
-/// Linear forms of an offset d in pixels from a projected centre: the ray meets the Gaussian's plane at (u, v)/w
-/// standard deviations and depth z/w.
+/// Linear forms of the offset d, in pixels, from a Gaussian's projected centre. The ray through the pixel meets the
+/// Gaussian's plane at (u, v)/w standard deviations and depth z/w.
 #[derive(Clone, Copy, Debug)]
 pub struct GaussianForms<R> {
-    /// Coefficients of d in u; at the centre u is 0.
+    /// Change of the form u per pixel to the right and down; at the projected centre u is 0.
     pub u: [R; 2],
-    /// Coefficients of d in v; at the centre v is 0.
+    /// Change of the form v per pixel to the right and down; at the projected centre v is 0.
     pub v: [R; 2],
-    /// Coefficients of d in w, and the value of w at the centre.
+    /// Change of the form w per pixel to the right and down, and its value at the projected centre.
     pub w: [R; 3],
-    /// Coefficients of d in z, and the value of z at the centre.
+    /// Change of the form z per pixel to the right and down, and its value at the projected centre.
     pub z: [R; 3],
-    /// Weight of |d|² in the low-pass filter of flat Gaussians; a huge value disables the filter.
+    /// Factor k of the low-pass filter of flat Gaussians, which limits ρ² to k·|d|². A huge value disables the filter.
     pub low_pass: R,
 }
 
 impl<R: Real> GaussianForms<R> {
-    /// Returns ρ² = min(ρ₃d², 2·|d|²), or for solid Gaussians ρ₃d², and the depth. The depth is infinite or NaN if the
-    /// ray is parallel to the plane.
+    /// Returns ρ², the squared distance from the Gaussian's centre in standard deviations, and the depth at pixel
+    /// offset `d`. For flat Gaussians the low-pass filter limits ρ² to `low_pass`·|d|². The depth is infinite or NaN if
+    /// the ray is parallel to the plane.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> (R, R) {
         let linear = |f: [R; 3]| f[0].mul_add(d.x, f[1].mul_add(d.y, f[2]));
@@ -132,7 +143,7 @@ impl ViewGaussian {
         Some(ProjectedGaussian { center_px, forms, normal, bounds_px, nearest, weight })
     }
 
-    /// Projects a flat Gaussian by the exact intersection of rays with its plane.
+    /// Projects a flat Gaussian by the exact intersection of rays with its plane. `reach` is the largest visible ρ².
     fn flat(&self, projection: &Projection, reach: f64, rules: &GaussianRules) -> Option<Footprint> {
         let (p, [a, b, _], [fx, fy]) = (self.center, self.axes, projection.focal_px);
         let cross = a.cross(b);
@@ -179,7 +190,8 @@ impl ViewGaussian {
         Some(Footprint { forms, normal: n, bounds_px: bounds, nearest: on_plane.min(on_screen), weight: 1.0 })
     }
 
-    /// Projects a flat Gaussian as a filtered surface splat of two standard deviations.
+    /// Projects a flat Gaussian as a surface splat of two standard deviations with the filter `principal`. `reach` is
+    /// the largest visible ρ², `n` the unit normal, and `h_px` the filter radius.
     fn principal(&self, projection: &Projection, reach: f64, n: V3<f64>, h_px: f64) -> Footprint {
         let (p, [a, b, _], [su, sv, _]) = (self.center, self.axes, self.sigmas);
         let splat = ViewSplat { p, s: a * (RADIUS * su), t: b * (RADIUS * sv), n };
@@ -212,7 +224,7 @@ impl ViewGaussian {
         }
     }
 
-    /// Projects a solid Gaussian, with the projection linearised at its centre.
+    /// Projects a solid Gaussian, with the projection linearised at its centre. `reach` is the largest visible ρ².
     fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64, rules: &GaussianRules) -> Footprint {
         let (p, [fx, fy]) = (self.center, projection.focal_px);
         let limited = |x: f64, f: f64, size: f64| {
@@ -263,7 +275,7 @@ impl ViewGaussian {
     }
 }
 
-/// A [`ProjectedGaussian`] without its centre, whose normal may face away from the eye.
+/// Fields of a [`ProjectedGaussian`] except its centre; the normal may face away from the eye.
 struct Footprint {
     forms: GaussianForms<f64>,
     normal: V3<f64>,
@@ -286,25 +298,27 @@ fn ellipse_bounds([s, t]: [V2<f64>; 2], [s_depth, t_depth]: [f64; 2], reach: f64
     (d > 1e-6).then(|| [V2::new(x0, y0), V2::new(x1, y1)])
 }
 
-/// Rules of the projection of Gaussians; the default is as they were trained.
+/// Options of the projection of Gaussians; the default draws them as they were trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GaussianRules {
     /// True to evaluate a solid Gaussian's depth at its densest point along a pixel's ray (Radl et al. 2024,
     /// StopThePop). In the linearised projection this is its mean depth at that pixel. False for the depth of its
     /// centre.
     pub depth_along_ray: bool,
-    /// Minimum length in pixels of half-axes of two standard deviations, by the filter `principal` of surface splats
-    /// (rendering model §4). It replaces the low-pass of flat and the dilation of solid Gaussians.
+    /// Smallest half-axes, in pixels, of Gaussians drawn with the filter `principal` of surface splats (rendering model
+    /// §4); half-axes measure two standard deviations. The filter replaces the low-pass filters used in training.
+    /// `None` for those.
     pub principal_px: Option<f64>,
 }
 
-/// Rounds a positive depth in world units to 17 bits, so that rounding rarely decides the order of Gaussians in one
-/// plane. Returns integers in the order of depths.
+/// Rounds a positive depth in world units to 17 significant bits, so that rounding errors rarely decide the order of
+/// Gaussians in one plane. Returns integers in the order of depths, for sorting.
 pub fn depth_step(z: f64) -> u64 {
     (z.to_bits() + (1 << (DEPTH_BITS_F64 - 1))) >> DEPTH_BITS_F64
 }
 
-/// Rounds a positive f32 depth to 17 bits like [`depth_step`], but to other integers.
+/// Rounds a positive f32 depth to 17 significant bits like [`depth_step`]. Returns integers in the order of depths,
+/// which differ from those of [`depth_step`].
 #[inline(always)]
 pub fn depth_step_f32(z: f32) -> u32 {
     (z.to_bits() + (1 << (DEPTH_BITS_F32 - 1))) >> DEPTH_BITS_F32
@@ -316,14 +330,14 @@ const DEPTH_BITS_F64: u32 = 52 - 16;
 const DEPTH_BITS_F32: u32 = 23 - 16;
 
 /// Returns the depth that the plane `distortion` compares, from a planar depth in world units: 0 at [`NEAR`], 1 at 100
-/// units.
+/// units. As in 2DGS, it is linear in 1/z.
 #[inline(always)]
 pub fn distortion_depth<R: Real>(z: R) -> R {
     let scale = FAR / (FAR - NEAR);
     (z.one() - z.constant(NEAR) / z) * z.constant(scale)
 }
 
-/// Constant basis function of spherical harmonics, ½·√(1/π).
+/// Constant basis function of real spherical harmonics: ½·√(1/π).
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
 /// Evaluates a colour from (degree + 1)² coefficients of real spherical harmonics in a unit direction from the eye. The
@@ -366,15 +380,15 @@ pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
     sum.map(|c| srgb::limit_color(c.max(0.0)))
 }
 
-/// Converts a linear colour with straight alpha to the background behind Gaussians: RGB in their colour space times
-/// alpha, and alpha.
+/// Converts the scene's background, a linear colour with straight alpha, to the form in which it is blended behind
+/// Gaussians: RGB in their colour space times alpha, and alpha.
 pub fn background([r, g, b, a]: [f64; 4], linear_colors: bool) -> [f64; 4] {
     let [r, g, b] = [r, g, b].map(|c| srgb::limit_color(if linear_colors { c } else { srgb::encode(c.max(0.0)) }) * a);
     [r, g, b, a]
 }
 
-/// Returns the linear premultiplied RGBA of a pixel: blended colours over [`background`], weighted by the
-/// transmittance.
+/// Returns the linear premultiplied RGBA of a pixel: the blended colours of its Gaussians, plus [`background`] times
+/// the transmittance that they leave.
 pub fn resolve(colors: [f64; 3], transmittance: f64, background: [f64; 4], linear_colors: bool) -> [f64; 4] {
     let alpha = 1.0 - transmittance + transmittance * background[3];
     let over = |k: usize| transmittance.mul_add(background[k], colors[k]);

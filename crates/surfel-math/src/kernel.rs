@@ -1,4 +1,4 @@
-//! The reconstruction kernel and coverage (§2, §5).
+//! The reconstruction kernel and coverage (rendering model §2, §5).
 
 /// Returns the kernel's weight w = exp(−c·ρ²), for the cutoff c in (0, 50]. ρ² ≤ 1 is the squared distance from the
 /// centre, in radii. The kernel is Z01 §4's Gaussian, cut off where its exponent reaches c.
@@ -7,11 +7,12 @@ pub fn weight(rho_squared: f64, cutoff: f64) -> f64 {
     (-cutoff * rho_squared).exp()
 }
 
-/// Coverage q from which a surface that is blended by coverage counts as opaque: Z01 §7's τ at c = 1 (§6, §8).
+/// Smallest coverage q at which a surface that is blended by coverage counts as opaque: Z01 §7's τ at c = 1 (rendering
+/// model §6, §8).
 pub const FULL_COVERAGE: f64 = 0.633;
 
-/// Converts a Σw measured at cutoff 2 to another cutoff, by the ratio of the kernels' integrals over their disk, [(1 −
-/// e^(−c))/c]/[(1 − e^(−2))/2] (§5).
+/// Converts an interior weight, the Σw inside a cloud's own surface, from cutoff 2 to another cutoff. The factor is the
+/// ratio of the kernels' integrals over their disk, [(1 − e^(−c))/c]/[(1 − e^(−2))/2] (rendering model §5).
 pub fn interior_weight_at_cutoff(interior_weight: f64, cutoff: f64) -> f64 {
     let integral = |c: f64| -(-c).exp_m1() / c;
     interior_weight * integral(cutoff) / integral(2.0)

@@ -1,28 +1,28 @@
-//! Footprints as linear forms over pixels: the exact (projective) and the affine mapping (§3).
+//! Footprints as linear forms over pixels: the exact (projective) and the affine mapping (rendering model §3).
 
 use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// A linear form c + x·d_x + y·d_y over pixel offsets d from an anchor.
+/// A linear form c + x·d_x + y·d_y over pixel offsets d from an anchor, such as a splat's projected centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear<R> {
-    /// Value at the anchor.
+    /// Value of the form at the anchor, where the offset is 0.
     pub c: R,
-    /// Change per pixel to the right.
+    /// Change of the form per pixel to the right.
     pub x: R,
-    /// Change per pixel down.
+    /// Change of the form per pixel down.
     pub y: R,
 }
 
 impl<R: Real> Linear<R> {
-    /// Creates a form from its value at the anchor and its gradient.
+    /// Creates a form from its value at the anchor and its gradient, the change per pixel to the right and down.
     #[inline(always)]
     pub fn new(c: R, gradient: V2<R>) -> Self {
         Self { c, x: gradient.x, y: gradient.y }
     }
 
-    /// Returns the value at offset `d`.
+    /// Returns the value of the form at pixel offset `d`.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> R {
         self.x.mul_add(d.x, self.y.mul_add(d.y, self.c))
@@ -32,28 +32,28 @@ impl<R: Real> Linear<R> {
 /// A splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)). (u, v) is the position
 /// on the splat's unit disk.
 ///
-/// Source: §3 after G06 §3.
+/// Source: rendering model §3 after G06 §3.
 ///
 /// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. The forms are scaled so that W = 1 at
 /// the anchor of an ordinary splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint<R> {
-    /// Linear form of u·w.
+    /// Linear form of u·w, with (u, v) the position on the splat's unit disk and w the homogeneous coordinate.
     pub u: Linear<R>,
-    /// Linear form of v·w.
+    /// Linear form of v·w, with (u, v) the position on the splat's unit disk and w the homogeneous coordinate.
     pub v: Linear<R>,
-    /// Linear form of w.
+    /// Linear form of the homogeneous coordinate w: 1/z up to a factor, or constantly 1 for an affine footprint.
     pub w: Linear<R>,
 }
 
 impl<R: Real> Footprint<R> {
-    /// Returns (U, V, W) at an offset.
+    /// Returns the forms' values (u·w, v·w, w) at pixel offset `d`.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> (R, R, R) {
         (self.u.at(d), self.v.at(d), self.w.at(d))
     }
 
-    /// True where the pixel is inside the unit disk.
+    /// True where the pixel at offset `d` is inside the splat's unit disk.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let (u, v, w) = self.at(d);
@@ -85,14 +85,16 @@ impl<R: Real> Footprint<R> {
     }
 }
 
-/// A footprint whose centre may be behind the eye, with the plane's depth: z = `depth_scale`/W.
+/// The exact mapping of a splat whose centre may be behind the eye: its footprint, and its plane's depth z =
+/// `depth_scale`/W.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThroughNear {
-    /// Forms relative to `anchor_px`.
+    /// Footprint whose linear forms are relative to `anchor_px`, not to the splat's projected centre.
     pub footprint: Footprint<f64>,
-    /// Pixel position of the anchor: the optical axis.
+    /// Pixel position from which the forms' offsets count: the optical axis, since the splat's centre may have no
+    /// projection.
     pub anchor_px: V2<f64>,
-    /// Numerator of the depth: z = depth_scale/W where W > 0.
+    /// Numerator of the depth: z = depth_scale/W where the footprint's form W > 0.
     pub depth_scale: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The shader `matcap` (§5), which finds the point of a lit sphere that has a surface's normal.
+//! The shader `matcap` (rendering model §5), which finds the point of a lit sphere that has a surface's normal.
 //!
 //! Source: Sloan, Martin, Gooch and Gooch 2001, "The Lit Sphere". Deviation: the sphere is viewed along each pixel's
 //! own ray. A silhouette therefore maps to the rim of the sphere, also where perspective turns the silhouette.

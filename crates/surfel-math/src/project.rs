@@ -1,21 +1,22 @@
-//! First-order projection of a splat, the basis of filters, bounds and depth (§3, §4).
+//! First-order projection of a splat, the basis of filters, bounds and depth (rendering model §3, §4).
 
 use crate::projection::ProjectionKind;
 use crate::{Real, V2, V3, projection::Projection};
 
-/// Edge-on threshold: splats with |n·p|/|p| up to this value are drawn in no pass (§2).
+/// Largest sine of the angle between a splat's plane and the view ray, |n·p|/|p|, at which the splat is edge-on and
+/// isn't drawn (rendering model §2).
 pub const EDGE_ON: f64 = 1e-5;
 
 /// A splat in view space (x right, y down, z forward, eye at the origin), in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSplat<R> {
-    /// Centre of the splat.
+    /// Position of the splat's centre.
     pub p: V3<R>,
     /// First half-axis, from the centre to the rim.
     pub s: V3<R>,
     /// Second half-axis, from the centre to the rim.
     pub t: V3<R>,
-    /// Unit outward normal, along ±(s × t); the object's placement decides the sign.
+    /// Unit outward normal, along s × t or its opposite; an object's matrix that mirrors reverses the sign.
     pub n: V3<R>,
 }
 
@@ -26,22 +27,25 @@ pub struct ViewSplat<R> {
 /// its constant terms are exactly 0, 0, 1, and no term is a difference of screen coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected<R> {
-    /// Affine projection of s at the centre, in pixels: the first column of J (§4).
+    /// Affine projection of the half-axis s at the centre, in pixels: the first column of J (rendering model §4).
     pub j_s: V2<R>,
-    /// Affine projection of t, the second column of J.
+    /// Affine projection of the half-axis t at the centre, in pixels: the second column of J (rendering model §4).
     pub j_t: V2<R>,
-    /// det J, from the normal where it is better conditioned than J's columns.
+    /// Determinant of J = (`j_s` `j_t`), in square pixels. It is computed from the normal, which is more precise than
+    /// J's columns for a splat near edge-on.
     pub det_j: R,
-    /// s_z/p_z and t_z/p_z; zero in an orthographic projection.
+    /// Change of depth along the half-axes relative to the centre's depth, (s_z/p_z, t_z/p_z); zero in an orthographic
+    /// projection.
     pub slope: V2<R>,
     /// Gradient of the plane's depth over pixels: perspective p_z/z = 1 − g·d (dimensionless, per pixel), orthographic
     /// z = p_z + g·d (world units per pixel).
     pub depth_gradient: V2<R>,
     /// Half the disk's depth range, √(s_z² + t_z²), in world units.
     pub depth_extent: R,
-    /// n·p (orthographic: n_z): negative if the splat faces the eye. Only the sign is meaningful; see `facing_cosine`.
+    /// n·p (orthographic: n_z): negative if the splat's outward side faces the eye. Only the sign is meaningful; see
+    /// `facing_cosine`.
     pub facing: R,
-    /// |n·p|/|p| (orthographic: |n_z|): 0 is edge-on.
+    /// |n·p|/|p| (orthographic: |n_z|), the absolute cosine of the angle between normal and view ray; 0 is edge-on.
     pub facing_cosine: R,
 }
 
@@ -52,7 +56,8 @@ impl<R: Real> Projected<R> {
         Self::with_area(splat, Area::of(splat), projection)
     }
 
-    /// Projects a splat like [`Projected::new`], with an [`Area`] that the caller has computed.
+    /// Projects a splat like [`Projected::new`], with an area vector ([`Area`]) that the caller has computed more
+    /// cheaply.
     #[inline(always)]
     pub fn with_area(splat: &ViewSplat<R>, area: Area<R>, projection: &Projection) -> Self {
         let ViewSplat { p, s, t, n } = *splat;
@@ -96,32 +101,34 @@ impl<R: Real> Projected<R> {
         }
     }
 
-    /// True if the splat is edge-on and drawn in no pass (§2).
+    /// True if the splat is edge-on and drawn in no pass (rendering model §2).
     #[inline(always)]
     pub fn is_edge_on(&self) -> R::Mask {
         self.facing_cosine.le(self.facing_cosine.constant(EDGE_ON))
     }
 }
 
-/// Returns a column of J without the focal length: (a_xy·p_z − a_z·p_xy)/p_z², from a/p_z and p_xy/p_z.
+/// Returns the projection of a half-axis at the centre without the focal length, (a_xy·p_z − a_z·p_xy)/p_z², from a/p_z
+/// and p_xy/p_z.
 #[inline(always)]
 fn column<R: Real>(a: V3<R>, center: V2<R>) -> V2<R> {
     V2::new((-a.z).mul_add(center.x, a.x), (-a.z).mul_add(center.y, a.y))
 }
 
-/// The area vector s × t = sine·k_s·k_t·n of a splat, in factors, so that nothing overflows or vanishes at 1e±15.
+/// The area vector s × t = sine·k_s·k_t·n of a splat, stored in factors, so that nothing overflows or vanishes for
+/// sizes of 1e±15.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area<R> {
-    /// Signed length of the cross product of the half-axes, each divided by its scale.
+    /// Signed length of the cross product of s/k_s and t/k_t, positive along n.
     pub sine: R,
-    /// Scale of s: its largest coordinate, or the radius of a disk.
+    /// Scale of the half-axis s: its largest coordinate, or the radius of a disk.
     pub k_s: R,
-    /// Scale of t: its largest coordinate, or the radius of a disk.
+    /// Scale of the half-axis t: its largest coordinate, or the radius of a disk.
     pub k_t: R,
 }
 
 impl<R: Real> Area<R> {
-    /// Computes the area vector of any splat in factors.
+    /// Computes the area vector s × t of any splat, in factors.
     #[inline(always)]
     pub fn of(splat: &ViewSplat<R>) -> Self {
         let ViewSplat { s, t, n, .. } = *splat;
@@ -132,14 +139,14 @@ impl<R: Real> Area<R> {
         Self { sine: R::select(zero.le(cross.dot(n)), length, -length), k_s, k_t }
     }
 
-    /// Returns the area vector, in factors, of a disk whose s × t is along n.
+    /// Returns the area vector, in factors, of a disk with this radius whose s × t is along n.
     #[inline(always)]
     pub fn of_disk(radius: R) -> Self {
         Self { sine: radius.one(), k_s: radius, k_t: radius }
     }
 }
 
-/// Returns r_max (§2): the larger singular value of [s t], at any scale.
+/// Returns a splat's larger semi-axis r_max (rendering model §2): the larger singular value of [s t], at any scale.
 #[inline(always)]
 pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     let scale = s.max_abs().max(t.max_abs());
@@ -152,7 +159,7 @@ pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
-/// Ratio of a splat's size to its minimum distance from which every backend sets up the splat in f64. Products of its
+/// Smallest ratio of a splat's size to its distance at which every backend sets up the splat in f64. Products of its
 /// projected half-axes may exceed f32's range. A filter's effect is invisible at this size.
 const VAST: f64 = 1e7;
 
@@ -167,22 +174,23 @@ pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
     (distance * size.constant(VAST)).lt(size)
 }
 
-/// Placement of a splat relative to the eye, which decides how the splat is drawn (§3, last paragraph).
+/// Placement of a splat relative to the eye, which decides how the splat is drawn (rendering model §3, last paragraph).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
-    /// Centre well in front of the eye: the splat is drawn with the filter and the mapping of the settings.
+    /// The centre is well in front of the eye: the splat is drawn with the filter and the mapping of the settings.
     Ordinary,
-    /// Centre at or beyond z_near, and in perspective a depth extent of at least p_z/2: drawn exactly, without a
-    /// filter.
+    /// The centre is at or beyond z_near, but in perspective the disk's depth extent is at least p_z/2. The splat is
+    /// drawn by the exact mapping, without a filter.
     Close,
-    /// Centre nearer than z_near: the splat is drawn exactly, without a filter. With the affine mapping it is dropped.
+    /// The centre is nearer than z_near: the splat is drawn by the exact mapping, without a filter. With the setting of
+    /// the affine mapping it is dropped.
     CenterBeforeNear,
     /// No part of the splat is at or beyond z_near, or all of it is beyond an orthographic far plane.
     Outside,
 }
 
 impl Placement {
-    /// Classifies a splat by its centre's depth and its depth extent.
+    /// Classifies a splat by its centre's depth `p_z` and its disk's depth extent, both in world units.
     pub fn of(p_z: f64, depth_extent: f64, projection: &Projection) -> Self {
         if p_z + depth_extent < projection.near || p_z - depth_extent > projection.far() {
             Self::Outside

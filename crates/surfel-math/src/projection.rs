@@ -1,32 +1,32 @@
-//! Projection from view space to pixels (§1).
+//! Projection from view space to pixels (rendering model §1).
 
 use crate::{Real, V2, V3};
 
-/// A camera's projection from view space (x right, y down, z forward) to pixels, with row 0 at the top.
+/// A camera's projection from view space (x right, y down, z forward) to pixels. Row 0 is at the top.
 ///
 /// Its numbers are the same for a whole frame, so they are plain f64 and rounded where they are used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// Kind of the projection: perspective or orthographic.
     pub kind: ProjectionKind,
-    /// Pixels per unit of slope (perspective) or per world unit (orthographic), in x and y.
+    /// Focal lengths in x and y: pixels per unit of slope x/z (perspective), or per world unit (orthographic).
     pub focal_px: [f64; 2],
-    /// Pixel coordinates of the optical axis, from the image's upper left corner.
+    /// Principal point: position of the optical axis in pixels from the image's upper left corner.
     pub principal_px: [f64; 2],
-    /// Minimum planar depth that is drawn, in world units; greater than 0.
+    /// Smallest planar depth that is drawn (z_near), in world units; greater than 0.
     pub near: f64,
 }
 
 /// The kind of a projection, with the parameters that only this kind has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ProjectionKind {
-    /// pixel = f·(x/z) + c; no far plane.
+    /// Central projection: pixel = f·(x/z) + c. There is no far plane.
     Perspective,
-    /// pixel = f·x + c.
+    /// Parallel projection: pixel = f·x + c.
     Orthographic {
         /// Height of the view in world units.
         height: f64,
-        /// Maximum planar depth that is drawn, in world units.
+        /// Largest planar depth that is drawn, in world units.
         far: f64,
     },
 }
@@ -38,7 +38,7 @@ impl Projection {
         self.kind == ProjectionKind::Perspective
     }
 
-    /// Returns the maximum planar depth that is drawn, in world units: infinite in perspective.
+    /// Returns the largest planar depth that is drawn, in world units: infinite in perspective.
     pub fn far(&self) -> f64 {
         match self.kind {
             ProjectionKind::Perspective => f64::INFINITY,
@@ -52,7 +52,7 @@ impl Projection {
         V2::new(self.focal_px[0] * p.x / w + self.principal_px[0], self.focal_px[1] * p.y / w + self.principal_px[1])
     }
 
-    /// Returns the ray through a pixel position: its origin and its direction with z = 1.
+    /// Returns the view ray through a pixel position in view space: its origin, and its direction with z = 1.
     pub fn ray(&self, pixel: V2<f64>) -> (V3<f64>, V3<f64>) {
         let x = (pixel.x - self.principal_px[0]) / self.focal_px[0];
         let y = (pixel.y - self.principal_px[1]) / self.focal_px[1];
@@ -62,7 +62,8 @@ impl Projection {
         }
     }
 
-    /// Returns the stored depth of planar depth `z` (§1): z_near/z, or 1 − (z − z_near)/(z_far − z_near); 0 for z = ∞.
+    /// Returns the stored depth of planar depth `z` (rendering model §1): z_near/z, or 1 − (z − z_near)/(z_far −
+    /// z_near); 0 for z = ∞.
     pub fn stored_depth(&self, z: f64) -> f64 {
         if z.is_infinite() {
             return 0.0;

@@ -5,18 +5,19 @@
 
 use crate::{Real, V3};
 
-/// Number of quantisation steps between zero and the scale.
+/// Number of quantisation steps between zero and the scale, the largest number that is stored.
 pub const STEPS: f32 = 32767.0;
-/// 16-bit code of the number zero.
+/// 16-bit code that stands for the number zero.
 pub const ZERO: u16 = 32768;
 
-/// Returns the code of the step nearest to a number between −1 and 1. Larger numbers are clamped, NaN becomes zero.
+/// Returns the 16-bit code of the quantisation step nearest to a number between −1 and 1. Numbers outside the range are
+/// clamped to it, and NaN becomes zero.
 pub fn to_step(unit: f32) -> u16 {
     let step = (unit * STEPS).round().clamp(-STEPS, STEPS) as i32;
     (step + i32::from(ZERO)) as u16
 }
 
-/// Returns the signed number of quantisation steps, from zero, of a 16-bit code.
+/// Returns the number of quantisation steps from zero that a 16-bit code stands for, with its sign.
 pub fn steps(step: u16) -> f32 {
     (i32::from(step) - i32::from(ZERO)) as f32
 }

@@ -2,12 +2,12 @@
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-/// The result of a comparison of [`Real`]s: one boolean per lane.
+/// The result of a comparison of two [`Real`]s: one boolean per lane.
 pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {}
 
 impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask for M {}
 
-/// A real number, or several in SIMD lanes.
+/// A real number, or several in SIMD lanes, so that one formula serves f64, f32 and SIMD code.
 ///
 /// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation is
 /// correctly rounded (IEEE 754), including the fused multiply-add. A formula therefore yields the same bits in f32 and
@@ -15,10 +15,10 @@ impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask fo
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
-    /// Result of a comparison of two numbers.
+    /// Result of a comparison of two numbers, lane by lane.
     type Mask: Mask;
 
-    /// Returns `value` in every lane of a number like `self`.
+    /// Returns `value` rounded to this type, in as many lanes as `self` has.
     fn constant(self, value: f64) -> Self;
     /// Returns self·b + c, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
@@ -30,11 +30,11 @@ pub trait Real:
     fn min(self, other: Self) -> Self;
     /// Returns the greater number; neither may be NaN.
     fn max(self, other: Self) -> Self;
-    /// True where self < other; false where either is NaN.
+    /// True in lanes where self < other; false where either is NaN.
     fn lt(self, other: Self) -> Self::Mask;
-    /// True where self ≤ other; false where either is NaN.
+    /// True in lanes where self ≤ other; false where either is NaN.
     fn le(self, other: Self) -> Self::Mask;
-    /// Returns `a` where the mask is set, else `b`.
+    /// Returns `a` in lanes where the mask is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
     /// Returns a factor that scales a positive number to 1 or, as a power of two, to (½, 1].
@@ -49,13 +49,13 @@ pub trait Real:
         self.one() / self.sqrt()
     }
 
-    /// Returns zero in every lane of a number like `self`.
+    /// Returns zero, in as many lanes as `self` has.
     #[inline(always)]
     fn zero(self) -> Self {
         self.constant(0.0)
     }
 
-    /// Returns one in every lane of a number like `self`.
+    /// Returns one, in as many lanes as `self` has.
     #[inline(always)]
     fn one(self) -> Self {
         self.constant(1.0)

@@ -1,4 +1,4 @@
-//! Sampling of shadow maps (§5) by percentage-closer filtering.
+//! Sampling of shadow maps (rendering model §5) by percentage-closer filtering.
 //!
 //! Source: Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987). Deviations: the taps'
 //! depths are on the receiver's own plane ([`crate::depth::plane_gradient`]), and weights move with the point, so that
@@ -7,12 +7,13 @@
 use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
-/// Bias of a lookup, as a fraction of the depth (orthographic: of the view's height). It is five times the relative
-/// rounding error of a depth. A surface that faces the light has no slope bias, and without this bias would shade
-/// itself.
+/// Distance by which a point is moved towards the light before a shadow map's lookup. It is a fraction of the point's
+/// depth in the map (orthographic: of the view's height). The fraction is five times the relative rounding error of a
+/// depth. Surfaces that face the light have no slope bias, and would shade themselves without this one.
 const LOOKUP_BIAS: f64 = 5e-4;
 
-/// Returns the distance by which a point at depth `z` of a map is moved towards the light; both are in world units.
+/// Returns the distance by which a point at depth `z` of a shadow map is moved towards the light before the lookup;
+/// both are in world units.
 #[inline(always)]
 pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
     let scale = match projection.kind {
@@ -22,11 +23,11 @@ pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
     z.constant(LOOKUP_BIAS) * scale
 }
 
-/// Number of taps along one axis of the filter.
+/// Number of texels that a lookup in a shadow map reads along each axis.
 pub const TAPS: usize = 4;
 
-/// Returns the first column (or row) of a lookup and the weights of four consecutive texels, which sum to 1. The
-/// position `texel` is in texels from the map's edge.
+/// Returns the first column (or row) of a shadow map's lookup, and the weights of four consecutive texels, whose sum is
+/// one. The position `texel` is in texels from the map's edge.
 ///
 /// The filter is a box three texels wide around the point.
 pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {
@@ -35,8 +36,8 @@ pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {
     (whole - 1.0, tap_weights(from_center - whole))
 }
 
-/// Returns the weights of [`taps`]. `share` is the position of the point between the second texel's centre and the
-/// third's: 0 to 1.
+/// Returns the weights of the four texels of [`taps`]. `share` is the position of the point between the centres of the
+/// second and the third texel: 0 to 1.
 #[inline(always)]
 pub fn tap_weights<R: Real>(share: R) -> [R; TAPS] {
     let third = share.constant(1.0 / 3.0);

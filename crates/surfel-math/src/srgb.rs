@@ -3,8 +3,8 @@
 use crate::Real;
 use std::sync::OnceLock;
 
-/// Largest magnitude of a colour channel (rendering model §10). It is slightly below the maximum of f32, so that
-/// blending colours never overflows.
+/// Largest magnitude of a linear colour channel; larger ones are limited to it (rendering model §10). It is slightly
+/// below the maximum of f32, so that blending colours never overflows.
 pub const LARGEST_COLOR: f64 = 3.4028e38;
 
 /// Limits a channel of a colour to ±[`LARGEST_COLOR`].
@@ -31,7 +31,7 @@ pub fn encode(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Returns the nearest sRGB-encoded 8-bit level (round half up), clamped; 0 for NaN.
+/// Returns the sRGB-encoded 8-bit level nearest to a linear value (ties upwards), clamped to 0–255; 0 for NaN.
 pub fn nearest_8_bit(linear: f32) -> u8 {
     // Tables avoid a power per pixel: the minimum value of each level, and a first guess of the level. Near black,
     // where the curve is steepest, 1/4096 spans less than one level.
@@ -56,7 +56,7 @@ pub fn nearest_8_bit(linear: f32) -> u8 {
     level
 }
 
-/// Converts a premultiplied colour to straight RGBA with alpha at most 1; without alpha the result is 0.
+/// Converts a linear premultiplied colour to straight RGBA with alpha at most 1. A colour without alpha becomes 0.
 pub fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
     // NaN fails the comparison, too, and can't be a divisor.
     if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }

@@ -2,14 +2,15 @@
 
 use crate::{Real, V2};
 
-/// The decomposition J = U·diag(ℓ)·Vᵀ of a 2×2 matrix, without V.
+/// The singular value decomposition J = U·diag(ℓ)·Vᵀ of a 2×2 matrix, without V. For a splat's J, it yields the axes of
+/// the projected ellipse.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Svd2<R> {
-    /// Larger singular value, at least 0.
+    /// Larger singular value ℓ of J, at least 0.
     pub major: R,
-    /// Smaller singular value, at least 0.
+    /// Smaller singular value ℓ of J, at least 0.
     pub minor: R,
-    /// First left singular vector, of unit length; the second is its quarter turn (−y, x).
+    /// First column of U, the unit vector that belongs to `major`. The second column is its quarter turn (−y, x).
     pub major_axis: V2<R>,
 }
 
@@ -53,7 +54,7 @@ impl<R: Real> Svd2<R> {
         Self { major: major_px, minor, major_axis }
     }
 
-    /// Returns the second left singular vector.
+    /// Returns the second left singular vector: `major_axis` turned by 90°.
     #[inline(always)]
     pub fn minor_axis(&self) -> V2<R> {
         V2::new(-self.major_axis.y, self.major_axis.x)

@@ -1,23 +1,27 @@
-//! The shader `toon` (§5, after the drawing styles of B05 §6): light in steps, and lines where the surface turns away.
+//! The shader `toon` (rendering model §5, after the drawing styles of B05 §6): light in steps, and lines where the
+//! surface turns away.
 //!
 //! Steps are short ramps, so that rounding decides no pixel.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Diffuse light at which each of three steps begins; the steps have equal heights.
+/// Diffuse light, 0 to 1, at the middle of each of the three steps of the shader `toon`. All steps are equally high.
 const STEPS: [f64; 3] = [0.05, 0.35, 0.7];
-/// Half-width of a step's ramp, in units of diffuse light.
+/// Half-width of the ramp that smooths each step of diffuse light and the edge of a highlight, in units of the light's
+/// strength, 0 to 1.
 const HALF_WIDTH: f64 = 0.02;
-/// Strength at the middle of a highlight's ramp; weaker highlights aren't drawn.
+/// Strength of a highlight, 0 to 1, at the edge of the spot that `toon` draws; weaker highlights aren't drawn.
 const HIGHLIGHT: f64 = 0.5;
-/// |n·v| below which a line has full strength, and |n·v| from which on there is none.
+/// Limits of |n·v|, the cosine of the angle between normal and view ray, for the dark line at grazing angles. The line
+/// has full strength up to the first limit, and fades out up to the second.
 const LINE: [f64; 2] = [0.12, 0.22];
 
-/// Minimum depth step between neighbouring pixels at which a line is drawn, as a fraction of the depth (orthographic:
-/// of the view's height).
+/// Smallest depth step to a neighbouring pixel at which `toon` draws a line, as a fraction of the depth (orthographic:
+/// of the view's height). The surface's own slope adds to it.
 const DEPTH_STEP: f64 = 0.02;
-/// Number of pixels over which the surface's own slope is added to the minimum step.
+/// Number of pixels over which the surface's own slope is added to [`DEPTH_STEP`], so that a slanted surface gets no
+/// lines.
 const SLOPE_PX: f64 = 2.0;
 
 /// Returns the planar depth in world units beyond which a pixel's neighbour is another surface, so that this pixel is
@@ -41,21 +45,22 @@ pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
     t * t * (x.constant(3.0) - x.constant(2.0) * t)
 }
 
-/// Returns diffuse light, 0 to 1, in steps: 0, ⅓, ⅔ and 1.
+/// Returns diffuse light, 0 to 1, in the steps of the shader `toon`: 0, ⅓, ⅔ and 1.
 #[inline(always)]
 pub fn ramp<R: Real>(light: R) -> R {
     let step = |at: f64| smoothstep(light, at - HALF_WIDTH, at + HALF_WIDTH);
     (step(STEPS[0]) + step(STEPS[1]) + step(STEPS[2])) * light.constant(1.0 / 3.0)
 }
 
-/// Returns a highlight in [0, 1] as a spot with an edge. `strength` is max(0, r·v)^shininess times the fraction of the
-/// light that reaches the point.
+/// Returns a highlight of the shader `toon`, 0 to 1: a spot with a sharp edge. `strength` is max(0, r·v)^shininess
+/// times the fraction of the light that reaches the point.
 #[inline(always)]
 pub fn highlight<R: Real>(strength: R) -> R {
     smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)
 }
 
-/// Returns the factor of the colour at this |n·v|: 0 in the line at grazing angles, else 1.
+/// Returns the factor by which `toon` multiplies a colour at `cosine` = |n·v|: 0 in the line at grazing angles, 1
+/// outside of it.
 #[inline(always)]
 pub fn line<R: Real>(cosine: R) -> R {
     smoothstep(cosine, LINE[0], LINE[1])

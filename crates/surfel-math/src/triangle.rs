@@ -1,4 +1,4 @@
-//! Triangles over pixels (§6): edge functions, coverage, perspective-correct interpolation, bounds.
+//! Triangles over pixels (rendering model §6): edge functions, coverage, perspective-correct interpolation, bounds.
 //!
 //! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997). Edge functions are formed
 //! from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping. A fragment in front
@@ -9,8 +9,8 @@ use crate::mapping::Linear;
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// Converts a view-space point to homogeneous pixel coordinates relative to an anchor: its pixel offset is (x, y)/z of
-/// the result.
+/// Converts a view-space point to homogeneous pixel coordinates relative to `anchor_px`: (x, y)/z of the result is the
+/// point's pixel offset from there.
 ///
 /// Edges of adjacent triangles meet exactly if all triangles have the same anchor.
 #[inline(always)]
@@ -26,7 +26,7 @@ pub fn homogeneous<R: Real>(p: V3<R>, anchor_px: V2<R>, projection: &Projection)
     }
 }
 
-/// Returns the form that is 0 on the line through two homogeneous points: det[a b (d, 1)].
+/// Returns the linear form over pixel offsets d that is 0 on the line through two homogeneous points: det[a b (d, 1)].
 ///
 /// With swapped points the form is exactly the negative, whatever was rounded. Both triangles at an edge therefore test
 /// a pixel by the same number. (Around a vertex within rounding of a pixel's centre, rounding decides several edges.)
@@ -41,11 +41,11 @@ pub fn edge<R: Real>(a: V3<R>, b: V3<R>) -> Linear<R> {
     Linear { x: n.x, y: n.y, c: n.z }
 }
 
-/// A triangle prepared for rasterisation: edge functions over pixels, and the depths of the vertices.
+/// A triangle prepared for rasterisation: linear forms of its edges over pixels, and the depths of its vertices.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle<R> {
-    /// Forms of the edges opposite each vertex: the vertex's barycentric coordinate times a common positive factor that
-    /// varies over the image like 1/z. All are positive inside.
+    /// Linear forms over pixels of the edges opposite each vertex; all are positive inside the triangle. Each is the
+    /// vertex's barycentric coordinate times a common positive factor, which varies over the image like 1/z.
     pub edges: [Linear<R>; 3],
     /// Planar depths of the vertices, in world units.
     pub z: [R; 3],
@@ -65,8 +65,8 @@ impl<R: Real> Triangle<R> {
         Self { edges: [edge(b, c), edge(c, a), edge(a, b)].map(oriented), z: p.map(|p| p.z) }
     }
 
-    /// True where the triangle covers a pixel's centre. A centre exactly on an edge belongs to the triangle below or to
-    /// the right of it. Exactly one of the triangles that meet at an edge therefore covers it.
+    /// True where the triangle covers the pixel centre at offset `d`. A centre exactly on an edge belongs to the
+    /// triangle below or to the right of it. Exactly one of the triangles that meet at an edge therefore covers it.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let covers = |e: &Linear<R>| {
@@ -77,7 +77,8 @@ impl<R: Real> Triangle<R> {
         covers(&self.edges[0]) & covers(&self.edges[1]) & covers(&self.edges[2])
     }
 
-    /// Returns the perspective-correct barycentric coordinates of the point at pixel offset `d`; they sum to 1.
+    /// Returns the perspective-correct barycentric coordinates of the triangle's point at pixel offset `d`; they sum to
+    /// 1.
     #[inline(always)]
     pub fn barycentric(&self, d: V2<R>) -> [R; 3] {
         let values = self.edges.map(|e| e.at(d));
@@ -85,7 +86,7 @@ impl<R: Real> Triangle<R> {
         values.map(|v| v * inverse)
     }
 
-    /// Returns the depth of the point with these barycentric coordinates.
+    /// Returns the planar depth, in world units, of the point with these barycentric coordinates.
     #[inline(always)]
     pub fn depth(&self, barycentric: [R; 3]) -> R {
         interpolate(barycentric, self.z)

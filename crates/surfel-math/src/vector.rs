@@ -3,7 +3,7 @@
 use crate::Real;
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// A 2-vector; on the screen, in pixels.
+/// A vector of two coordinates; on the screen: x right, y down, in pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "coordinates")]
 pub struct V2<R> {
@@ -11,7 +11,7 @@ pub struct V2<R> {
     pub y: R,
 }
 
-/// A 3-vector; in view space: x right, y down, z forward.
+/// A vector of three coordinates; in view space: x right, y down, z forward.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "coordinates")]
 pub struct V3<R> {
@@ -33,7 +33,7 @@ impl<R: Real> V2<R> {
         R::sum_of_products(self.x, o.x, self.y, o.y)
     }
 
-    /// Returns self.x·o.y − self.y·o.x.
+    /// Returns the cross product self.x·o.y − self.y·o.x.
     #[inline(always)]
     pub fn cross(self, o: Self) -> R {
         R::difference_of_products(self.x, o.y, self.y, o.x)
@@ -45,13 +45,13 @@ impl<R: Real> V2<R> {
         self.dot(self).sqrt()
     }
 
-    /// Returns the coordinate-wise product.
+    /// Returns the product coordinate by coordinate.
     #[inline(always)]
     pub fn scale_by(self, o: Self) -> Self {
         Self::new(self.x * o.x, self.y * o.y)
     }
 
-    /// Returns `a` where the mask is set, else `b`.
+    /// Returns `a` in lanes where the mask is set, else `b`.
     #[inline(always)]
     pub fn select(mask: R::Mask, a: Self, b: Self) -> Self {
         Self::new(R::select(mask, a.x, b.x), R::select(mask, a.y, b.y))
@@ -87,7 +87,7 @@ impl<R: Real> V3<R> {
         self.dot(self).sqrt()
     }
 
-    /// Returns the largest absolute value of a coordinate.
+    /// Returns the largest of the coordinates' absolute values.
     #[inline(always)]
     pub fn max_abs(self) -> R {
         self.x.abs().max(self.y.abs()).max(self.z.abs())
@@ -99,7 +99,7 @@ impl<R: Real> V3<R> {
         V2::new(self.x, self.y)
     }
 
-    /// Returns `a` where the mask is set, else `b`.
+    /// Returns `a` in lanes where the mask is set, else `b`.
     #[inline(always)]
     pub fn select(mask: R::Mask, a: Self, b: Self) -> Self {
         Self::new(R::select(mask, a.x, b.x), R::select(mask, a.y, b.y), R::select(mask, a.z, b.z))

@@ -1,6 +1,6 @@
 //! Colour map magma, in which FLIP's error maps are shown.
 
-/// sRGB colours 0xRRGGBB from no error (black) to the largest (pale yellow).
+/// sRGB colours 0xRRGGBB of the map magma, from no error (black) to the largest error (pale yellow).
 ///
 /// "magma" of matplotlib by Nathaniel J. Smith and Stéfan van der Walt, CC0, rounded to 8 bits.
 #[rustfmt::skip]
@@ -39,7 +39,8 @@ const MAGMA: [u32; 256] = [
     0xfc_f0b2, 0xfc_f2b4, 0xfc_f4b6, 0xfc_f6b8, 0xfc_f7b9, 0xfc_f9bb, 0xfc_fbbd, 0xfc_fdbf,
 ];
 
-/// Returns the sRGB-encoded 8-bit colour of `value` in [0, 1]. Values outside are clamped; NaN is shown as 1.
+/// Returns the magma colour, sRGB-encoded with 8 bits per channel, of `value` in [0, 1]. Values outside are clamped;
+/// NaN is shown as 1.
 pub fn magma(value: f32) -> [u8; 3] {
     let level = if value.is_nan() { 255.0 } else { (value.clamp(0.0, 1.0) * 255.0).round() };
     let [_, r, g, b] = MAGMA[level as usize].to_be_bytes();

@@ -13,9 +13,10 @@ pub const MID_GREY: f32 = 0.214_041_14;
 pub struct CompareOptions<'a> {
     /// Flag per pixel, row by row from the top, true if the pixel is compared. `None` compares all pixels.
     pub mask: Option<&'a [bool]>,
-    /// Tolerance in linear light: a pixel *differs* if the absolute difference of a channel is larger. Default 0.
+    /// Largest difference of a channel, in linear light, at which pixels count as equal; [`Comparison::differing`]
+    /// counts the others. Default 0.
     pub tolerance: f64,
-    /// Peak of the signal for PSNR, in linear light. Default 1.
+    /// Peak of the signal in linear light, from which the PSNR is computed. Default 1.
     pub peak: f64,
     /// Viewing conditions of FLIP, or `None` to skip FLIP. The images are always linear; [`FlipOptions::encoding`] is
     /// ignored. Default: the default of [`FlipOptions`].
@@ -35,23 +36,24 @@ impl Default for CompareOptions<'_> {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Comparison {
-    /// Width in pixels.
+    /// Width of both images in pixels.
     pub width: u32,
-    /// Height in pixels.
+    /// Height of both images in pixels.
     pub height: u32,
-    /// Number of compared pixels, which the mask selects.
+    /// Number of pixels that were compared, which the mask selects.
     pub compared: usize,
     /// Largest absolute difference of a channel; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
     /// Column and row of the first pixel with the difference `max_abs`; `None` if the images are equal.
     pub max_abs_at: Option<(u32, u32)>,
-    /// Root mean squared difference over all channels of the compared pixels.
+    /// Root mean squared difference (RMSE) over all channels of the compared pixels.
     pub rmse: f64,
-    /// Peak signal-to-noise ratio in dB; +∞ for equal images.
+    /// Peak signal-to-noise ratio (PSNR) in dB, of all channels of the compared pixels; +∞ for equal images.
     pub psnr: f64,
-    /// Number of pixels that differ by more than the tolerance in some channel.
+    /// Number of compared pixels with a channel that differs by more than [`CompareOptions::tolerance`].
     pub differing: usize,
-    /// Number of pixels with an infinite difference in some channel (one-sided infinities and NaN).
+    /// Number of compared pixels with an infinite difference in some channel, because of NaN or of an infinity in one
+    /// image only.
     pub non_finite: usize,
     /// Mean FLIP error of the compared pixels, in [0, 1]; `None` if FLIP was skipped.
     pub flip_mean: Option<f64>,

@@ -4,19 +4,19 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricsError {
-    /// A slice has the wrong number of values.
+    /// A slice, such as an image's pixels or a mask, has the wrong number of values.
     #[error("{what} has {found} values, expected {expected}: {rule}")]
     Length {
-        /// Name of the slice.
+        /// Name of the slice in messages, such as "the mask".
         what: &'static str,
-        /// Length of the slice.
+        /// Number of values that the slice has.
         found: usize,
-        /// Expected length.
+        /// Number of values that the slice must have.
         expected: usize,
-        /// Rule from which the expected length follows.
+        /// Rule from which the expected number follows, such as "one for each pixel".
         rule: &'static str,
     },
-    /// The images have different sizes.
+    /// The two images to compare have different sizes.
     #[error(
         "the images are {}x{} and {}x{} pixels, expected equal sizes: render or crop both alike",
         a.0, a.1, b.0, b.1
@@ -27,28 +27,28 @@ pub enum MetricsError {
         /// Width and height of the second image, in pixels.
         b: (u32, u32),
     },
-    /// The image has too many values to address on this machine.
+    /// An image has too many values to address on this machine.
     #[error("an image of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
     TooLarge {
-        /// Width in pixels.
+        /// Width of the image in pixels.
         width: u32,
-        /// Height in pixels.
+        /// Height of the image in pixels.
         height: u32,
     },
-    /// An option is out of its range.
+    /// An option of a comparison is out of its range.
     #[error("{field} is {found}, expected {expected}")]
     OutOfRange {
-        /// Name of the option.
+        /// Name of the option, as its field is called.
         field: &'static str,
-        /// Value of the option.
+        /// Value that the option has.
         found: f64,
-        /// Expected range.
+        /// Range that the option must be in, in words.
         expected: &'static str,
     },
 }
 
-/// Returns the number of pixels of a `width`×`height` image. An error if its values, `channels` per pixel, can't be
-/// addressed.
+/// Returns the number of pixels of a `width`×`height` image. Returns an error if its values, `channels` per pixel, are
+/// too many to address.
 pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<usize, MetricsError> {
     let count = usize::try_from(width).ok().zip(usize::try_from(height).ok()).and_then(|(w, h)| w.checked_mul(h));
     match count {

@@ -32,7 +32,7 @@ impl<'a> Image<'a> {
         self.height
     }
 
-    /// Returns the values: 4 per pixel, row by row from the top.
+    /// Returns the pixels' values as linear premultiplied RGBA: 4 per pixel, row by row from the top.
     pub fn rgba(&self) -> &'a [f32] {
         self.rgba
     }

@@ -15,31 +15,33 @@ pub fn abs_difference(a: f32, b: f32) -> f64 {
 /// Options of [`compare_plane`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlaneOptions<'a> {
-    /// Flag per value, true if the value is compared. `None` compares all values.
+    /// Flag per value of the planes, true if the value is compared. `None` compares all values.
     pub mask: Option<&'a [bool]>,
-    /// Tolerance: a value *differs* if its absolute difference is larger. At least 0.
+    /// Largest difference, at least 0, at which values count as equal; [`PlaneComparison::differing`] counts the
+    /// others.
     pub tolerance: f64,
 }
 
 /// Differences between two planes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlaneComparison {
-    /// Number of compared values, which the mask selects.
+    /// Number of values that were compared, which the mask selects.
     pub compared: usize,
     /// Largest absolute difference, 0 if nothing was compared; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
     /// Index of the first value with the difference `max_abs`; `None` if the planes are equal.
     pub max_abs_index: Option<usize>,
-    /// Root of the mean squared difference: 0 if nothing was compared, infinite if `non_finite` > 0.
+    /// Root mean squared difference (RMSE): 0 if nothing was compared, infinite if `non_finite` > 0.
     pub rmse: f64,
-    /// Number of values that differ by more than the tolerance.
+    /// Number of compared values that differ by more than [`PlaneOptions::tolerance`].
     pub differing: usize,
-    /// Number of values with an infinite difference (one-sided infinities and NaN).
+    /// Number of compared values with an infinite difference, because of NaN or of an infinity in one plane only.
     pub non_finite: usize,
 }
 
 impl PlaneComparison {
-    /// Returns the peak signal-to-noise ratio in dB for signals with the largest value `peak`; see [`psnr_of_rmse`].
+    /// Returns the peak signal-to-noise ratio (PSNR) in dB; `peak` is the largest value of a signal. See
+    /// [`psnr_of_rmse`].
     ///
     /// # Errors
     /// [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
@@ -79,7 +81,8 @@ pub fn compare_plane(a: &[f32], b: &[f32], options: &PlaneOptions) -> Result<Pla
     Ok(result)
 }
 
-/// Returns the largest absolute difference. The `mask` and infinite results are defined as in [`compare_plane`].
+/// Returns the largest absolute difference of two planes. The `mask` and infinite results are defined as in
+/// [`compare_plane`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long.
@@ -87,7 +90,8 @@ pub fn max_abs(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, Metri
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.max_abs)
 }
 
-/// Returns the root mean squared difference. The `mask` and infinite results are defined as in [`compare_plane`].
+/// Returns the root mean squared difference of two planes. The `mask` and infinite results are defined as in
+/// [`compare_plane`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long.
@@ -95,8 +99,8 @@ pub fn rmse(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, MetricsE
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.rmse)
 }
 
-/// Returns the peak signal-to-noise ratio in dB. The `mask` is defined as in [`compare_plane`], and extreme results as
-/// in [`psnr_of_rmse`].
+/// Returns the peak signal-to-noise ratio of two planes in dB. The `mask` is defined as in [`compare_plane`], and
+/// extreme results as in [`psnr_of_rmse`].
 ///
 /// # Errors
 /// [`MetricsError::Length`] if the slices aren't equally long, [`MetricsError::OutOfRange`] if `peak` isn't finite and
@@ -117,7 +121,7 @@ pub fn psnr_of_rmse(rmse: f64, peak: f64) -> Result<f64, MetricsError> {
     Ok(20.0 * (peak.log10() - rmse.log10()))
 }
 
-/// Returns √(`squares`/`count`), or 0 if `count` is 0.
+/// Returns the root mean √(`squares`/`count`) of a sum of squares, or 0 if `count` is 0.
 pub(crate) fn root_mean(squares: f64, count: usize) -> f64 {
     if count == 0 { 0.0 } else { (squares / count as f64).sqrt() }
 }

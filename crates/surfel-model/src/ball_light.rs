@@ -1,4 +1,4 @@
-//! Light stored for a ball.
+//! Light that is stored for a ball, so that every image shows it without lights.
 
 use glam::Vec3;
 
@@ -37,7 +37,7 @@ impl BallLight {
         }
     }
 
-    /// Returns the nine numbers: b, then Q.
+    /// Returns the nine coefficients: linear b, then quadratic Q, in the order of the fields.
     pub fn to_array(self) -> [f32; 9] {
         let ([a, b, c], [d, e, f, g, h, i]) = (self.linear, self.quadratic);
         [a, b, c, d, e, f, g, h, i]

@@ -11,7 +11,7 @@ pub const MAX_IMAGE_SIDE: u32 = 65_536;
 /// Largest number of pixels in one render (the image, or its region).
 pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
 
-/// Default up direction.
+/// Default direction that appears upward ([`Camera::up`]).
 const DEFAULT_UP: [f64; 3] = [0.0, 1.0, 0.0];
 
 /// Default near plane: planar depth in world units; nothing nearer to the eye is drawn.
@@ -28,7 +28,7 @@ pub struct Camera {
     /// Direction in world space that appears upward, of any length but zero; not parallel to the viewing direction.
     #[cfg_attr(feature = "serde", serde(default = "default_up"))]
     pub up: [f64; 3],
-    /// Projection.
+    /// Projection of view space onto the image: perspective or orthographic.
     pub projection: Projection,
     /// Near plane: planar depth in world units, greater than 0. Nothing nearer to the eye is drawn.
     #[cfg_attr(feature = "serde", serde(default = "default_near"))]

@@ -3,13 +3,13 @@
 use crate::{Camera, ModelError, Projection};
 use glam::{DMat3, DMat4, DVec3};
 
-/// Largest accepted deviation of a matrix's numbers from those of a rotation or a projection, relative to the numbers
-/// themselves. Matrices of f32 deviate by about 1e-7.
+/// Largest accepted deviation of a matrix from a rotation, or from a projection without skew. Skew is relative to the
+/// matrix's scale, and other deviations are absolute. Matrices of f32 deviate by about 1e-7.
 const TOLERANCE: f64 = 1e-4;
 
-/// Expected form of a view matrix.
+/// Expected form of a view matrix, for error messages.
 const VIEW: &str = "a rotation and a translation to a right-handed space in which the camera looks along -z";
-/// Expected form of a projection matrix.
+/// Expected form of a projection matrix, for error messages.
 const PROJECTION: &str = "a right-handed perspective or orthographic projection without skew";
 
 impl Camera {

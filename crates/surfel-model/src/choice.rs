@@ -103,12 +103,13 @@ impl From<Classes> for ClassesKey {
     }
 }
 
-/// Result of a selection, with the count after each step.
+/// Result of a selection of points, with the number of points that are left after each step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chosen {
-    /// One flag per point; empty if no step was requested.
+    /// One flag per point, true if the point is selected; empty if no step was requested, so that all are selected.
     pub keep: Vec<bool>,
-    /// Requested steps, in order: the step's key in the scene file, and the number of points left after the step.
+    /// Steps that the options request, in order: the step's key in the scene file, and the number of points left after
+    /// it. Notes report them.
     pub left: Vec<(&'static str, usize)>,
 }
 

@@ -1,5 +1,5 @@
-//! Chunks of neighbouring splats, and the reference values of their 16-bit numbers. All backends use the same chunks,
-//! so that they store the same numbers.
+//! Chunks of neighbouring splats, and the reference values relative to which their numbers are stored in 16 bits. All
+//! backends use the same chunks, so that they store the same numbers.
 
 use crate::{ClipPolicy, SplatCloud};
 use glam::{DVec3, Vec3};
@@ -18,16 +18,17 @@ pub enum Storage {
     /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses remain f32: a needle's shorter
     /// axis would vanish next to its neighbours' longer axes. Alphas remain f32 too, because 1 must be exact.
     ///
-    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, and a
-    /// normal by 1e-4. A radius changes by at most 1.5e-5 of the chunk's largest, which is at most sixteen times the
-    /// smallest.
+    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest colour
+    /// component, and a normal by 1e-4. A radius changes by at most 1.5e-5 of the chunk's largest radius, which is at
+    /// most sixteen times the smallest.
     Quantised,
 }
 
 /// Maximum number of splats in a chunk.
 pub const CHUNK_SPLATS: usize = 256;
 
-/// Largest extent of a chunk, in radii of its smallest splat.
+/// Largest side of the bounds of a chunk's centres, in radii of the chunk's smallest splat. A splat that would exceed
+/// it begins the next chunk.
 ///
 /// An offset within the chunk is rounded to 512·2⁻²⁴ = 3e-5 of a radius. The rounding changes a splat's weight by at
 /// most 7e-5 (2.4 times the offset's error at cutoff 2). Neighbours on a surface are far below the limit. Isolated
@@ -37,24 +38,27 @@ const MAX_EXTENT_RADII: f64 = 512.0;
 /// Maximum number of chunks cut at once, per thread. The limit keeps the chunks' data in cache until they are stored.
 const MOST_AHEAD: usize = 16;
 
-/// Largest ratio of radii in a quantised chunk.
+/// Largest ratio of the largest to the smallest radius in a chunk with 16-bit storage. It limits the rounding errors of
+/// small radii.
 const MAX_RADII: f64 = 16.0;
 
-/// Reference values of a chunk's stored numbers.
+/// Reference values of a chunk, relative to which the numbers of its splats are stored.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChunkSpace {
-    /// Object-space origin of the centres.
+    /// Origin of the stored centres: the centre of the centres' bounds, in object space.
     pub origin: DVec3,
-    /// Largest absolute coordinate of a centre relative to `origin`, in object units.
+    /// Largest absolute coordinate of a centre relative to `origin`, in object units. Centres are stored as multiples
+    /// of it.
     pub center: f32,
-    /// Largest absolute colour component, linear.
+    /// Largest linear colour component of the chunk's splats, of which colours are stored as fractions; 0 if they have
+    /// no colours.
     pub color: f32,
-    /// Largest radius, in object units.
+    /// Largest radius of the chunk's splats, in object units, of which radii are stored as fractions.
     pub radius: f32,
 }
 
 impl ChunkSpace {
-    /// Computes the reference values of these splats.
+    /// Computes the reference values of a chunk with the splats `members`, which are indices into the cloud.
     pub fn of(cloud: &SplatCloud, members: &[u32]) -> Self {
         let centers = members.iter().map(|&i| cloud.center(i as usize));
         let (min, max) = centers.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
@@ -70,7 +74,8 @@ impl ChunkSpace {
     }
 }
 
-/// Cuts splats into chunks. In `order`, neighbouring splats must be close together.
+/// Cuts splats into chunks of at most [`CHUNK_SPLATS`]. `order` has the splats' indices; neighbours in it must be close
+/// together in space. Returns each chunk's reference values and splats.
 pub fn chunks<'a>(
     cloud: &'a SplatCloud,
     order: &'a [u32],
@@ -102,7 +107,7 @@ pub fn chunks<'a>(
     std::iter::from_fn(batch).flatten()
 }
 
-/// Returns the number of splats, in order, in the next chunk.
+/// Returns the number of splats, from the first of `order` on, that form the next chunk.
 fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (mut smallest, mut largest) = (f64::INFINITY, 0.0f64);
@@ -119,7 +124,7 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     order.len().min(CHUNK_SPLATS)
 }
 
-/// Cosine of the angle between half-axes above which [`stored_axes`] replaces them: cos 60°.
+/// Cosine (of 60°) of the angle between half-axes above which [`stored_axes`] replaces them by the principal axes.
 const SKEW: f64 = 0.5;
 
 /// Returns the half-axes of splat `i` as they are stored in f32, in object units.
@@ -135,7 +140,8 @@ pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     (s.as_vec3(), t.as_vec3())
 }
 
-/// A splat with the precision of its storage. It is used for the few splats that are set up one by one in f64.
+/// A splat with the precision of its storage. It is used for the few splats that are set up one by one in f64, such as
+/// those across the near plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StoredSplat {
     /// Centre in object space.

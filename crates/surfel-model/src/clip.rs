@@ -4,23 +4,24 @@ use crate::ClipPolicy;
 use surfel_math::V2;
 use surfel_math::clip::{Clip, Curve};
 
-/// Rational quadratic Bézier clip curve of a splat (rendering model §7), in the splat's own (u, v).
+/// Rational quadratic Bézier curve that clips a splat (rendering model §7), in the splat's own coordinates (u, v). Its
+/// control points are P1, P2 and P3; P1 and P3 are on the unit circle, which is the splat's rim.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClipCurve {
-    /// Angle of P1 on the unit circle, in radians.
+    /// Angle of the control point P1 on the unit circle, in radians.
     pub theta1: f32,
-    /// Angle of P3 on the unit circle, in radians.
+    /// Angle of the control point P3 on the unit circle, in radians.
     pub theta3: f32,
-    /// Coordinate u of P2.
+    /// Coordinate u of the middle control point P2.
     pub u: f32,
-    /// Coordinate v of P2.
+    /// Coordinate v of the middle control point P2.
     pub v: f32,
-    /// Weight of P2, at least 0; NaN means that there is no curve.
+    /// Weight of the middle control point P2, at least 0; NaN means that there is no curve.
     pub w: f32,
 }
 
-/// Clip line a·u + b·v + c = 0 in the splat's own (u, v). The side with a·u + b·v + c ≥ 0 is visible. A NaN coefficient
-/// means that there is no line.
+/// Line a·u + b·v + c = 0 that clips a splat (rendering model §7), in the splat's own coordinates (u, v). The side with
+/// a·u + b·v + c ≥ 0 is visible. A NaN coefficient means that there is no line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the coefficients of the type's own formula")]
 pub struct ClipLine {
@@ -32,7 +33,7 @@ pub struct ClipLine {
 /// Value of an absent clip line: all coefficients are NaN.
 pub const NO_LINE: ClipLine = ClipLine { a: f32::NAN, b: f32::NAN, c: f32::NAN };
 
-/// Combination of a splat's clip lines.
+/// Rule by which several clip lines of one splat are combined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipMode {
     /// A point of the splat is visible if it is on the visible side of every line (convex).
@@ -48,12 +49,12 @@ pub struct ClipColumns {
     pub curves: Option<Vec<ClipCurve>>,
     /// Clip lines of each splat: up to four, the others are [`NO_LINE`].
     pub lines: Option<Vec<[ClipLine; 4]>>,
-    /// Combination of each splat's lines; `None` means [`ClipMode::And`] for all.
+    /// Rule by which the clip lines of each splat are combined; `None` means [`ClipMode::And`] for all.
     pub modes: Option<Vec<ClipMode>>,
 }
 
 impl ClipColumns {
-    /// Returns the clips of some splats, by their indices.
+    /// Returns the clip columns of some splats, in the order of `indices`.
     pub(crate) fn select(&self, indices: &[u32]) -> Self {
         fn pick<T: Copy>(column: Option<&Vec<T>>, indices: &[u32]) -> Option<Vec<T>> {
             column.map(|column| indices.iter().map(|&i| column[i as usize]).collect())

@@ -25,9 +25,9 @@ pub enum Shape {
     Balls {
         /// Radii in object units or in pixels, greater than 0; one per splat.
         radii: Vec<f32>,
-        /// True if radii are in pixels of the image.
+        /// True if radii are in pixels of the image, false if they are in object units.
         in_pixels: bool,
-        /// True for dots: disks that are parallel to the image.
+        /// True for dots, which are disks parallel to the image; false for balls, which are spheres.
         flat: bool,
     },
 }
@@ -50,13 +50,13 @@ pub struct CloudData {
     /// Light stored in balls, one entry per ball; the shader `unlit` multiplies the balls' colours by it. Other splats
     /// store light in their colours.
     pub ball_light: Option<Vec<BallLight>>,
-    /// Clip curves and lines.
+    /// Clip curves and lines, which cut splats along sharp edges; `None` if no splat is clipped.
     pub clips: Option<ClipColumns>,
     /// Interior weight: Σw inside the cloud's surface at cutoff 2, greater than 0 (rendering model §5, coverage).
     /// `None` if unknown.
     pub interior_weight: Option<f64>,
-    /// True if all normals point to the outside of the same surface, so that front and back faces are blended
-    /// separately (rendering model §5).
+    /// True if all normals point to the outside of the same surface. Front and back faces are then blended separately
+    /// (rendering model §5).
     pub oriented: bool,
     /// Up axis of the cloud's coordinates; `None` if unknown.
     pub up: Option<Up>,
@@ -65,14 +65,14 @@ pub struct CloudData {
     pub rows: Option<Vec<u32>>,
     /// Label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
     pub labels: Option<Vec<u32>>,
-    /// Columns of the file that Surfel doesn't interpret.
+    /// Columns of the file that Surfel doesn't interpret, stored so that writing the file again loses nothing.
     pub extras: Vec<ExtraColumn>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
 }
 
 impl CloudData {
-    /// Creates data with only centres and shape.
+    /// Creates column data with only centres and shape. All other columns are absent.
     pub fn new(origin: DVec3, centers: Column3, shape: Shape) -> Self {
         Self {
             origin,
@@ -167,7 +167,7 @@ impl CloudData {
         }
     }
 
-    /// Returns the problem of splat `i` that makes it invalid, if any.
+    /// Returns a description of what makes splat `i` invalid (rendering model §10), or `None` if it is valid.
     fn problem(&self, i: usize) -> Option<String> {
         let p = self.centers.get(i);
         if !p.is_finite() {
@@ -246,15 +246,15 @@ impl CloudData {
     }
 }
 
-/// Number that means "none" in the planes `index`, `object` and `label`.
+/// Number that means "none" in the planes `index`, `object` and `label`, and a label that stands for no label.
 pub const NO_LABEL: u32 = u32::MAX;
 
 /// Handling of invalid splats (rendering model §10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnInvalid {
-    /// Reject the cloud.
+    /// The whole cloud is rejected with an error that names the first invalid splat.
     Refuse,
-    /// Drop the invalid splats and count them.
+    /// The invalid splats are dropped and counted.
     Drop,
 }
 
@@ -298,10 +298,10 @@ fn first_invalid(data: &CloudData) -> Option<usize> {
     (0..count).find(is_invalid)
 }
 
-/// Advice in error messages for programs whose own splats are invalid.
+/// Advice at the end of error messages, for programs whose own splats are invalid.
 const ADVICE: &str = "correct them, or have SplatCloud::new drop them by OnInvalid::Drop";
 
-/// Converts vectors to an f32 column.
+/// Converts vectors to a column of f32 values.
 fn column<V: Copy + Into<[f32; 3]>>(vectors: &[V]) -> Column3 {
     Column3::from_f32(vectors.iter().map(|v| Vec3::from((*v).into())).collect())
 }

@@ -38,7 +38,7 @@ impl Column3 {
     /// Splits points into an f64 origin and offsets from it, to preserve the precision of georeferenced data.
     ///
     /// The origin is zero for points that f32 represents exactly. Otherwise the origin is the centre of the finite
-    /// points' bounds, rounded to a whole power of two no finer than the extent needs. Offsets are exact to about 48
+    /// points' bounds, rounded to a multiple of a power of two ([`Self::origin_of`]). Offsets are exact to about 48
     /// bits of the extent. Non-finite points stay non-finite.
     pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
         Self::with_origin_of(points.len(), |i| points[i])
@@ -147,7 +147,7 @@ pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
     values.retain(|_| *flags.next().unwrap_or(&true));
 }
 
-/// Drops the rows whose flag is false. Without rows, an element's row is its index.
+/// Drops the rows of elements whose flag in `keep` is false. If there are no rows yet, each element's row is its index.
 pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
     match rows {
         Some(rows) => retain(rows, keep),

@@ -11,12 +11,12 @@
 
 /// Maximum nesting depth of parentheses and `not`.
 const MAX_DEPTH: usize = 64;
-/// Maximum number of characters of the text that an error message quotes.
+/// Largest number of characters that an error message quotes of a condition's text.
 const QUOTED: usize = 24;
-/// Example of a condition in error messages.
+/// Example of a condition, for error messages.
 const EXAMPLE: &str = "such as intensity>100 and not (z<=5 or classification=7)";
 
-/// Comparison operator of a condition.
+/// Operator that compares an attribute with a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Comparison {
@@ -60,13 +60,16 @@ pub struct Condition {
     root: Node,
 }
 
-/// Node of a condition's syntax tree.
+/// Node of a condition's syntax tree, whose leaves are comparisons.
 #[derive(Clone, Debug, PartialEq)]
 enum Node {
     /// Index of a comparison in [`Condition::terms`].
     Term(usize),
+    /// Condition that is true if the inner one is false.
     Not(Box<Node>),
+    /// Condition that is true if all inner ones are true.
     All(Vec<Node>),
+    /// Condition that is true if any inner one is true.
     Any(Vec<Node>),
 }
 
@@ -85,7 +88,7 @@ impl Condition {
         }
     }
 
-    /// Returns the text of a condition that is true where all of these conditions are.
+    /// Returns the text of a condition that is true where all conditions in `texts` are true.
     pub fn all<S: AsRef<str>>(texts: &[S]) -> String {
         match texts {
             [one] => one.as_ref().trim().to_owned(),

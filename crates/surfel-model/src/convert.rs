@@ -168,7 +168,8 @@ impl From<SplatCount> for CountKey {
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "TextureKey", into = "TextureKey"))]
 pub struct TextureOption {
-    /// Texture (PNG or JPEG) of a mesh with texture coordinates that names none itself, relative to the scene file.
+    /// Texture file (PNG or JPEG), relative to the scene file. It is used for a mesh that has texture coordinates but
+    /// names no texture itself.
     pub file: Option<PathBuf>,
     /// Sampling of the colours; `None` means [`TextureSampling::Point`].
     pub sampling: Option<TextureSampling>,
@@ -235,7 +236,7 @@ pub enum PointColors {
     /// The points' own colours. The surface blends neighbouring colours, so it is smoother than the points.
     #[default]
     AsIs,
-    /// Colours fitted so that the blended surface matches the points' colours, without fitting noise.
+    /// Colours fitted so that the blended surface shows the points' colours, but doesn't reproduce their noise.
     Fit,
 }
 
@@ -243,7 +244,7 @@ pub enum PointColors {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Outliers {
-    /// Isolated points are selected like all others.
+    /// Isolated points are kept, and drawn like all others.
     #[default]
     Keep,
     /// Isolated points are dropped.
@@ -264,7 +265,7 @@ pub enum TextureSampling {
 }
 
 impl TextureSampling {
-    /// All variants.
+    /// All ways in which splats sample a surface's colours.
     pub const ALL: [Self; 3] = [Self::Point, Self::Ewa, Self::Fit];
 
     /// Returns the name used in scene files and flags.
@@ -306,7 +307,7 @@ pub enum Colormap {
 }
 
 impl Colormap {
-    /// All variants.
+    /// All built-in colour maps.
     pub const ALL: [Self; 13] = [
         Self::Viridis,
         Self::Cividis,
@@ -353,7 +354,7 @@ impl Colormap {
     }
 }
 
-/// One more than the largest number of splats of a mesh.
+/// One more than the largest number of splats that a mesh may be converted to: the end of the accepted range.
 const MORE_SPLATS: u32 = 200_000_001;
 
 impl ConvertOptions {

@@ -30,17 +30,17 @@ pub enum ModelError {
         /// Number of elements, which the length must equal.
         expected: usize,
     },
-    /// A number of a scene, camera, light, material or setting is out of its range.
+    /// A number of a scene, camera, light, material or setting is outside of its accepted range.
     #[error("{field} is {found}, expected {expected}")]
     OutOfRange {
-        /// Path of the field, as in the scene file.
+        /// Path of the field, as the scene file writes it.
         field: String,
-        /// The value found.
+        /// Value that was found.
         found: String,
-        /// The range or condition expected.
+        /// Range or condition that the value must satisfy.
         expected: &'static str,
     },
-    /// Values that are valid alone contradict each other.
+    /// Values that are valid alone contradict each other. The text describes the problem.
     #[error("{0}")]
     Conflict(String),
 }

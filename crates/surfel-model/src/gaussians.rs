@@ -3,7 +3,7 @@
 use crate::{Column3, ModelError, OnInvalid, Repaired, Up};
 use glam::{DQuat, DVec3};
 
-/// Kind of all Gaussians in a cloud.
+/// Kind of trained Gaussians, which all Gaussians of a cloud share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GaussianKind {
     /// Flat Gaussians in the plane of their first two axes (2DGS).
@@ -62,7 +62,7 @@ impl GaussianData {
         }
     }
 
-    /// Returns the problem of Gaussian `i` that makes it invalid, if any.
+    /// Returns a description of what makes Gaussian `i` invalid, or `None` if it is valid.
     fn problem(&self, i: usize) -> Option<String> {
         let center = self.centers.get(i);
         if !center.is_finite() {
@@ -111,7 +111,8 @@ pub struct GaussianCloud {
 }
 
 impl GaussianCloud {
-    /// Opacity below which a Gaussian is haze: it isn't part of a surface, and the camera needn't frame it.
+    /// Opacity below which a Gaussian counts as haze instead of surface. The camera ignores haze when it frames a
+    /// scene.
     pub const FAINT: f32 = 0.05;
 
     /// Validates `data` and creates a cloud.

@@ -14,7 +14,7 @@ pub enum Light {
     Directional {
         /// Direction in which the light travels; not zero.
         direction: [f64; 3],
-        /// Linear RGB.
+        /// Colour of the light in linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
         /// True if the light casts shadows.
@@ -25,7 +25,7 @@ pub enum Light {
     Point {
         /// Position of the light.
         position: [f64; 3],
-        /// Linear RGB.
+        /// Colour of the light in linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
     },
@@ -35,10 +35,10 @@ pub enum Light {
         position: [f64; 3],
         /// Axis of the cone, the direction in which the light travels; not zero.
         direction: [f64; 3],
-        /// Linear RGB.
+        /// Colour of the light in linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
-        /// Half-angle of the cone of full intensity, in degrees.
+        /// Half-angle of the cone within which the light has full intensity, in degrees.
         inner_deg: f64,
         /// Half-angle at which the intensity reaches zero, in degrees; at least `inner_deg`.
         outer_deg: f64,

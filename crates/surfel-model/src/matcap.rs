@@ -5,7 +5,7 @@ use std::sync::{Arc, LazyLock};
 
 /// Largest side of a matcap, in texels: an image of this size takes 50 MB in the GPU backends.
 const MAX_SIDE: u32 = 2048;
-/// Side of the built-in matcap, in texels.
+/// Side of the built-in matcap image, in texels.
 const BUILTIN_SIDE: u32 = 256;
 
 /// Image of a lit sphere that touches its borders: the colour of a surface for each direction of its normal (rendering

@@ -12,7 +12,7 @@ pub enum AlphaMode {
     Opaque,
     /// The surface exists, and is opaque, where alpha is at least `cutoff`.
     Mask {
-        /// Smallest alpha at which the surface exists.
+        /// Smallest alpha at which the surface exists. Below it, the surface is cut away.
         cutoff: f32,
     },
     /// Alpha is the opacity of the surface.
@@ -48,7 +48,7 @@ pub struct MeshMaterial {
 pub struct NormalMap {
     /// Image for the mesh's `uvs`; a component is 2·level/255 − 1.
     pub image: Arc<Texture>,
-    /// Factor for the components along right and up.
+    /// Factor on the components of the normals along right and up, which makes the relief stronger or weaker.
     pub scale: f32,
 }
 

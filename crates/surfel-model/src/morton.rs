@@ -14,7 +14,7 @@ impl SplatCloud {
     }
 }
 
-/// Number of points per task.
+/// Number of points per parallel task, for computing the bounds of all points.
 #[cfg(feature = "rayon")]
 const BLOCK: usize = 1 << 14;
 
@@ -51,7 +51,7 @@ pub(crate) fn order(n: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Vec<u
     keyed.map(|(_, i)| i).collect()
 }
 
-/// Spreads the low 21 bits of `x` to every third bit.
+/// Spreads the low 21 bits of `x` to every third bit, to interleave three coordinates into one Morton code.
 fn spread(x: u64) -> u64 {
     let x = x & 0x1f_ffff;
     let x = (x | x << 32) & 0x001f_0000_0000_ffff;

@@ -18,13 +18,13 @@ pub struct OctreeNode {
     /// Axis of a cone that contains the outward normals of the node's splats and polygons; a unit vector in object
     /// space.
     pub cone_axis: [f64; 3],
-    /// Cosine of the cone's half-angle; −1 for all directions.
+    /// Cosine of the half-angle of the cone of normals; −1 if the normals have all directions.
     pub cone_cosine: f64,
     /// Indices of the node's children, at most 8; empty for a leaf.
     pub children: Range<u32>,
-    /// Splats of the node, as indices into the cloud.
+    /// Range of the node's splats, as indices into the octree's cloud.
     pub splats: Range<u32>,
-    /// All polygons in the node, as indices into the mesh's triangles.
+    /// Range of all polygons of the surface in the node, as indices into the octree mesh's triangles.
     pub triangles: Range<u32>,
 }
 
@@ -35,12 +35,13 @@ impl OctreeNode {
     }
 }
 
-/// Splats centred on the edges that two leaves share.
+/// Splats centred on the edges that two leaves of an octree share. The leaves' own splats are left out near these edges
+/// (rendering model §6).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transition {
     /// Indices of the two leaves in the octree's nodes.
     pub leaves: [u32; 2],
-    /// Indices of the splats in the cloud.
+    /// Range of the splats, as indices into the octree's cloud.
     pub splats: Range<u32>,
 }
 
@@ -187,10 +188,7 @@ impl Octree {
         self.cloud.bytes() + size_of_val(self.nodes.as_slice()) + size_of_val(self.transitions.as_slice())
     }
 
-    /// Returns some of the splats as a cloud of their own; ranges out of bounds are cut off.
-    ///
-    /// # Errors
-    /// [`ModelError`] never occurs in practice, because parts of a valid cloud are valid.
+    /// Returns the splats in the ranges `splats` as a cloud of their own; ranges out of bounds are cut off.
     pub fn cloud_of(&self, splats: &[Range<u32>]) -> Result<SplatCloud, ModelError> {
         let count = self.cloud.len() as u32;
         let indices: Vec<u32> = splats.iter().flat_map(|r| r.start..r.end.min(count)).collect();
@@ -217,7 +215,8 @@ impl Octree {
         Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
     }
 
-    /// Returns some of the polygons as a mesh with the vertices that they use; ranges out of bounds are cut off.
+    /// Returns the polygons in the ranges `triangles` as a mesh with the vertices that they use; ranges out of bounds
+    /// are cut off.
     pub fn mesh_of(&self, triangles: &[Range<u32>]) -> Mesh {
         let count = self.mesh.triangles.len() as u32;
         let triangles: Vec<u32> = triangles.iter().flat_map(|r| r.start..r.end.min(count)).collect();

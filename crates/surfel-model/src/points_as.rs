@@ -28,10 +28,10 @@ pub enum PointRadius {
     Pixels(f64),
 }
 
-/// Default radius of a dot, in pixels.
+/// Default radius of a dot, in pixels of the image.
 pub const DOT_PX: f64 = 1.5;
 
-/// Largest radius in pixels: the side of the largest square image ([`crate::MAX_IMAGE_PIXELS`]).
+/// Largest accepted radius in pixels: the side of the largest square image ([`crate::MAX_IMAGE_PIXELS`]).
 const MOST_PX: f64 = 16_384.0;
 
 impl std::fmt::Display for PointRadius {

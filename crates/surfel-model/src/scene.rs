@@ -11,18 +11,18 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Culling of an object's splats.
+/// Choice of an object's splats that are culled, and not drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Cull {
     /// No splats are culled.
     #[default]
     None,
-    /// Splats that face away from the eye are culled.
+    /// Splats that face away from the eye are culled. This suits watertight objects, whose inside is never visible.
     Back,
 }
 
-/// Shading factors of an object, and the handling of its splats.
+/// Shading factors of an object, and further rules for drawing its splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
@@ -38,7 +38,8 @@ pub struct Material {
     pub cull: Cull,
     /// True if back-facing splats are shaded with their shading normal reversed.
     pub two_sided: bool,
-    /// Σw inside the object's surface at cutoff 2, greater than 0; overrides the cloud's own value.
+    /// Interior weight: Σw inside the object's surface at cutoff 2, greater than 0 (rendering model §5). It overrides
+    /// the cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub interior_weight: Option<f64>,
     /// True if the normals of all splats point to the outside of the same surface (rendering model §5); overrides the
@@ -97,9 +98,9 @@ impl Material {
 /// Geometry of an object. It is shared, so that instances need no memory.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// Splats.
+    /// Cloud of splats.
     Splats(Arc<SplatCloud>),
-    /// Polygons.
+    /// Triangle mesh, drawn as polygons.
     Mesh(Arc<Mesh>),
     /// Splats of several sizes and polygons, from which each view selects the level of detail that it needs.
     Octree(Arc<Octree>),
@@ -245,7 +246,7 @@ pub struct SceneFile {
     /// Up axis.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub up: Option<Up>,
-    /// The camera.
+    /// Camera from which the scene is drawn.
     pub camera: Camera,
     /// Background colour: linear RGB, and straight alpha in [0, 1]; transparent black by default. Scene files may also
     /// use `"transparent"`.
@@ -268,7 +269,7 @@ pub struct SceneFile {
     pub matcap: Option<PathBuf>,
     /// Objects to draw.
     pub objects: Vec<ObjectFile>,
-    /// Render settings.
+    /// Settings of the renderer, such as filter and shader.
     #[cfg_attr(feature = "serde", serde(default))]
     pub settings: Settings,
 }
@@ -307,16 +308,16 @@ fn default_ambient() -> [f64; 3] {
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct ObjectFile {
-    /// File drawn as splats: splats, points or a mesh.
+    /// Path of a file of splats, points or a mesh, which is drawn as splats.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub splats: Option<PathBuf>,
-    /// File drawn as polygons.
+    /// Path of a mesh file, which is drawn as polygons.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub mesh: Option<PathBuf>,
     /// Placement `world_from_object`, column-major; the last row is 0 0 0 1.
     #[cfg_attr(feature = "serde", serde(default = "identity"))]
     pub matrix: [f64; 16],
-    /// Material.
+    /// Material of the object, with which its splats or polygons are shaded.
     #[cfg_attr(feature = "serde", serde(default))]
     pub material: Material,
     /// Options of the file's conversion to splats.

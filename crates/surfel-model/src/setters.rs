@@ -1,6 +1,7 @@
 //! Macro for the setters of `#[non_exhaustive]` structs, which other crates can't write as literals.
 
-/// Defines a setter for each field, inside an `impl`, from `with_name name: Type`. Only for this workspace's crates.
+/// Defines a public setter for each field, inside an `impl`. Each line `with_name name: Type` gives a method
+/// `with_name` that sets the field `name`. Only for this workspace's crates.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! setters {

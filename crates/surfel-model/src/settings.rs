@@ -13,13 +13,13 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 #[non_exhaustive]
 pub struct Settings {
-    /// Screen-space filter.
+    /// Screen-space filter, which widens splats smaller than a pixel.
     pub filter: Filter,
     /// Kernel cutoff c in the weight exp(−c·ρ²); in (0, 50].
     pub cutoff: f64,
     /// Smallest half-width h of a filtered footprint, in pixels, from 0 to 10,000; 0 disables the filter.
     pub prefilter_radius_px: f64,
-    /// Mapping of a splat to the screen.
+    /// Mapping by which a pixel finds its position on a splat: exact or approximate.
     pub mapping: Mapping,
     /// Depth tolerance: largest distance behind the nearest surface at which a fragment is blended with it.
     pub depth_tolerance: DepthTolerance,
@@ -29,7 +29,7 @@ pub struct Settings {
     pub edge_aa: EdgeAa,
     /// Method of drawing transparent splats.
     pub transparency: Transparency,
-    /// Evaluation of clip curves and lines.
+    /// Method by which clip curves and lines cut splats.
     pub clip: ClipPolicy,
     /// Precision of accumulation.
     pub accumulate: Accumulate,
@@ -96,14 +96,14 @@ impl Default for Settings {
     }
 }
 
-/// Largest cutoff: e^−50 is 2e-22. f32 can still represent this weight when it is multiplied by a tiny splat's fraction
-/// of a pixel.
+/// Largest accepted kernel cutoff c. The weight at a splat's rim is then e^−50 = 2e-22. f32 can still represent this
+/// weight when it is multiplied by a tiny splat's fraction of a pixel.
 const MOST_CUTOFF: f64 = 50.0;
-/// Largest value of [`Settings::lod_error_px`].
+/// Largest accepted value of [`Settings::lod_error_px`], in pixels.
 pub const MOST_LOD_ERROR_PX: f64 = 1e6;
 
-/// Maximum number of layers of transparent splats. Nothing is visible behind so many layers, and a plan has a pass for
-/// each.
+/// Largest accepted number of layers of transparent splats. Nothing is visible behind so many layers, and backends draw
+/// one pass for each.
 const MOST_LAYERS: u32 = 64;
 
 impl Settings {
@@ -162,7 +162,7 @@ impl Settings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EdgeAa {
-    /// No antialiasing.
+    /// No antialiasing of edges, which therefore look jagged.
     #[default]
     Off,
     /// Antialiasing by coverage: a pixel's sum of weights relative to the interior weight of its cloud.
@@ -172,7 +172,7 @@ pub enum EdgeAa {
 }
 
 impl EdgeAa {
-    /// All variants.
+    /// All methods of edge antialiasing.
     pub const ALL: [Self; 3] = [Self::Off, Self::Coverage, Self::Samples];
 
     /// Returns the name used on the command line.
@@ -229,20 +229,22 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Filter {
-    /// No filter: only the object kernel.
+    /// No filter: the weight of a pixel is that of the splat's own kernel.
     None,
-    /// Botsch 2005 §5: the larger of the object kernel and a disk of radius h.
+    /// Maximum of the splat's own kernel and that of a disk of radius h in the image (B05, Botsch et al. 2005, §5).
     Clamp,
-    /// Guennebaud 2006 §4.1: each tangent vector lengthened independently.
+    /// Each half-axis of the projected splat lengthened independently, to at least h (G06, Guennebaud et al. 2006,
+    /// §4.1).
     Adjust,
-    /// Projected ellipse lengthened along its own principal axes, weighted by area (Surfel's own method).
+    /// Projected ellipse lengthened along its own principal axes to at least h. The weight of a lengthened splat is
+    /// reduced to that of its original area (Surfel's own method).
     Principal,
-    /// Zwicker 2001: affine projection convolved with a Gaussian.
+    /// Affine projection of the splat, convolved with a Gaussian (Z01, Zwicker et al. 2001).
     Ewa,
 }
 
 impl Filter {
-    /// All variants.
+    /// All screen-space filters.
     pub const ALL: [Self; 5] = [Self::None, Self::Clamp, Self::Adjust, Self::Principal, Self::Ewa];
 
     /// Returns the name used in files and on the command line.
@@ -277,9 +279,9 @@ pub enum Mapping {
     serde(rename_all = "lowercase", from = "DepthToleranceKey")
 )]
 pub enum DepthTolerance {
-    /// Multiple of the splat's larger radius; finite, at least 0.
+    /// Tolerance as a multiple of the splat's larger radius; finite, at least 0.
     Relative(f64),
-    /// Distance in world units; finite, at least 0.
+    /// Tolerance as a distance in world units; finite, at least 0.
     Absolute(f64),
 }
 
@@ -300,7 +302,7 @@ enum NamedTolerance {
     Absolute(f64),
 }
 
-/// Text of the form `abs:D`.
+/// Absolute depth tolerance as a text of the form `abs:D`, in world units.
 #[cfg(feature = "serde")]
 #[derive(Deserialize)]
 #[serde(try_from = "String")]
@@ -333,7 +335,7 @@ impl From<DepthToleranceKey> for DepthTolerance {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Shader {
-    /// Albedo without lighting.
+    /// Albedo (the splats' own colours) without lighting.
     Unlit,
     /// Ambient, diffuse and specular light.
     Phong,
@@ -341,7 +343,7 @@ pub enum Shader {
     Toon,
     /// World normals as colours.
     Normal,
-    /// Stored depth as grey.
+    /// Stored depth (rendering model §1) as a level of grey.
     Depth,
     /// Colours from the scene's matcap, an image of a lit sphere, looked up by the normal.
     Matcap,
@@ -350,7 +352,7 @@ pub enum Shader {
 }
 
 impl Shader {
-    /// All variants.
+    /// All shaders.
     pub const ALL: [Self; 7] =
         [Self::Unlit, Self::Phong, Self::Toon, Self::Normal, Self::Depth, Self::Matcap, Self::Edl];
 
@@ -440,9 +442,9 @@ pub enum ClipPolicy {
     Exact,
     /// Clipping by equation 7 of the 2012 paper on Bézier clips (C12), numerically repaired.
     Paper,
-    /// Clipping by the chord of each curve.
+    /// Clipping by the straight chord between the ends of each curve.
     Line,
-    /// No clipping.
+    /// No clipping: clipped splats are drawn whole.
     Off,
 }
 
@@ -476,7 +478,7 @@ pub enum Sort {
 pub enum Accumulate {
     /// 32-bit floats.
     F32,
-    /// 16-bit floats (B05 §7), which halve the memory of a GPU's render targets. CPU backends gain nothing from them
+    /// 16-bit floats (B05 §7), which halve the memory of a GPU's render targets. CPU backends gain nothing from them,
     /// and sum in a higher precision.
     F16,
 }

@@ -5,9 +5,9 @@ use crate::range::finite;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// Default number of directions of a sky.
+/// Default number of directions by which a sky is sampled ([`Sky::directions`]).
 const DIRECTIONS: u32 = 128;
-/// Largest number of directions of a sky.
+/// Largest accepted number of directions by which a sky is sampled ([`Sky::directions`]).
 const MOST_DIRECTIONS: u32 = 65_536;
 
 /// Light from all around (rendering model §12): a sky, and areas of it that shine more strongly. It is computed once
@@ -17,18 +17,20 @@ const MOST_DIRECTIONS: u32 = 65_536;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Sky {
-    /// Direction toward the middle of the upper half, in world space; not zero.
+    /// Direction, in world space, toward the middle of the upper half of the sky; not zero.
     pub up: [f64; 3],
-    /// Strength of the upper half; at least 0.
+    /// Strength of the upper half of the sky, at least 0: the brightness that it alone gives to a white surface that
+    /// faces up.
     #[cfg_attr(feature = "serde", serde(default = "one"))]
     pub above: f64,
-    /// Strength of the lower half; at least 0.
+    /// Strength of the lower half of the sky, at least 0, on the scale of `above`.
     #[cfg_attr(feature = "serde", serde(default))]
     pub below: f64,
-    /// Areas that shine more strongly.
+    /// Bright areas of the sky, which shine in addition to its two halves.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Vec::is_empty"))]
     pub areas: Vec<SkyArea>,
-    /// Number of directions from which the sky shines, 1 to 65,536. Each area has a quarter as many, and at least 16.
+    /// Number of directions by which the sky is sampled, 1 to 65,536. Each bright area is sampled by a quarter as many
+    /// in addition, and at least 16.
     #[cfg_attr(feature = "serde", serde(default = "directions"))]
     pub directions: u32,
     /// True if light that surfaces reflect to each other is added, by the closed form of Jimenez et al. 2016.
@@ -40,15 +42,15 @@ pub struct Sky {
     pub even: f64,
 }
 
-/// Area of a [`Sky`]: a disk of directions.
+/// Bright area of a [`Sky`]: a disk, which contains all directions near its middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct SkyArea {
     /// Direction toward the area's middle, in world space; not zero.
     pub toward: [f64; 3],
-    /// Half-angle in degrees, more than 0 and at most 90.
+    /// Angle between the area's middle and its rim, in degrees; more than 0 and at most 90.
     pub half_angle_deg: f64,
-    /// Brightness of a white surface that faces the area's middle; at least 0.
+    /// Brightness that the area gives to a white surface that faces the area's middle; at least 0.
     pub strength: f64,
 }
 

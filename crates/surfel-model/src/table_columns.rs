@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Largest number of columns of a table.
+/// Largest accepted number of columns of a table.
 const MAX_COLUMNS: usize = 128;
 
 /// Type of a column's numbers in a file without a header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NumberFormat {
-    /// `f` for floating-point numbers, `i` and `u` for whole numbers with and without a sign.
+    /// Kind of number: `f` for floating-point numbers, `i` and `u` for whole numbers with and without a sign.
     pub letter: char,
     /// Size of a number in bytes: 1, 2, 4 or 8.
     pub bytes: u8,

@@ -4,8 +4,8 @@ use crate::Mesh;
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
 
-/// Mipmaps that were already computed, by the address of their texture. The mipmaps own the texture, so the address
-/// stays valid.
+/// Cache of mipmaps that were already computed, by the address of their texture. The mipmaps own the texture, so the
+/// address stays valid.
 pub type KnownMipmaps = HashMap<*const Texture, Arc<Mipmaps>>;
 
 /// Texture image of 8-bit RGBA: a base colour with straight alpha, or other numbers such as normals
@@ -57,11 +57,13 @@ impl Texture {
     }
 }
 
-/// Cache of the textures that have an alpha below 1. Each texture is examined only once, even if materials share it.
+/// Cache that answers which textures have an alpha below 1. Each texture is examined only once, even if materials share
+/// it.
 #[derive(Debug, Default)]
 pub struct SeeThroughTextures {
-    /// Result for each texture examined, by the texture's address: true if some alpha is below 1.
+    /// Answer for each texture examined, by the texture's address: true if some texel's alpha is below 1.
     known: HashMap<*const Texture, bool>,
+    /// Number of textures whose texels were read.
     examined: usize,
 }
 
@@ -84,8 +86,8 @@ fn wrap(t: f32) -> f32 {
     if t.is_finite() { t - t.floor() } else { 0.0 }
 }
 
-/// Linear value of every 8-bit sRGB level. Decoding each channel of each texel would dominate the time of a textured
-/// image.
+/// Linear value of every 8-bit sRGB level, indexed by the level. Without the table, decoding each channel of each texel
+/// would dominate the time of a textured image.
 static DECODED: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
 
@@ -180,7 +182,8 @@ impl Mipmaps {
     }
 }
 
-/// Returns a bilinear sample of a `width`×`height` image with repeat addressing.
+/// Returns a bilinear sample of a `width`×`height` image with repeat addressing. `texel` returns the texel with an
+/// index, row by row.
 fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
     let (x, y) = (wrap(uv[0]) * width as f32 - 0.5, wrap(uv[1]) * height as f32 - 0.5);
     let (x0, y0) = (x.floor(), y.floor());
@@ -191,8 +194,8 @@ fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> 
     std::array::from_fn(|c| corners.iter().zip(weights).map(|(t, w)| t[c] * w).sum())
 }
 
-/// Returns a texel's index along an axis and the next one's, with repeat addressing and without a division; `texel` is
-/// −1 to `size` − 1.
+/// Returns two indices along an axis of `size` texels, with repeat addressing and without a division: that of `texel`,
+/// and of the next one. `texel` is −1 to `size` − 1.
 fn wrapped(texel: f32, size: usize) -> [usize; 2] {
     let next = (texel + 1.0) as usize;
     [if next == 0 { size - 1 } else { (next - 1).min(size - 1) }, if next >= size { 0 } else { next }]

@@ -18,39 +18,42 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Geometry, Material, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// Default of Σw inside a surface, for clouds that state no interior weight.
+/// Interior weight (sum of splat weights Σw inside a surface) for clouds that state none.
 const WEIGHT: f64 = 4.0;
-/// Σw of a pixel, relative to the interior Σw, above which surfaces behind the nearest one are ignored. Their
+/// Smallest Σw of a pixel, relative to the interior Σw, at which surfaces behind the nearest one are ignored. Their
 /// contribution would be below 1 %, since the weights of two surfaces that meet at an edge sum to about 1 there.
 const FULL: f64 = 1.5;
-/// Side in pixels of the squares of pixels that share one edge.
+/// Largest side, in pixels, of the squares whose pixels share one located edge.
 const SQUARE_PX: usize = 4;
-/// Radii of the rings of points at which a splat's depth is compared with the nearest surface's, in radii of the splat.
+/// Radii, relative to the splat's, of the rings on a splat at whose points its depth is compared with the nearest
+/// surface's.
 const RINGS: [f64; 2] = [0.5, 0.95];
-/// Number of points on each ring.
+/// Number of test points on each ring of a splat ([`RINGS`]).
 const DIRECTIONS: usize = 8;
-/// Minimum |n_z| in the depth tolerance, as in the rendering model.
+/// Smallest |n_z| of a splat's unit normal in the depth tolerance, as in the rendering model. It limits the tolerance
+/// of steep splats.
 const LEAST_SLOPE: f64 = 0.02;
-/// Horizontal distance, in pixels, over which a splat's slope adds to the depth tolerance.
+/// Horizontal distance, in pixels, whose rise or fall along a splat's slope is added to the splat's depth tolerance.
 const SLOPE_PX: f64 = 1.4;
 
 /// Pixels of a block and its margin, in rows from the top.
 pub(crate) struct BlockPixels {
-    /// Number of pixels along each side.
+    /// Number of pixels along each side of the block with its margin.
     pub(crate) side: usize,
-    /// Premultiplied linear RGBA, with alpha 0 at empty pixels. Empty if colours aren't needed.
+    /// Colours as premultiplied linear RGBA, with alpha 0 at empty pixels. Empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
-    /// Height z; NaN at empty pixels.
+    /// Height z of the surface in each pixel; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Unit normals that face up; NaN at empty pixels. Empty if normals aren't needed.
+    /// Unit normal of the surface in each pixel, turned to face up; NaN at empty pixels. Empty if normals aren't
+    /// needed.
     pub(crate) normal: Vec<[f32; 3]>,
 }
 
-/// Splats of a block.
+/// Splats from which a block is drawn.
 #[derive(Default)]
 pub(crate) struct BlockSplats {
     pub(crate) clouds: Vec<SplatCloud>,
-    /// Flags of the last cloud, one per splat, true if the splat was made from a foliage point. Empty if the cloud
+    /// Flag per splat of the last cloud, true if the splat was made from a foliage point. Empty if the last cloud
     /// wasn't made from points.
     pub(crate) leaves: Vec<bool>,
 }
@@ -62,7 +65,7 @@ pub(crate) struct Frames {
     behind: Frame,
 }
 
-/// Draws a block, and returns its pixels with a margin.
+/// Draws a block of the orthoimage, and returns the pixels of the block and its margin.
 pub(crate) fn draw(
     splats: BlockSplats,
     grid: &Grid,
@@ -158,17 +161,18 @@ fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) ->
     }
 }
 
-/// Nearest surface of a block, as drawn with all splats.
+/// Nearest surface in each pixel of a block, as drawn with all splats.
 struct Surface<'a> {
     frame: &'a Frame,
     view: &'a View,
     gsd: f64,
-    /// Σw above which surfaces behind the nearest one are ignored.
+    /// Smallest Σw of a pixel at which surfaces behind the nearest one are ignored.
     full_weight: f32,
 }
 
 impl Surface<'_> {
-    /// True if a test point of the splat is behind the nearest surface, at a pixel where this surface may end.
+    /// True if a part of the splat is behind the nearest surface at a pixel where this surface may end. The splat's
+    /// centre and points on its [`RINGS`] are tested.
     fn hides(&self, cloud: &SplatCloud, i: usize) -> bool {
         let ((s, t), center) = (cloud.axes(i), cloud.center(i));
         let n = s.cross(t);
@@ -199,11 +203,11 @@ impl Surface<'_> {
     }
 }
 
-/// Second surface, drawn with the splats behind the nearest one.
+/// Second surface in each pixel of a block, drawn with the splats behind the nearest surface.
 struct Behind<'a> {
     frame: &'a Frame,
     sides: Sides,
-    /// x of the left edge and y of the upper edge of the frame.
+    /// Coordinates of the frame's upper left corner: x of its left edge and y of its upper edge.
     left_top: [f64; 2],
 }
 
@@ -225,7 +229,7 @@ fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>
     shares
 }
 
-/// Rectangle of pixels.
+/// Rectangle of pixels in a frame whose pixels may share one edge.
 #[derive(Clone, Copy)]
 struct Square {
     left: usize,
@@ -235,7 +239,7 @@ struct Square {
 }
 
 impl Square {
-    /// Iterates over the pixels as column and row.
+    /// Iterates over the pixels of the rectangle, each as column and row.
     fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
         let columns = self.left..self.left + self.width;
         (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
@@ -253,8 +257,8 @@ impl Square {
 }
 
 impl Behind<'_> {
-    /// Calls `each` with column, row and coverage by the nearest surface, for each pixel of a square that both surfaces
-    /// cover.
+    /// Locates the edge between both surfaces in a square of pixels. Calls `each` with column, row and coverage by the
+    /// nearest surface, for each pixel that both surfaces cover.
     fn each_share(
         &self,
         surface: &Surface<'_>,
@@ -310,14 +314,14 @@ impl Behind<'_> {
         }
     }
 
-    /// Returns the x and y coordinates of a position in the frame.
+    /// Converts a position in the frame, in pixels, to the coordinates x and y.
     fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
         let [left, top] = self.left_top;
         [left + x * surface.gsd, top - y * surface.gsd]
     }
 }
 
-/// Planes that are stored in addition to heights.
+/// Kinds of values that blocks have in addition to heights.
 #[derive(Clone, Copy)]
 pub(crate) struct Has {
     pub(crate) color: bool,
@@ -325,13 +329,13 @@ pub(crate) struct Has {
 }
 
 impl Has {
-    /// Returns the number of f32 values per pixel.
+    /// Returns the number of f32 values per pixel, including the height.
     pub(super) fn numbers(self) -> usize {
         1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
     }
 }
 
-/// Blends both surfaces at each pixel, weighted by coverage.
+/// Blends the nearest and the second surface at each pixel, weighted by the coverage of the nearest one.
 fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;

@@ -10,34 +10,36 @@ use glam::DVec3;
 use rayon::prelude::*;
 use surfel_model::PointCloud;
 
-/// Number of decimal digits of the finest decade of steps.
+/// Largest number of decimal places that are tried for the step of coordinates: the finest decade is 10⁻⁸.
 const MOST_DIGITS: i32 = 8;
 /// Steps that are tried in each decade 1, 0.1, …, as numerator and denominator: 1, 0.5, 0.25 and 0.2.
 const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
-/// Maximum ratio of rounding error to step.
+/// Largest rounding error of coordinates, relative to a step, at which the step is tried.
 const MOST_OF_A_STEP: f64 = 0.3;
-/// Rounding step of coordinates in COPC files, as a fraction of the extent, since COPC stores multiples of 2⁻³⁰ of the
+/// Step of the coordinates in COPC files, as a fraction of the file's extent. COPC stores multiples of 2⁻³⁰ of the
 /// extent.
 const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
-/// Distance from the coordinate origin, in extents, up to which coordinates may have been stored as 32-bit floats.
+/// Largest distance of the points from the coordinate origin, relative to their extent, at which coordinates may have
+/// been stored as 32-bit floats.
 const NEAR: f64 = 32.0;
 
-/// Rounding of the coordinates along one axis.
+/// Rule by which the coordinates along one axis are rounded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axis {
-    /// Rounds to the nearest multiple of `numerator / denominator`.
+    /// Rounding to the nearest multiple of the decimal step `numerator / denominator`.
     Decimal { numerator: f64, denominator: f64 },
-    /// Rounds to the nearest 32-bit float.
+    /// Rounding to the nearest 32-bit float.
     F32,
-    /// No rounding.
+    /// No rounding: coordinates are used as they are.
     Exact,
 }
 
-/// Rounding of the coordinates of a file.
+/// Rules by which a file's coordinates x, y and z are rounded, so that they are identical for all file formats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Canonical([Axis; 3]);
 
 impl Axis {
+    /// Returns a coordinate rounded by this rule.
     fn of(self, value: f64) -> f64 {
         match self {
             // The quotient of integers is correctly rounded, so that all steps that divide the value give the same
@@ -52,7 +54,7 @@ impl Axis {
 }
 
 impl Canonical {
-    /// Determines the rounding for the points of a file, whose bounds are `lo` and `hi`.
+    /// Determines the rounding rules for the points of a file, whose bounds are `lo` and `hi`.
     pub(crate) fn new(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> Self {
         let from_origin = (lo - points.origin).abs().max((hi - points.origin).abs());
         let largest = lo.abs().max(hi.abs());
@@ -86,18 +88,18 @@ impl Canonical {
         }))
     }
 
-    /// Returns the rounded position of a point.
+    /// Returns the position of point `i`, rounded.
     pub(crate) fn position(&self, points: &PointCloud, i: usize) -> DVec3 {
         let p = points.origin + points.positions.get(i);
         DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))
     }
 
-    /// Returns rounded bounds.
+    /// Returns the corners of a bounding box, rounded.
     pub(crate) fn bounds(&self, (lo, hi): (DVec3, DVec3)) -> (DVec3, DVec3) {
         [lo, hi].map(|p| DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))).into()
     }
 
-    /// Returns the steps of which x, y and z are multiples; `None` for an axis without a step.
+    /// Returns the decimal steps of which x, y and z are multiples; `None` for an axis without a step.
     pub(crate) fn steps(&self) -> [Option<f64>; 3] {
         self.0.map(|axis| match axis {
             Axis::Decimal { numerator, denominator } => Some(numerator / denominator),

@@ -11,25 +11,27 @@ use surfel_load::Error;
 use surfel_load::paths::display;
 use surfel_model::Outliers;
 
-/// Score above or at which coordinates without a stated reference system count as degrees.
+/// Smallest [`score`] at which coordinates without a stated reference system count as degrees.
 const ENOUGH: u32 = 3;
-/// Maximum extent of a file in degrees. Larger files are rare, and local coordinates usually have larger extents.
+/// Extent of a file, in its units, from which coordinates don't count as degrees. Files of so many degrees are rare,
+/// and local coordinates usually have larger extents.
 const WIDEST_DEG: f64 = 5.0;
-/// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre. Coordinates in metres usually have
-/// coarser steps.
+/// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre on the ground. Coordinates in metres
+/// usually have coarser steps.
 const FINE: f64 = 1e-5;
-/// Number of pixels up to which an image is never excessively large.
+/// Largest number of pixels of an image that isn't checked for strays.
 const ABSURD_PX: f64 = 4e6;
-/// Maximum factor by which strays may enlarge an image's area.
+/// Largest factor by which strays may enlarge an image's area; more is an error.
 const ABSURD_TIMES: f64 = 100.0;
-/// N, where at most one point in N may be a stray.
+/// Inverse of the largest fraction of points that count as strays. If more points are far away, none is a stray.
 const STRAY_OF: usize = 1000;
-/// Number of strays that are allowed in any case.
+/// Number of far points that may count as strays in small files, where it exceeds the fraction 1/[`STRAY_OF`].
 const FEW: usize = 3;
-/// Maximum number of points from which the core of a cloud is estimated.
+/// Maximum number of points of all files from which their core, the range of the middle 96 %, is estimated.
 const SAMPLE: usize = 1 << 16;
 
 /// Returns an error for files whose x and y are degrees, according to their reference system, column names or numbers.
+/// `is_stated` is true if the user stated a reference system.
 pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
     let (lo, hi) = source.bounds;
     let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
@@ -52,7 +54,8 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
 
-/// Returns a score for the evidence that coordinates without a reference system are degrees.
+/// Returns a score, 0 to 5, for the evidence that coordinates without a reference system are degrees; [`ENOUGH`]
+/// decides.
 fn score(source: &Source) -> u32 {
     let Holds::Points(points) = &source.holds else { return 0 };
     let (lo, hi) = source.bounds;
@@ -76,19 +79,19 @@ fn score(source: &Source) -> u32 {
     steps + steep + far
 }
 
-/// Stray points that enlarge an image.
+/// Stray points far from all others, which enlarge an image.
 struct Strays {
     count: usize,
     farthest: DVec3,
-    /// Distance of the farthest stray from the bounds of the other points, in x and y.
+    /// Distance of the farthest stray from the bounds of the points that aren't strays, in x and y.
     distance: f64,
     path: PathBuf,
-    /// Bounds of the other points: minimum x, minimum y, maximum x, maximum y.
+    /// Bounds of the points that aren't strays: minimum x, minimum y, maximum x, maximum y.
     others: [f64; 4],
 }
 
-/// Returns the grid for the bounds of the points. Returns an error if the image is too large for a file, or if a few
-/// strays make it excessively large.
+/// Returns the grid of an image of all points, with these bounds. Returns an error if the image is too large for a
+/// file, or if a few strays make it excessively large.
 pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
     let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
     let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);
@@ -119,8 +122,8 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
     Grid::of_bounds(gsd, origin, bounds).map_err(|fault| fault.of_points(bounds))
 }
 
-/// Finds stray points, if there are only a few. Strays are farther from the core of the points, in x and y, than its
-/// extent.
+/// Finds stray points: a few points that are farther from the core of the points, in x and y, than the core is wide.
+/// `None` if there are none or many.
 fn strays(sources: &[Source]) -> Option<Strays> {
     let clouds = || sources.iter().filter_map(|source| Some((source, source.positions()?)));
     let total: usize = clouds().map(|(_, (count, _))| count).sum();

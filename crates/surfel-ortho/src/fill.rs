@@ -18,30 +18,30 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Maximum radius in pixels by which gaps are limited.
+/// Largest radius, in pixels, of the circle by which the gaps to fill are limited.
 pub(crate) const MOST_PX: u32 = 512;
-/// Number of directions in which data are searched for from a pixel.
+/// Number of directions from an empty pixel in which the nearest data are searched.
 const DIRECTIONS: usize = 32;
-/// Weight of a horizontal plane in the fit, relative to the mean squared weighted distance. Without it, data on one
-/// line wouldn't determine the slope across the line.
+/// Weight that pulls the fitted plane toward a horizontal one, relative to the data's mean squared weighted distance.
+/// Without it, data on one line wouldn't determine the slope across the line.
 const LEVEL: f64 = 2e-3;
 
-/// Planes of values for a rectangle of pixels, in rows from the top.
+/// Values of a rectangle of pixels, one plane per kind of value, in rows from the top.
 #[derive(Clone, Default)]
 pub(crate) struct Planes {
     pub(crate) width: usize,
-    /// Height z; NaN at empty pixels.
+    /// Height z of each pixel; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Premultiplied linear RGBA. Empty if colours aren't needed.
+    /// Colour of each pixel as premultiplied linear RGBA. Empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
-    /// Unit normals. Empty if normals aren't needed.
+    /// Unit normal of each pixel. Empty if normals aren't needed.
     pub(crate) normal: Vec<[f32; 3]>,
-    /// True at pixels that were filled. Empty if gaps weren't filled.
+    /// Flag per pixel, true if the pixel was filled by interpolation. Empty if gaps weren't filled.
     pub(crate) filled: Vec<bool>,
 }
 
 impl Planes {
-    /// Copies a part of a drawn block: the columns from `left` on, and the given rows.
+    /// Copies a part of a drawn block: `width` columns from `left` on, and the given rows.
     pub(crate) fn cut(pixels: &BlockPixels, left: usize, width: usize, rows: impl Iterator<Item = usize>) -> Self {
         fn of<T: Copy>(plane: &[T], starts: &[usize], width: usize) -> Vec<T> {
             starts.iter().flat_map(|at| plane.get(*at..at + width).unwrap_or_default()).copied().collect()
@@ -68,12 +68,12 @@ impl Planes {
     }
 }
 
-/// Temporary file in which drawn blocks are stored.
+/// Temporary file that stores drawn blocks until gaps are filled.
 pub(crate) struct BlockStore {
     file: BufWriter<File>,
     bytes: u64,
     has: Has,
-    /// Offset of each block in the file, by the block's row and column in the plane.
+    /// Offset of each block in the file in bytes, by the block's row and column.
     places: BTreeMap<(i64, i64), u64>,
     block_px: usize,
 }
@@ -86,12 +86,12 @@ impl BlockStore {
         Ok(Self { file, bytes: 0, has, places: BTreeMap::new(), block_px })
     }
 
-    /// Returns which planes are stored.
+    /// Returns which kinds of values are stored in addition to heights.
     pub(crate) fn has(&self) -> Has {
         self.has
     }
 
-    /// Stores the pixels of a block, without its margin.
+    /// Stores the pixels of the block at this column and row, without its margin.
     pub(crate) fn put(&mut self, [column, row]: [i64; 2], planes: &Planes) -> io::Result<()> {
         self.places.insert((row, column), self.bytes);
         for i in 0..planes.height.len() {
@@ -105,8 +105,8 @@ impl BlockStore {
         Ok(())
     }
 
-    /// Reads a rectangle of pixels: the columns from `west` to the east, and the rows from `north` to the south. Both
-    /// are counted from the plane's origin, rows to the north.
+    /// Reads a rectangle of pixels: `width` columns from `west` to the east, and `height` rows from `north` to the
+    /// south. Columns and rows are counted from the grid's origin, rows to the north.
     pub(crate) fn get(&mut self, [west, north]: [i64; 2], width: usize, height: usize) -> io::Result<Planes> {
         self.file.flush()?;
         let (side, has) = (self.block_px as i64, self.has);
@@ -148,13 +148,14 @@ impl BlockStore {
     }
 }
 
-/// Returns the width in pixels of the surroundings on which the value of a filled pixel depends.
+/// Returns the width, in pixels, of the margin around a window on which the values of the window's filled pixels
+/// depend.
 pub(crate) fn margin_px(radius_px: f64) -> u32 {
     2 * radius_px.ceil() as u32 + 2
 }
 
-/// Fills the gaps into which no circle of `radius_px` pixels fits. Returns the pixels without a margin of `margin`
-/// pixels on each side.
+/// Fills the gaps into which no circle with a radius of `radius_px` pixels fits. Returns the pixels without the margin,
+/// `margin` pixels on each side.
 pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes {
     let width = planes.width;
     let height = planes.height.len() / width.max(1);
@@ -196,8 +197,8 @@ pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes
     }
 }
 
-/// Interpolates a pixel of a gap from the nearest data in all directions, at most `reach` pixels away. Returns height,
-/// colour and normal.
+/// Interpolates the empty pixel with index `at` from the nearest data in all directions, at most `reach` pixels away.
+/// Returns height, colour and normal; `None` if there are no data.
 fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Option<(f32, [f32; 4], [f32; 3])> {
     let width = planes.width;
     let height = is_data.len() / width;

@@ -3,7 +3,7 @@
 use surfel_load::Error;
 use surfel_model::ModelError;
 
-/// Maximum number of columns or rows of an image.
+/// Maximum number of columns, and of rows, of an image.
 const MAX_SIDE: f64 = 16_777_216.0;
 /// Maximum number of pixels of an image.
 const MAX_PIXELS: f64 = 1e11;
@@ -11,28 +11,28 @@ const MAX_PIXELS: f64 = 1e11;
 /// the binary rounding errors of decimal numbers such as 0.1.
 const SLACK_PX: f64 = 1e-6;
 
-/// Pixel grid of an image.
+/// Grid of an image's pixels, whose edges are whole multiples of the pixel's side from an origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Grid {
     /// Ground sampling distance: side of a pixel, in the units of x and y.
     pub(crate) gsd: f64,
-    /// Position (x, y) of a corner of a pixel, from which columns and rows are counted.
+    /// Position (x, y) of a corner of the grid, from which columns and rows are counted.
     pub(crate) origin: [f64; 2],
     /// Column and row of the image's lower left pixel, counted from the origin to the east and to the north.
     pub(crate) first: [i64; 2],
-    /// Number of columns and rows.
+    /// Number of columns and number of rows.
     pub(crate) size: [u32; 2],
 }
 
-/// Reason why a grid is invalid.
+/// Reason why no grid can be created, before it becomes an error that names an option or a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum GridFault {
-    /// The ground sampling distance isn't a finite number greater than 0.
+    /// The ground sampling distance (GSD), which is given, isn't a finite number greater than 0.
     Gsd(f64),
-    /// The bounds have no area or aren't finite.
+    /// The image's bounds have no area or aren't finite.
     Empty,
-    /// The grid has too many columns, rows or pixels. Or it is so far from the origin that f64 can't distinguish
-    /// pixels.
+    /// The grid would have too many columns, rows or pixels. Or it is so far from the origin that f64 can't distinguish
+    /// pixels. `size` has the numbers of columns and rows.
     Large { gsd: f64, size: [f64; 2] },
 }
 
@@ -45,7 +45,7 @@ fn words(v: [f64; 4]) -> String {
 }
 
 impl GridFault {
-    /// Returns the error for bounds or a size that the user gave.
+    /// Returns the error of this fault for bounds or a size that the user gave.
     pub(crate) fn of_bounds(self, bounds: [f64; 4], size: Option<[u32; 2]>) -> Error {
         let field = if size.is_some() { "size" } else { "bounds" };
         let given = size.map_or_else(|| words(bounds), |[width, height]| format!("{width}x{height}"));
@@ -65,7 +65,7 @@ impl GridFault {
         out_of_range(field, found, expected).into()
     }
 
-    /// Returns the error for bounds computed from the points.
+    /// Returns the error of this fault for bounds computed from the points.
     pub(crate) fn of_points(self, bounds: [f64; 4]) -> Error {
         match self {
             Self::Gsd(gsd) => gsd_error(gsd),
@@ -107,7 +107,7 @@ impl Grid {
         Ok(Self { gsd, origin, first: first.map(|v| v as i64), size: size.map(|v| v as u32) })
     }
 
-    /// Returns the grid with a margin of `by_px` pixels on each side.
+    /// Returns the grid enlarged by a margin of `by_px` pixels on each side.
     pub(crate) fn grown(&self, by_px: u32) -> Self {
         let size = self.size.map(|side| side.saturating_add(2 * by_px));
         Self { first: self.first.map(|v| v - i64::from(by_px)), size, ..*self }

@@ -6,33 +6,34 @@
 use super::grid::Grid;
 use std::ops::RangeInclusive;
 
-/// Maximum and minimum side of a block, in pixels.
+/// Largest and smallest side of a block, in pixels.
 const BLOCK_PX: (i64, i64) = (2048, 16);
-/// Maximum average number of points of a block, including the points in its halo.
+/// Largest expected number of points in a block and its halo, by which the block's side is selected.
 const BLOCK_POINTS: f64 = 3e6;
-/// Width of the halo around a drawn area from which points are used, in point spacings. A splat's radius is at most 4
+/// Width, in point spacings, of the halo around a drawn area whose points are used too. A splat's radius is at most 4
 /// spacings, and it is estimated from points within further spacings.
 const HALO_SPACINGS: f64 = 12.0;
-/// Width of the margin that is drawn around a block, in point spacings. Edges near the block are located with the
-/// pixels and points of the margin.
+/// Width, in point spacings, of the margin that is drawn around a block. Its pixels and points help to locate edges
+/// near the block's border.
 const MARGIN_SPACINGS: f64 = 6.0;
-/// Maximum width of the margin in pixels.
+/// Maximum width of the margin around a block, in pixels.
 const MOST_MARGIN_PX: i64 = 1024;
-/// Number of bins of points along a block's side.
+/// Number of bins along a block's side by which points are sorted.
 const BINS: i64 = 4;
 
-/// Density of the points and splats of all files, in the units of x and y.
+/// Density and sizes of the points and splats of all files, by which blocks are laid out. Lengths are in the units of x
+/// and y.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampling {
-    /// Largest number of points per unit of area.
+    /// Largest number of points per unit of area, where files overlap as the sum of their densities.
     pub(crate) density: f64,
-    /// Largest mean distance between the points of one file; 0 without points.
+    /// Largest mean distance between neighbouring points of one file; 0 without points.
     pub(crate) spacing: f64,
-    /// Largest radius of a splat from a splat file.
+    /// Largest radius of a splat in splat files; 0 without any.
     pub(crate) reach: f64,
 }
 
-/// Size of blocks and their surroundings, and bins for sorting points.
+/// Division of an image's grid into blocks: their size and surroundings, and the bins by which points are sorted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
     grid: Grid,
@@ -40,9 +41,9 @@ pub(crate) struct Layout {
     pub(crate) block_px: i64,
     /// Width of the margin that is drawn around a block, in pixels.
     pub(crate) margin_px: i64,
-    /// Width of the halo around the drawn area from which points are used, in the units of x and y.
+    /// Width, in the units of x and y, of the halo around the drawn area whose points are used too.
     pub(crate) halo: f64,
-    /// Mean distance between points, in the units of x and y; 0 without points.
+    /// Mean distance between points, in the units of x and y, rounded up to a power of √2; 0 without points.
     pub(crate) spacing: f64,
 }
 
@@ -71,7 +72,7 @@ impl Layout {
         ((value - self.grid.origin[axis]) / side).floor() as i64
     }
 
-    /// Returns the indices of the blocks along an axis that contain pixels of `grid`.
+    /// Returns the range of indices, along an axis (0: x, 1: y), of the blocks that contain pixels of `grid`.
     pub(crate) fn blocks(&self, grid: &Grid, axis: usize) -> RangeInclusive<i64> {
         let (first, count) = (grid.first[axis], i64::from(grid.size[axis]));
         first.div_euclid(self.block_px)..=(first + count - 1).div_euclid(self.block_px)

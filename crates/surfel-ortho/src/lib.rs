@@ -67,11 +67,13 @@ use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
 use system::crs_of;
 
-/// Memory limit in bytes for points that are retained between blocks. Other files are loaded again when needed.
+/// Memory limit, in bytes, for points that stay in memory between blocks. Points of further files are loaded again when
+/// they are needed.
 const KEPT_BYTES: usize = 2 << 30;
-/// Minimum side in pixels of the windows in which gaps are filled.
+/// Smallest side, in pixels, of the windows in which gaps are filled one after another.
 const WINDOW_PX: u32 = 512;
-/// Height above a block of the viewpoint that normals of points face, in units of the block's side.
+/// Height above a block, in units of the block's side, of the viewpoint toward which the points' estimated normals are
+/// turned.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
 /// Options for the grid and the content of an orthoimage.
@@ -136,21 +138,21 @@ pub struct OrthoFiles {
 /// Statistics of an orthoimage that was drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OrthoStats {
-    /// Number of pixels with data.
+    /// Number of pixels with data, including interpolated ones.
     pub covered: u64,
-    /// Number of interpolated pixels among them.
+    /// Number of pixels whose values were interpolated; [`Self::covered`] includes them.
     pub filled: u64,
     /// Number of points that were dropped because they are isolated in height.
     pub lone: u64,
     /// Number of pixels of the image.
     pub pixels: u64,
-    /// Number of splats that were drawn. Splats in the margins of blocks count once per block.
+    /// Number of splats that were drawn, summed over blocks. Splats in the margins of blocks count once per block.
     pub splats: u64,
-    /// Time for reloading files and converting points to splats.
+    /// Time spent on reloading files and converting points to splats.
     pub preparing: Duration,
-    /// Time for drawing.
+    /// Time spent on drawing blocks.
     pub drawing: Duration,
-    /// Time for encoding and writing.
+    /// Time spent on filling gaps, and on encoding and writing the image files.
     pub writing: Duration,
 }
 
@@ -160,32 +162,33 @@ pub struct Ortho {
     grid: Grid,
     layout: Layout,
     options: OrthoOptions,
-    /// Colouring of points by an attribute; `None` if points have their own colours.
+    /// Colouring by an attribute that all blocks share; `None` if points have their own colours.
     color_by: Option<FixedColor>,
     /// Coordinate reference system of the image, if it is known.
     pub crs: Option<Crs>,
     /// Notes for the user, as sentences without a full stop. Each has the path of a file, or `None` for notes about the
     /// image.
     pub notes: Vec<(Option<PathBuf>, String)>,
-    /// Loading options that don't affect a file's content, with the path of the file.
+    /// Loading options that have no effect on a file, each with the file's path.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// Colouring by an attribute, with the path of the first coloured file; `None` if no file is coloured by an
-    /// attribute.
+    /// Attribute and scale that colour the image, with the path of the first coloured file. `None` if no file is
+    /// coloured by an attribute.
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
-/// Colouring of all files of an orthoimage, and its legend with the path of the first coloured file.
+/// Colouring that all files and blocks share, and the legend of the image with the path of the first coloured file.
 type SharedColors = (Option<FixedColor>, Option<(PathBuf, Coloring)>);
 
-/// Colouring that all files and blocks share.
+/// Attribute and colour scale that all files and blocks share.
 struct FixedColor {
     attribute: String,
-    /// True if some file has a column with the name `attribute`.
+    /// True if `attribute` is a column of some file, so that blocks must retain this column.
     is_column: bool,
     scale: ColorScale,
 }
 
 impl FixedColor {
+    /// Returns the name of the column that blocks must retain, if the attribute is one.
     fn column(&self) -> Option<&str> {
         self.is_column.then_some(self.attribute.as_str())
     }
@@ -325,7 +328,8 @@ impl Ortho {
         Ok(stats)
     }
 
-    /// Draws the image with the margin that filling of gaps needs, fills the gaps, and writes the image.
+    /// Draws the image and the margin that the filling of gaps needs, fills the gaps, and writes the image. `distance`
+    /// is [`OrthoOptions::fill`], and `beside` an image file in whose folder blocks are stored.
     fn draw_filled(
         &mut self,
         distance: f64,
@@ -402,12 +406,14 @@ impl Ortho {
         Ok(())
     }
 
+    /// True if some file has points or splats in a block or its surroundings.
     fn meets_any(&self, block: [i64; 2]) -> bool {
         let within = self.layout.drawn(block, self.layout.halo);
         self.sources.iter().any(|source| source.meets(within))
     }
 
-    /// Returns the splats of a block and its surroundings, made from points and splats of all files.
+    /// Returns the splats of a block and its surroundings, made from points and splats of all files. `time` is the
+    /// block's number, counted from 1.
     fn splats_of(&mut self, block: [i64; 2], time: u64, stats: &mut OrthoStats) -> Result<BlockSplats, Error> {
         let Self { sources, grid, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
@@ -458,8 +464,8 @@ impl Ortho {
     }
 }
 
-/// Returns the bounds that the options state, either directly or by a size; `None` if they state neither. Checks the
-/// grid before files are loaded.
+/// Returns the image's bounds if the options state bounds or a size, else `None`. Returns an error if the options state
+/// an invalid grid, so that it is found before files are loaded.
 fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     let asked = match (options.bounds, options.size) {
         (Some(bounds), _) => Some(bounds),
@@ -479,21 +485,22 @@ fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))
 }
 
-/// Attributes by which points without colours are coloured by default. The first one that all files have is used.
+/// Attributes that may colour points without colours, if the options name none. The first one that all files have is
+/// used.
 const OWN_COLORS: [&str; 2] = ["intensity", "height"];
 
 /// Notes, each with the path of a file, or `None` for notes about the image.
 type Notes = Vec<(Option<PathBuf>, String)>;
-/// Options without effect, each with the path of a file.
+/// Loading options without effect on a file, each with the file's path.
 type Unused = Vec<(PathBuf, UnusedOption)>;
 
-/// Collector of attribute values, from which one colouring for all files is derived.
+/// Attribute values collected from all files, from which one colour scale for the whole image is derived.
 #[derive(Default)]
 struct ColorChoice {
     tallies: Tallies,
-    /// Colouring requests of splat files and point files, with a report if the file lacks the attribute.
+    /// Colouring requests of all files, with a report for each file that lacks the requested attribute.
     jobs: Vec<(ColorJob, Option<Lacking>)>,
-    /// True if some files of points have no colours.
+    /// True if some file of points has no colours.
     has_uncolored: bool,
     lacks_intensity: bool,
     is_column: bool,
@@ -576,8 +583,8 @@ impl ColorChoice {
     }
 }
 
-/// Frees the least recently used points until the others take at most half of the memory limit. Points that the current
-/// block uses aren't freed.
+/// Frees the points of the least recently used files until the others take at most half of [`KEPT_BYTES`]. Points that
+/// block `time` uses aren't freed.
 fn make_room(sources: &mut [Source], time: u64) {
     loop {
         let mut loaded: Vec<_> = sources

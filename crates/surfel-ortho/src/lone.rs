@@ -8,13 +8,15 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Radius of a point's neighbourhood, in point spacings.
+/// Radius of the neighbourhood in which a point's neighbours are counted, in point spacings.
 const REACH: f64 = 8.0;
-/// Number of neighbours above or at which a point isn't isolated.
+/// Number of neighbours in space (within [`REACH`]) from which a point isn't isolated.
 const COMPANIONS: usize = 2;
-/// Minimum number of neighbours in the plane, at any height, that an isolated point has.
+/// Smallest number of neighbours in the plane (within [`REACH`] in x and y, at any height) at which a point can be
+/// isolated. Sparse points have fewer.
 const LEAST_AROUND: usize = 16;
-/// Number of grid cells along the neighbourhood's radius. Points in the same cell are always neighbours.
+/// Number of cells of the search grid along the neighbourhood's radius. Points in the same cell are then always
+/// neighbours.
 const CELLS: f64 = 2.0;
 
 /// Returns one flag per point, true if the point is isolated in height. `spacing` is the mean distance between points.

@@ -14,37 +14,40 @@
 use super::edge::Edge;
 use std::sync::LazyLock;
 
-/// Radius of the window, in radii of the splats in it. Wide enough that half a window is almost never empty by chance,
-/// and narrow enough that few holes of a canopy fit into it.
+/// Radius of the window around a position in which edges are considered, in radii of the splats there. Half a window is
+/// almost never empty by chance, and few holes of a canopy fit into it.
 pub(crate) const WINDOW: f64 = 1.8;
-/// Sizes of the two windows, relative to the whole window. If points enclose the position in the whole window, the
-/// smaller window determines whether they enclose a hole.
+/// Radii of the two windows that are tried, relative to the whole window. The second one is used if points enclose the
+/// position in the first: it decides whether they enclose a hole.
 const SIZES: [f64; 2] = [1.0, 0.8];
-/// Logarithm of the prior odds against an enclosed hole, since chance also produces holes of this size.
+/// Logarithm of the odds by which coverage is assumed more likely than a hole that only the smaller window shows.
+/// Chance also produces holes of this size.
 const RARER: f64 = 2.0;
-/// Expected number of points in a window that is entirely inside of the surface, divided by π. A splat's radius is 1.65
-/// point spacings (`surfel-sample`).
+/// Expected number of points in a window that is entirely inside of the surface, divided by π. It is the density per
+/// squared window radius; a splat's radius is 1.65 point spacings (`surfel-sample`).
 const DENSITY: f64 = (1.65 * WINDOW) * (1.65 * WINDOW);
-/// Number of edge directions.
+/// Number of directions of the edges that are considered.
 const DIRECTIONS: usize = 32;
-/// Curvatures of edges, in units of 1/window (at most 1 over the splats' radius), with prior weights. Straight edges
-/// have a higher weight because of bridge decks. A much higher weight would reduce accuracy at canopies.
+/// Curvatures of the edges that are considered, in units of 1/window (at most 1 over the splats' radius), with prior
+/// weights. Straight edges have a higher weight because of bridge decks. A much higher weight would reduce accuracy at
+/// canopies.
 const CURVATURES: [(f32, f64); 5] = [(0.0, 2.0), (-1.8, 1.0), (-0.9, 1.0), (0.9, 1.0), (1.8, 1.0)];
-/// Largest offset of an edge from the window's centre, in window radii. At this offset, an edge is outside of the
-/// window.
+/// Largest offset of an edge from the window's centre in the table of likelihoods, in window radii. At this offset, an
+/// edge is outside of the window.
 const FARTHEST: f64 = 2.0;
-/// Number of tabulated offsets per window radius.
+/// Number of offsets in the table of likelihoods per window radius.
 const STEPS: f64 = 64.0;
-/// Number of strips by which the area inside of an edge is integrated.
+/// Number of strips by which the part of the window inside of an edge is integrated.
 const STRIPS: usize = 256;
 
-/// Tabulated likelihoods for each curvature and offset: likelihood of the edge, and integral of the likelihood over all
-/// larger offsets.
+/// Table with two values for each curvature and offset of an edge: the edge's likelihood, and the integral of the
+/// likelihood over all larger offsets.
 struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
 
+/// Tables of likelihoods for the two windows of [`SIZES`].
 static LIKELIHOODS: LazyLock<[Likelihoods; 2]> = LazyLock::new(|| SIZES.map(likelihoods));
 
-/// Tabulates the likelihoods for a window of a relative size.
+/// Computes the table of likelihoods for a window of this size relative to the whole window.
 fn likelihoods(size: f64) -> Likelihoods {
     Likelihoods(CURVATURES.map(|(curvature, frequency)| {
         let area = |offset: f64| {
@@ -78,16 +81,17 @@ impl Likelihoods {
     }
 }
 
-/// Cosines and sines of the edge directions.
+/// Cosines and sines of the considered edges' directions.
 static UNITS: LazyLock<[[f32; DIRECTIONS]; 2]> = LazyLock::new(|| {
     let angle = |i: usize| i as f64 * std::f64::consts::TAU / DIRECTIONS as f64;
     [std::array::from_fn(|i| angle(i).cos() as f32), std::array::from_fn(|i| angle(i).sin() as f32)]
 });
 
-/// Radius within which points may enclose a position, in window radii. It is less than 2 point spacings, so that pits
-/// two points wide remain.
+/// Radius within which points may enclose a position, in radii of the whole window. It is less than 2 point spacings,
+/// so that pits two points wide remain.
 const ENCLOSING: f64 = 1.2 / WINDOW;
-/// Minimum offset, in window radii, that enclosing points have in each direction.
+/// Distance, in window radii, by which some near point must exceed in each direction for the points to enclose a
+/// position.
 const ENCLOSED: f32 = 0.01;
 
 /// Returns the probability that a position is beneath a surface, as an [`Edge`]. The flag is true if nearby points
@@ -99,21 +103,22 @@ pub(crate) fn chance<I: Iterator<Item = [f64; 2]>>(whole: f64, around: impl Fn(f
     (edge.unwrap_or(Edge::constant(1.0)), outline.encloses())
 }
 
-/// Support of the upper points in a window, for each direction.
+/// Extent of the upper surface's points in a window, for each edge direction.
 struct Outline {
-    /// Largest offset, for each direction, of the points that are near enough to enclose the position.
+    /// Largest offset along each direction of the points that are near enough to enclose the position ([`ENCLOSING`]).
     near: [f32; DIRECTIONS],
-    /// Smallest offset, for each curvature and direction, of an edge that has all points inside.
+    /// Smallest offset of an edge that has all points inside, for each curvature and direction.
     least: [[f32; DIRECTIONS]; CURVATURES.len()],
     is_empty: bool,
-    /// Radius of the window, in the units of x and y.
+    /// Radius of this window, in the units of x and y.
     window: f64,
-    /// Index of the window's size in `SIZES`.
+    /// Index of the window's relative size in [`SIZES`].
     size: usize,
 }
 
 impl Outline {
-    /// Collects the points around a position, relative to it. `whole` is the radius of the whole window.
+    /// Collects the upper surface's points in a window around a position. `around` returns the points within a
+    /// distance, relative to the position. `whole` is the radius of the whole window.
     fn new<I: Iterator<Item = [f64; 2]>>(size: usize, whole: f64, around: impl Fn(f64) -> I) -> Self {
         let window = SIZES[size] * whole;
         let mut outline = Self {
@@ -127,7 +132,7 @@ impl Outline {
         outline
     }
 
-    /// Adds a point of the upper surface, relative to the position, in window radii.
+    /// Adds a point of the upper surface, given relative to the position and in window radii.
     fn add(&mut self, [x, y]: [f64; 2]) {
         let is_near = x * x + y * y < ENCLOSING * ENCLOSING;
         let (x, y) = (x as f32, y as f32);
@@ -150,7 +155,7 @@ impl Outline {
         }
     }
 
-    /// True if there are nearby points in all directions from the position.
+    /// True if near points enclose the position: in every direction, one of them is beyond it.
     fn encloses(&self) -> bool {
         self.near.iter().all(|offset| *offset > ENCLOSED)
     }

@@ -9,7 +9,7 @@ use super::layout::Layout;
 use std::path::Path;
 use surfel_io::{GeoSamples, GeoTiles, IoError};
 
-/// Kind of values in an image file.
+/// Kind of values that an image file stores.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Shown {
     Color,
@@ -17,7 +17,7 @@ pub(super) enum Shown {
     Normal,
 }
 
-/// Image files to which pixels are written.
+/// Image files to which drawn pixels are written, one per kind of values.
 pub(super) struct Sink<'a, 'b> {
     pub(super) grid: Grid,
     pub(super) shown: Vec<Shown>,
@@ -29,7 +29,8 @@ impl Sink<'_, '_> {
         Has { color: self.shown.contains(&Shown::Color), normal: self.shown.contains(&Shown::Normal) }
     }
 
-    /// Writes a rectangle of pixels. `at` is the column and row of its upper left pixel in the image.
+    /// Writes a rectangle of pixels to all files, and counts it in `stats`. `at` is the column and row of its upper
+    /// left pixel in the image.
     pub(super) fn write(&mut self, at: [u32; 2], planes: &Planes, stats: &mut OrthoStats) -> Result<(), IoError> {
         let width = planes.width as u32;
         let or_no_data = |v: f32| if v.is_nan() { GeoSamples::NODATA } else { v };
@@ -56,11 +57,12 @@ impl Sink<'_, '_> {
     }
 }
 
-/// Destination of drawn blocks.
+/// Destination to which drawn blocks are written.
 pub(super) enum Out<'a, 'b, 'c> {
-    /// Image files. Only pixels within the image are written.
+    /// Image files, to which only the pixels of a block within the image are written.
     Image(&'a mut Sink<'b, 'c>),
-    /// Store for whole blocks, and path of an image file in the same folder, for messages.
+    /// Store for whole blocks, in which gaps are filled later. The path is that of an image file in the same folder,
+    /// for messages.
     Store(&'a mut BlockStore, &'a Path),
 }
 
@@ -105,7 +107,7 @@ impl Out<'_, '_, '_> {
         }
     }
 
-    /// Reports that a row of blocks is complete, so that finished tiles can be written.
+    /// Reports that a row of blocks is complete, so that the image files can write their finished tiles.
     pub(super) fn done(&mut self, layout: &Layout, row: i64) -> Result<(), IoError> {
         let Self::Image(sink) = self else { return Ok(()) };
         let end = sink.grid.first[1] + i64::from(sink.grid.size[1]) - row * layout.block_px;

@@ -14,35 +14,39 @@ use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Standard deviations of the Gaussian weights, in radii of nearby splats. A radius is about 1.6 point spacings.
+/// Standard deviations of the Gaussian weights in the fit, in radii of nearby splats; the widest one that fits is used.
+/// A radius is about 1.6 point spacings.
 const SCALES: [f64; 4] = [1.3, 0.8, 0.5, 0.3];
-/// Distance, in standard deviations, beyond which a point has no weight.
+/// Distance from a pixel, in standard deviations, beyond which a point has no weight in the fit.
 const REACH: f64 = 2.5;
-/// Maximum fraction of the squared weights that is due to points at which the function has the wrong sign.
+/// Largest fraction of the squared weights, at a scale that is used, of points at which the fitted function has the
+/// wrong sign.
 const WRONG: f64 = 0.05;
-/// Factor from the function's value to coverage, per unit of the scale. A step between evenly distributed points is
-/// fitted by a function that rises more slowly than the step. Its slope decreases with the width of the weights.
+/// Factor of the fitted function's value in the coverage, which is ½ + `STEEPNESS`·scale·value, with the scale from
+/// [`SCALES`]. A step between evenly distributed points is fitted by a function that rises more slowly than the step.
+/// Its slope decreases with the width of the weights.
 const STEEPNESS: f64 = 4.4;
-/// Weight of a constant function in the fit, relative to the points' weight at their standard deviation. Without it,
-/// the slope would be undetermined for few points and for points on a line.
+/// Weight that pulls the fitted function's slopes to 0, relative to the points' weight at their standard deviation.
+/// Without it, the slopes would be undetermined for few points and for points on a line.
 const LEVEL: f64 = 2e-3;
-/// Maximum side of a square of pixels that share one function, in splat radii. Sharing changes the RMSE of surface
-/// models by 1 %.
+/// Largest side, in splat radii, of a square of pixels that share one fitted function. Sharing changes the RMSE of
+/// surface models by 1 %.
 const SQUARE: f64 = 0.8;
-/// Limit like [`SQUARE`] for edges that are located by the upper points alone, whose function isn't linear.
+/// Largest side, in splat radii, of a square of pixels that share an edge located by the upper points alone. It is
+/// smaller than [`SQUARE`], because this coverage isn't linear.
 const OUTLINE_SQUARE: f64 = 0.4;
-/// Maximum average number of points per cell.
+/// Average number of points per cell of the search grid, at most.
 const CELL_POINTS: f64 = 2.0;
-/// Maximum number of points used to locate the edge at one pixel (plus one row of grid cells).
+/// Maximum number of points used to locate the edge at one pixel, plus one row of grid cells. More points are thinned.
 const MOST_POINTS: usize = 1024;
-/// Maximum number of cells along a side.
+/// Maximum number of cells of the search grid along each axis.
 const MOST_CELLS: f64 = 4096.0;
-/// Probability above which a point counts as beneath a surface.
+/// Probability of being beneath another surface above which a point may count as beneath it.
 const BENEATH: f32 = 0.5;
-/// Probability above which a point is evidence that the lower surface continues there, if upper points enclose it. They
-/// don't enclose points in a pit that is two points wide.
+/// Probability of being beneath another surface above which a point shows that the lower surface continues there. Upper
+/// points must also enclose it; they don't enclose points in a pit that is two points wide.
 const WELL_BENEATH: f32 = 0.97;
-/// Maximum gap in height within a layer of foliage, in splat radii. If the heights of leaves vary by two spacings, gaps
+/// Largest gap in height within a layer of foliage, in splat radii. If the heights of leaves vary by two spacings, gaps
 /// of one radius are common, and gaps of two are rare.
 const LINKED: f64 = 3.0;
 
@@ -51,9 +55,9 @@ struct Point {
     at: [f64; 2],
     z: f32,
     radius: f32,
-    /// Index of the splat's cloud.
+    /// Index of the point's cloud among the block's clouds.
     cloud: u32,
-    /// Index of the splat in its cloud.
+    /// Index of the point's splat in its cloud.
     splat: u32,
     /// True if the splat was made from a foliage point.
     is_leaf: bool,
@@ -62,14 +66,14 @@ struct Point {
 /// Centres of a block's splats, sorted into square cells, for locating edges between surfaces.
 pub(crate) struct Sides {
     points: Vec<Point>,
-    /// Index of each cell's first point. A last entry is the number of points.
+    /// Index in `points` of each cell's first point, row by row. The last entry is the number of points.
     starts: Vec<u32>,
-    /// Flags, one per point, true if the point is probably beneath a surface.
+    /// Flag per point, true if the point is probably beneath another surface.
     beneath: Vec<bool>,
     least: [f64; 2],
     cell: f64,
     cells: [usize; 2],
-    /// Largest distance at which a point may have weight.
+    /// Largest distance from a position, in the units of x and y, at which a point may be used for it.
     reach: f64,
 }
 
@@ -132,8 +136,8 @@ impl Sides {
         all
     }
 
-    /// Returns the probability of each point that it is beneath a surface. The probability is 0 if it is low, or if no
-    /// nearby point of the same surface is almost certainly beneath another one.
+    /// Returns, for each point, the probability that it is beneath another surface. The probability is 0 if it is low,
+    /// or if no nearby point of the same surface is almost certainly beneath another one.
     fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;
@@ -198,8 +202,8 @@ impl Sides {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// Returns the points in the cells that overlap a square around (x, y). If there are very many, as on a wall seen
-    /// from above, only some of them are returned.
+    /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. If there are
+    /// very many, as on a wall seen from above, only some of them are returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -238,8 +242,8 @@ impl Sides {
         Some((count / sum).sqrt())
     }
 
-    /// Returns the side in pixels (4, 2 or 1) of a square around (x, y) that can share one edge. `gsd` is the side of a
-    /// pixel. `found` is the edge there, if it has been located.
+    /// Returns the side, in pixels (4, 2 or 1), of a square around (x, y) whose pixels can share one edge. `gsd` is the
+    /// side of a pixel. `found` is the edge there, if it has been located.
     pub(crate) fn square_px(&self, x: f64, y: f64, gsd: f64, found: Option<Edge>) -> usize {
         let over_radius = if found.is_some_and(|edge| edge.is_logistic) { OUTLINE_SQUARE } else { SQUARE };
         let most = self.radius_at(x, y).unwrap_or(0.0) * over_radius;
@@ -290,11 +294,11 @@ impl Sides {
     }
 }
 
-/// Number of values that are computed together.
+/// Number of points whose terms are computed together, by SIMD instructions.
 const LANES: usize = 4;
 
-/// Points around a pixel: their offsets from the pixel, their values (+1 above, −1 below), and their weights. Points
-/// without weight pad their number to a multiple of `LANES`.
+/// Points around a pixel as columns: offsets from the pixel, values (+1 on the upper surface, −1 on the lower one), and
+/// weights. Points without weight pad their number to a multiple of [`LANES`].
 #[derive(Default)]
 pub(crate) struct Near {
     columns: [Vec<f64>; 3],
@@ -310,15 +314,15 @@ impl Near {
         self.columns.iter_mut().zip([dx, dy, side]).for_each(|(column, value)| column.push(value));
     }
 
-    /// Returns offsets, values and weights of `LANES` points at a time.
+    /// Returns x offsets, y offsets, values and weights of `LANES` points at a time.
     fn lanes(&self) -> impl Iterator<Item = [&[f64; LANES]; 4]> {
         let [dx, dy, side] = [0, 1, 2].map(|k| self.columns[k].as_chunks().0);
         let weights = self.weights.as_chunks().0;
         dx.iter().zip(dy).zip(side).zip(weights).map(|(((dx, dy), side), w)| [dx, dy, side, w])
     }
 
-    /// Fits the linear function to the values of the points, and returns its value and its slopes along x and y at the
-    /// pixel. Returns `None` without points.
+    /// Fits a linear function of the position to the points' values, with Gaussian weights of this variance. Returns
+    /// its value and its slopes along x and y at the pixel; `None` without points.
     fn fit(&mut self, variance: f64) -> Option<[f64; 3]> {
         let whole = self.columns[0].len().next_multiple_of(LANES);
         // Padding points are so far away that they have no weight.

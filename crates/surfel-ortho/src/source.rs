@@ -20,23 +20,23 @@ use surfel_load::{LoadedCloud, steps};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
 use surfel_sample::{NoProgress, Progress};
 
-/// Maximum number of points from which the density of a cloud is estimated.
+/// Expected maximum number of points from which the density of a file's points is estimated.
 const SAMPLE: usize = 1 << 17;
-/// Average number of sampled points per cell for estimating the density.
+/// Average number of sampled points per grid cell when the density is estimated.
 const IN_A_CELL: f64 = 16.0;
 
-/// Input file of an orthoimage.
+/// Input file of an orthoimage, with its points or splats.
 pub(crate) struct Source {
     pub(crate) path: PathBuf,
     pub(crate) holds: Holds,
-    /// Bounds of the points or splats.
+    /// Corners of the bounding box of the points or splats.
     pub(crate) bounds: (DVec3, DVec3),
     pub(crate) crs: Option<Crs>,
     /// True if the names or the steps of the columns x and y indicate degrees.
     pub(crate) is_named_degrees: bool,
 }
 
-/// Returns the density of points and splats of all files.
+/// Computes the density of the points and splats of all files, by which blocks are laid out.
 pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
     let mut sampling = Sampling::default();
     let own_density = |source: &Source| match &source.holds {
@@ -65,43 +65,44 @@ pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
 /// Function that returns the position of a point or splat by its index.
 pub(crate) type PositionOf<'a> = Box<dyn Fn(usize) -> DVec3 + 'a>;
 
-/// Content of a file.
+/// Content of an input file.
 pub(crate) enum Holds {
     /// Points, which are converted to splats block by block.
     Points(Box<Points>),
-    /// Splats from a splat file, or made from a mesh.
+    /// Splats that were read from a splat file or made from a mesh.
     Splats(Arc<SplatCloud>),
 }
 
-/// Points of a file. They may be freed, and are then loaded again when they are needed.
+/// Points of an input file. They may be freed to save memory, and are then loaded again when a block needs them.
 pub(crate) struct Points {
-    /// Number of points per unit of the covered area.
+    /// Number of points per unit of the area that they cover.
     pub(crate) density: f64,
     pub(crate) bytes: usize,
     pub(crate) has_colors: bool,
     pub(crate) has_intensity: bool,
-    /// Rounding by which positions become identical for all file formats.
+    /// Rules by which positions are rounded, so that they are identical for all file formats.
     pub(crate) canonical: Canonical,
     cloud: Option<PointCloud>,
-    /// Flags, one per point, true if the point is water. Empty if no point is water.
+    /// Flag per point, true if the point is on water. Such points aren't dropped as isolated. Empty if no point is on
+    /// water.
     water: Vec<bool>,
-    /// Range of points in each bin; `None` until the points are sorted into bins.
+    /// Range of the points in each bin; `None` until the points are sorted into bins.
     bins: Option<Bins>,
-    /// Number of the block that used the points most recently.
+    /// Number of the block that used the points most recently, counted from 1; 0 before the first.
     used: u64,
 }
 
-/// Notes, unused options and colouring request of a file that is being loaded.
+/// Results of loading a file besides its content: notes, options without effect, and a colouring request.
 #[derive(Default)]
 pub(crate) struct Told {
     pub(crate) notes: Vec<String>,
     pub(crate) unused: Vec<UnusedOption>,
-    /// Colouring request for the splats of a splat file.
+    /// Request to colour the splats by an attribute, for splat files and meshes.
     pub(crate) color_job: Option<ColorJob>,
 }
 
 impl Source {
-    /// Loads a file, and adds notes and unused options to `told`.
+    /// Loads a file, and stores notes, options without effect and the colouring request in `told`.
     pub(crate) fn load(
         path: &Path,
         options: &LoadOptions,
@@ -145,8 +146,8 @@ impl Source {
         Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
     }
 
-    /// Returns the number of points or splats in memory, and a function for their positions. `None` if the points were
-    /// freed.
+    /// Returns the number of points or splats in memory, and a function that returns their positions. `None` if the
+    /// points were freed.
     pub(crate) fn positions(&self) -> Option<(usize, PositionOf<'_>)> {
         match &self.holds {
             Holds::Points(points) => {
@@ -192,12 +193,13 @@ fn empty(path: &Path) -> Error {
 }
 
 impl Points {
-    /// Returns the points as they were loaded, before they are sorted into bins; `None` if they were freed.
+    /// Returns the points in memory, in file order until [`Self::prepare`] sorts them into bins; `None` if they were
+    /// freed.
     pub(crate) fn as_loaded(&self) -> Option<&PointCloud> {
         self.cloud.as_ref()
     }
 
-    /// Frees the points, and returns their size in bytes. They are loaded again when they are needed.
+    /// Frees the points, and returns their former size in bytes. [`Self::prepare`] loads them again.
     pub(crate) fn free(&mut self) -> usize {
         (self.cloud, self.bins, self.water) = (None, None, Vec::new());
         self.bytes
@@ -211,7 +213,8 @@ impl Points {
         self.used
     }
 
-    /// Sorts the points into bins, after loading them again if they were freed. Only the column `column` is retained.
+    /// Sorts the points into bins, after loading them again if they were freed. Of the extra columns, only `column` is
+    /// retained. `time` is the number of the block that needs the points.
     pub(crate) fn prepare(
         &mut self,
         path: &Path,
@@ -243,7 +246,7 @@ impl Points {
         Ok(())
     }
 
-    /// Appends the points within a rectangle to a block's points.
+    /// Appends the points within the rectangle `within` to the points of a block.
     pub(crate) fn gather(&self, within: [f64; 4], layout: &Layout, into: &mut Gathered) {
         let (Some(cloud), Some(bins)) = (&self.cloud, &self.bins) else { return };
         let [x0, y0, x1, y1] = within;
@@ -261,7 +264,7 @@ impl Points {
     }
 }
 
-/// Points of a block, collected from all files.
+/// Points of a block and its surroundings, collected from all files.
 #[derive(Default)]
 pub(crate) struct Gathered {
     positions: Vec<DVec3>,
@@ -285,9 +288,9 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// Returns the points as one cloud, in an order that depends only on the points. Also returns the positions of
-    /// points that were dropped because they are isolated in height; without a `spacing`, none are. `column` is the
-    /// name of the points' values.
+    /// Returns the points as one cloud, in an order that depends only on the points. Points that are isolated in height
+    /// are dropped if their `spacing` is given; the second value has their positions. `column` is the name of the
+    /// points' values.
     pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
@@ -313,7 +316,8 @@ impl Gathered {
 }
 
 impl Gathered {
-    /// Compares points by position, and then by the other properties that distinguish them.
+    /// Compares two points by position, then by colour, normal and value, so that the order doesn't depend on the
+    /// files.
     fn compare(&self, a: usize, b: usize) -> Ordering {
         let three =
             |a: [f64; 3], b: [f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
@@ -351,7 +355,7 @@ fn bytes(points: &PointCloud) -> usize {
         + points.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
 }
 
-/// Range of points in each bin, by the bin's row and column.
+/// Range of the points in each bin, by the bin's row and column.
 type Bins = BTreeMap<(i64, i64), Range<usize>>;
 
 /// Sorts points by their bins, and preserves their order within a bin. Returns the sorted points, their previous
@@ -428,7 +432,7 @@ fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3))
     }
 }
 
-/// Returns a hash of bits (the finaliser of SplitMix64).
+/// Returns a hash of 64 bits (the finaliser of SplitMix64), by which points are sampled independently of their order.
 fn mixed(bits: u64) -> u64 {
     let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use surfel_app::film::CameraPath;
 use surfel_app::request::RenderOptions;
 
-/// Keys of a camera path: the path of a file, or the content of one.
+/// Keys of a camera path: the path of their file, or their content. Both are `None` without a camera path.
 pub(crate) type Keys = (Option<PathBuf>, Option<String>);
 
 /// Reads the camera path of these keys; `None` without keys.

@@ -32,18 +32,21 @@ pub(crate) struct Input {
     pub(crate) bytes: Option<Arc<[u8]>>,
     /// Number of points in the arrays; 0 if unknown.
     pub(crate) points: u64,
-    /// Notes about the arrays.
+    /// Notes for the user on how the arrays were found and converted.
     pub(crate) notes: Vec<String>,
-    /// Scene file embedded in an image. The image is the first of the paths.
+    /// Text of the scene file that is embedded in an image; the image is the first of the paths. `None` for other
+    /// inputs.
     carried: Option<String>,
     cache: Mutex<Cache>,
     level_store: Arc<LevelStore>,
 }
 
+/// Results of loading and preparing a scene, which the next images reuse.
 #[derive(Default)]
 struct Cache {
     /// Loaded objects, with a key of the options that they were loaded with.
     loaded: Option<(String, LoadedObjects)>,
+    /// Prepared scenes, the newest first.
     prepared: Vec<Arc<Prepared>>,
 }
 
@@ -68,7 +71,7 @@ pub(crate) struct Prepared {
 pub(crate) struct Files {
     /// Files that the inputs refer to, such as textures.
     beside: BTreeSet<PathBuf>,
-    /// Contents of the file named `-`.
+    /// Contents of the file named `-`, which stands for arrays.
     bytes: Option<Arc<[u8]>>,
     /// All files with their hashes; set when the first image is written.
     known: Mutex<Option<Vec<metadata::Input>>>,
@@ -91,7 +94,7 @@ pub(crate) enum From {
     Options,
     /// Camera given by the caller. The flag is true if near and far planes are fitted to the scene.
     Camera(Camera, bool),
-    /// Index of an image on the job's turntable or camera path.
+    /// Index of an image on the job's turntable or camera path, which determines the camera.
     Picture(u32),
 }
 

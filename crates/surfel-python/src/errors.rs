@@ -12,7 +12,7 @@ use surfel_load::Error;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
 
-/// Message of [`defect`](crate::interrupt::defect).
+/// Message of the error that [`defect`](crate::interrupt::defect) returns for a panic.
 pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
 
 /// Converts option names in a message to keyword arguments. Flags such as `--depth-tolerance` from `surfel-app` become

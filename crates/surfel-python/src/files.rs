@@ -222,9 +222,10 @@ pub(crate) fn info(
     Ok(facts.to_string())
 }
 
-/// Memory for copies of an image's planes, in bytes per pixel.
+/// Memory that a copy of an image's planes takes, in bytes per pixel. It must be available before planes are copied.
 const COPIED_BYTES: u64 = 80;
-/// Memory of a comparison, in bytes per pixel; 95 were measured.
+/// Memory that a comparison takes, in bytes per pixel; 95 were measured. It must be available before images are
+/// compared.
 const COMPARED_BYTES: u64 = 128;
 
 /// Image to compare: the path of a file, or a drawn image.

@@ -38,7 +38,7 @@ pub(crate) struct NativeFrame {
     stats: String,
 }
 
-/// Maximum memory for encoding, in bytes per pixel: rows of a file, and their compressed form.
+/// Maximum memory for encoding an image, in bytes per pixel: rows of a file, and their compressed form.
 const ENCODED_BYTES: u64 = 32;
 
 /// Returns a plane, or a range of its values, as an array that shares the memory; `None` for a missing plane.

@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 use surfel_load::Error;
 use surfel_sample::Progress;
 
-/// Interval between checks for signals.
+/// Interval at which the waiting thread checks for signals, such as Ctrl-C, and updates the progress.
 pub(crate) const TICK: Duration = Duration::from_millis(50);
-/// Time after which running work shows its progress.
+/// Running time after which work shows its progress.
 const PATIENCE: Duration = Duration::from_millis(700);
 
 /// Progress of running work, which the waiting thread reads.

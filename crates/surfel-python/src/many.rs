@@ -46,22 +46,25 @@ impl Views {
     }
 }
 
+/// Progress of drawing several images, which the drawing threads and the iterator share.
 #[derive(Default)]
 struct State {
     /// Index of the image that is drawn next.
     next: usize,
     /// Index of the image that is returned next.
     given: usize,
+    /// Drawn images that wait to be returned, by index.
     done: BTreeMap<usize, Result<Drawn, Error>>,
-    /// True if no more images are to be drawn.
+    /// True if the drawing threads end without beginning another image.
     over: bool,
 }
 
+/// Data that the drawing threads share with the iterator over the images.
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
     views: Arc<Views>,
-    /// Maximum number of images that are being drawn or wait to be returned.
+    /// Maximum number of images that are being drawn or wait to be returned. It limits the memory.
     ahead: usize,
 }
 

@@ -15,11 +15,11 @@ use surfel_render::{Planes, View};
 
 /// Maximum memory of points in arrays until they are drawn, in bytes per point. The copy of the arrays isn't included.
 const POINT_BYTES: u64 = 200;
-/// Memory of an image in addition to its planes, in bytes per pixel: encoding, edges and tiles. The reference sums in
-/// f64.
+/// Memory of an image in addition to its planes, in bytes per pixel: encoding, edges and tiles.
 const PIXEL_BYTES: u64 = 40;
+/// Memory of an image of the backend `reference`, which sums in f64, in addition to its planes, in bytes per pixel.
 const REFERENCE_PIXEL_BYTES: u64 = 640;
-/// Memory of a shadow map, in bytes per texel.
+/// Memory of a shadow map while it is drawn and used, in bytes per texel.
 const TEXEL_BYTES: u64 = 24;
 /// Address space, in bytes, that must stay free for small allocations, whose failure can't be handled.
 const ROOM_BYTES: u64 = 24 << 20;

@@ -1,4 +1,4 @@
-//! A-buffer (§8, after Z01 §6), in which a pixel's transparent fragments are grouped into surfaces.
+//! A-buffer (rendering model §8, after Z01 §6), in which a pixel's transparent fragments are grouped into surfaces.
 //!
 //! Deviation from the paper: fragments are processed in the order of depth, not of drawing, so that a surface is
 //! complete before the next one begins. Merging fragments then loses nothing, and the image doesn't depend on the
@@ -15,18 +15,18 @@ use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_render::Pass;
 
-/// Shaded surface of a pixel, or several merged surfaces.
+/// Transparent surface of a pixel after shading, or several such surfaces merged into one.
 #[derive(Clone, Copy)]
 struct Shaded {
-    /// Nearest of the merged surfaces.
+    /// Nearest of the merged surfaces, which gives depth and normal.
     surface: Surface,
-    /// Premultiplied colour of the merged surfaces.
+    /// Colour of the merged surfaces, premultiplied by their opacity.
     color: DVec3,
     /// Opacity of the merged surfaces.
     alpha: f64,
 }
 
-/// Draws the transparent splats of every pixel by the A-buffer.
+/// Groups the transparent fragments of every pixel into surfaces, and returns these as layers, nearest first.
 pub(crate) fn gather(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let run = Run::new(transparent.splats, transparent.bands, lighting.view, lighting.plan);
     let pixels = run.fragments();
@@ -38,7 +38,7 @@ pub(crate) fn gather(transparent: &TransparentSplats, lighting: &Lighting) -> Ve
     pixels.into_par_iter().enumerate().map(blend).collect()
 }
 
-/// Pixel whose fragments are grouped and blended.
+/// Pixel whose transparent fragments are grouped into surfaces and blended.
 struct Pixel<'a> {
     transparent: &'a TransparentSplats<'a>,
     lighting: &'a Lighting<'a>,
@@ -85,8 +85,9 @@ impl Pixel<'_> {
         layers
     }
 
-    /// Shades a complete surface and appends it, unless it is empty. If there are too many surfaces, the two closest in
-    /// depth are merged (Z01 eq. 12). Returns true if the surface wasn't empty.
+    /// Shades the surface with these sums, which is complete, and appends it unless it is empty. If there are more
+    /// surfaces than the plan allows, the two closest in depth are merged (Z01 eq. 12). Returns true if the surface
+    /// wasn't empty.
     fn close(&self, surfaces: &mut Vec<Shaded>, sums: &Sums) -> bool {
         let Some(surface) = self.lighting.shade(sums, self.center) else { return false };
         let alpha = surface.alpha * (sums.coverage / FULL_COVERAGE).min(1.0);

@@ -1,4 +1,4 @@
-//! Balls and dots (§11): computes their fragments in each pixel, in the order of depth.
+//! Balls and dots (rendering model §11): computes their fragments in each pixel, in the order of depth.
 
 use crate::margin;
 use crate::pixels;
@@ -14,50 +14,52 @@ use surfel_math::{V2, V3};
 use surfel_model::{BallLight, Shape};
 use surfel_render::{FramePlan, Region, View, ball_scale};
 
-/// Projected ball or dot.
+/// Ball or dot, projected to a view.
 #[derive(Clone)]
 pub(crate) struct ScreenBall {
-    /// Index among all splats of the scene: objects in order, splats in order.
+    /// Index of the ball among all splats of the scene: objects in order, splats in order.
     pub index: u32,
-    /// Centre in view space.
+    /// Position of the ball's centre in view space.
     pub center: DVec3,
     /// Radius in world units.
     radius: f64,
     flat: bool,
-    /// Projection of the centre, in pixels.
+    /// Pixel position of the projected centre, from which offsets in the outline are measured.
     anchor: V2<f64>,
     outline: Outline<f64>,
     extent: Extent<f64>,
-    /// Linear albedo.
+    /// Linear RGB albedo.
     pub color: [f64; 3],
-    /// Opacity; 1 if the plan ignores the alphas of balls.
+    /// Opacity of the ball; 1 if the plan ignores the alphas of balls.
     alpha: f64,
-    /// Ambient, diffuse, specular and shininess factors.
+    /// Ambient, diffuse, specular and shininess factors of the material.
     pub material: [f64; 4],
-    /// Light stored in the ball, if there is any.
+    /// Light of a sky that is stored in the ball, which the shader `unlit` applies (rendering model §12); `None` if
+    /// there is none.
     pub light: Option<BallLight>,
 }
 
 /// Fragment of a ball in a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BallFragment {
-    /// Planar depth.
+    /// Planar depth: distance along the viewing direction.
     pub z: f64,
-    /// Coverage times opacity.
+    /// Fraction of the pixel that the ball covers, times the ball's opacity.
     pub alpha: f64,
-    /// True if the fragment is solid (§11): the planes of depth, normal and nearest splat show it.
+    /// True if the fragment is solid (rendering model §11), so that the planes of depth, normal and nearest splat show
+    /// it.
     pub is_solid: bool,
-    /// True if rounding could change `is_solid`.
+    /// True if rounding could change whether the fragment is solid.
     pub is_solid_open: bool,
     /// Index of the ball among all splats of the scene.
     pub splat: u32,
     pub surface: Surface,
 }
 
-/// View in which balls are drawn: an image's or a shadow map's.
+/// View in which balls are drawn: that of an image or that of a shadow map.
 pub(crate) struct BallView<'a> {
     view: &'a View,
-    /// Smallest radius of a drawn ball, in pixels of the view.
+    /// Smallest radius of a drawn ball, in pixels of the view; smaller balls are enlarged to this radius.
     least_px: f64,
 }
 
@@ -67,7 +69,7 @@ impl<'a> BallView<'a> {
         Self { view, least_px: 0.0 }
     }
 
-    /// Creates the view of a shadow map, in which no ball is smaller than a texel.
+    /// Creates the view of a shadow map, in which small balls are enlarged to [`LEAST_TEXELS`].
     pub(crate) fn of_shadow_map(view: &'a View) -> Self {
         Self { view, least_px: LEAST_TEXELS }
     }
@@ -95,7 +97,7 @@ impl<'a> BallView<'a> {
         objects.iter().flat_map(of_object).collect()
     }
 
-    /// Projects a ball; `None` if it reaches z_near or lies beyond z_far.
+    /// Projects a ball, or a dot if `flat` is true. `None` if it reaches z_near or lies beyond z_far.
     fn place(&self, center: DVec3, radius: f64, flat: bool) -> Option<ScreenBall> {
         let projection = &self.view.projection;
         let radius = radius.max(self.least_px * per_pixel(self.view, center.z));
@@ -116,7 +118,7 @@ impl<'a> BallView<'a> {
     }
 }
 
-/// Returns the length of a pixel at depth `z`, in world units, using the geometric mean of the focal lengths.
+/// Returns the width of a pixel at depth `z` in world units, by the geometric mean of the focal lengths.
 fn per_pixel(view: &View, z: f64) -> f64 {
     let [fx, fy] = view.projection.focal_px;
     if view.projection.is_perspective() { z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
@@ -128,17 +130,17 @@ impl ScreenBall {
         self.alpha
     }
 
-    /// Returns the columns and rows of a rectangle that the ball may touch.
+    /// Returns the columns and rows of `rect` whose pixels the ball may touch.
     pub(crate) fn touched(&self, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
         pixels::touched(&self.extent, rect)
     }
 
-    /// True if a pixel position is inside of the outline.
+    /// True if a pixel position is inside of the ball's projected outline.
     pub(crate) fn contains(&self, pixel: V2<f64>) -> bool {
         self.outline.contains(pixel - self.anchor - self.outline.center)
     }
 
-    /// True if rounding could change whether a pixel position is inside of the outline.
+    /// True if rounding could change whether a pixel position is inside of the ball's projected outline.
     pub(crate) fn is_on_rim(&self, pixel: V2<f64>) -> bool {
         let from = pixel - self.anchor - self.outline.center;
         let scaled = |by: f64| self.outline.contains(from * by);
@@ -182,11 +184,11 @@ impl ScreenBall {
     }
 }
 
-/// Balls of a frame and their fragments.
+/// Fragments of all balls in a frame, per pixel.
 pub(crate) struct BallLayer {
-    /// Fragments of each pixel, nearest first.
+    /// Fragments in each pixel, nearest first, up to the first that covers the whole pixel.
     pub pixels: Vec<Vec<BallFragment>>,
-    /// Number of balls that are drawn.
+    /// Number of balls that are drawn in the frame.
     pub drawn: usize,
 }
 
@@ -226,7 +228,8 @@ impl BallLayer {
     }
 }
 
-/// Returns the fragments with depths from `from` up to, but not including, `to`. `fragments` must be sorted by depth.
+/// Returns the fragments with depths from `from` up to, but not including, `to`. `fragments` must be sorted by depth,
+/// as in [`BallLayer::pixels`].
 pub(crate) fn between(fragments: &[BallFragment], from: f64, to: f64) -> &[BallFragment] {
     let first = fragments.partition_point(|f| f.z < from);
     let end = fragments.partition_point(|f| f.z < to).max(first);

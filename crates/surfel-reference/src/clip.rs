@@ -1,4 +1,4 @@
-//! Clips of splats (§7), evaluated per pixel in the splat's own (u, v).
+//! Clips of splats (rendering model §7), evaluated per pixel in the splat's own (u, v).
 
 use surfel_math::V2;
 use surfel_math::clip::{Clip, Turn};
@@ -10,20 +10,19 @@ use surfel_model::{ClipPolicy, SplatCloud};
 #[derive(Clone)]
 pub(crate) struct SplatClip {
     clip: Clip<f64>,
-    /// Curve that replaces the clip's curve if the policy requests eq. 7 of C12.
+    /// Curve that replaces the clip's curve under [`ClipPolicy::Paper`], evaluated by C12 eq. 7; otherwise `None`.
     paper: Option<PaperCurve<f64>>,
-    /// True if the visible part of the unfiltered splat always belongs to the filtered footprint (§7), as in oriented
-    /// clouds.
+    /// True if the visible part of the unfiltered splat always belongs to the filtered footprint, as in oriented clouds
+    /// (rendering model §7).
     pub holds_visible: bool,
-    /// Map from the (u, v) of the unfiltered footprint to the splat's own.
+    /// Map from the (u, v) of the unfiltered footprint to the splat's own (u, v).
     pub visible_turn: Turn<f64>,
-    /// Map from the (u, v) of the filtered footprint to the splat's own.
+    /// Map from the (u, v) of the filtered footprint to the splat's own (u, v).
     pub filtered_turn: Turn<f64>,
 }
 
 impl SplatClip {
-    /// Creates the clip of splat `i` under a policy; `None` if the splat isn't clipped. The maps are set to the
-    /// identity.
+    /// Creates the clip of splat `i` under a policy, with identity maps; `None` if the splat isn't clipped.
     pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
@@ -32,6 +31,7 @@ impl SplatClip {
         Some(Self { clip, paper, holds_visible: oriented, visible_turn: own, filtered_turn: own })
     }
 
+    /// True if the clip leaves a point in the splat's own (u, v) visible.
     fn keeps(&self, uv: V2<f64>) -> bool {
         match &self.paper {
             Some(curve) => curve.keeps(uv) && self.clip.lines_keep(uv),
@@ -39,7 +39,8 @@ impl SplatClip {
         }
     }
 
-    /// True if the clip leaves the pixel at offset `d` visible, for a footprint and its map to the splat's own (u, v).
+    /// True if the clip leaves the pixel at offset `d` visible. `footprint` gives the pixel's (u, v), and `turn` maps
+    /// it to the splat's own (u, v).
     pub(crate) fn keeps_at(&self, footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> bool {
         self.keeps(own_coordinates(footprint, turn, d))
     }
@@ -64,7 +65,8 @@ impl SplatClip {
     }
 }
 
-/// Returns the splat's own (u, v) at offset `d`; (0, 0) if W ≤ 0, which only occurs with the filter `clamp`.
+/// Returns the splat's own (u, v) at the pixel offset `d` of a footprint. It is (0, 0) if W ≤ 0, which only occurs with
+/// the filter `clamp`.
 fn own_coordinates(footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> V2<f64> {
     let (u, v, w) = footprint.at(d);
     if w > 0.0 { turn.apply(V2::new(u / w, v / w)) } else { V2::new(0.0, 0.0) }

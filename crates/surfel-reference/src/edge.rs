@@ -1,4 +1,4 @@
-//! Edge antialiasing by coverage (§5, our method after Z01 §7).
+//! Edge antialiasing by coverage (rendering model §5, our method after Z01 §7).
 
 use crate::margin;
 use crate::pixels::neighbours;
@@ -7,10 +7,10 @@ use crate::raster::Passes;
 use crate::threshold::Threshold;
 use surfel_render::Region;
 
-/// Surfaces of a rectangle in which edges are detected.
+/// Nearest surfaces of a rectangle of pixels, in which edge pixels are detected.
 pub(crate) struct Edges<'a> {
     pub passes: &'a Passes,
-    /// Nearest polygon of each pixel, occluded or not; empty if the frame has no polygons.
+    /// Nearest polygon of each pixel, whether a splat occludes it or not; empty if the frame has no polygons.
     pub polygons: &'a [Hit],
     pub rect: Region,
 }
@@ -35,8 +35,9 @@ impl Edges<'_> {
     }
 
     /// Returns a flag per pixel, true if rounding could change whether the pixel is an edge. At such a pixel, no
-    /// neighbour makes an edge for certain, and at least one may. A neighbour may if it is within the margin, or if
-    /// rounding could change a visibility test of either pixel, or of a polygon.
+    /// neighbour makes an edge for certain, and at least one may make an edge. A neighbour may if its depth is within
+    /// the margin of the pixel's limit. It also may if rounding could change a visibility test of either pixel, or of a
+    /// polygon.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let is_marginal = |at: usize| {
             let own = self.passes.possible[at];
@@ -59,18 +60,18 @@ impl Edges<'_> {
         self.rect.width as usize * self.rect.height as usize
     }
 
-    /// Returns the depth of the nearest polygon, and true if rounding could change it.
+    /// Returns the depth of the nearest polygon in pixel `at` (+∞ without one), and true if rounding could change it.
     fn polygon(&self, at: usize) -> (f64, bool) {
         self.polygons.get(at).map_or((f64::INFINITY, false), |hit| (hit.z, hit.marginal))
     }
 }
 
-/// Returns the depth at which a pixel's own surface ends.
+/// Returns the depth at which a pixel's own surface ends: one ε behind the threshold's writer depth.
 fn limit(own: Threshold) -> f64 {
     own.writer_depth + own.epsilon
 }
 
-/// Returns the depth at which a neighbour's surface begins.
+/// Returns the depth at which a neighbour's surface begins: one ε before the threshold's writer depth.
 fn step(neighbour: Threshold) -> f64 {
     neighbour.writer_depth - neighbour.epsilon
 }

@@ -80,15 +80,15 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats
 }
 
-/// Converts a pixel index in the region to the pixel's index in the work rectangle.
+/// Converts a pixel's index `to` in the view's region to its index in the work rectangle `rect`.
 fn place_in(rect: Region, view: &View, to: usize) -> usize {
     let region = view.region;
     let (x, y) = (to % region.width as usize, to / region.width as usize);
     (y + (region.y - rect.y) as usize) * rect.width as usize + x + (region.x - rect.x) as usize
 }
 
-/// Returns the candidates for the nearest splat or polygon in each pixel of the region, nearest first. Their depths are
-/// within the fraction `relative` of the minimum depth.
+/// Returns the candidates for the nearest splat or polygon in each pixel of the region, nearest first. Their depths
+/// exceed the smallest one in the pixel by at most the fraction `relative`.
 pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, relative: f64) -> Vec<Vec<Identity>> {
     let plan = &FramePlan { shader: Shader::Unlit, ..plan.clone() };
     let lighting = Lighting {
@@ -108,32 +108,34 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
         .collect()
 }
 
-/// Returns the rectangle over which all passes run: the region, grown by the neighbours that passes read, inside the
-/// image.
+/// Returns the work rectangle, over which all passes run. It is the region, grown by the neighbours that passes read,
+/// inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
 }
 
-/// Opaque image of a frame: the results of the passes in each pixel, and the shaded surfaces.
+/// Opaque image of a frame: the results of the passes in each pixel of the work rectangle, and the shaded nearest
+/// surfaces.
 pub(crate) struct OpaqueImage<'a> {
     pub lighting: &'a Lighting<'a>,
     pub rect: Region,
     background: [f64; 4],
     front: &'a Passes,
-    /// Passes over the surfaces behind edges, and a flag per pixel, true for edge pixels.
+    /// Passes over the surfaces behind edges, and a flag per pixel, true for edge pixels; `None` without edge
+    /// antialiasing by coverage.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
     balls: Option<&'a BallLayer>,
-    /// Eye-dome lighting of the nearest surfaces, if the plan has it.
+    /// Eye-dome lighting computed from the nearest surfaces; `None` if the plan has none.
     eye_dome: Option<EyeDome<'a>>,
-    /// Outlines of the nearest surfaces, if the plan has them.
+    /// Outlines detected between the nearest surfaces; `None` if the plan has none.
     outlines: Option<Outlines<'a>>,
-    /// Nearest surface of each pixel in the work rectangle, and true if rounding could change the surface.
+    /// Shaded nearest surface of each pixel in the work rectangle, and true if rounding could change it.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
 impl<'a> OpaqueImage<'a> {
-    /// Creates the image before shading.
+    /// Creates the image from the results of the passes, before its surfaces are shaded.
     pub(crate) fn new(lighting: &'a Lighting<'a>, rect: Region, background: [f64; 4], front: &'a Front<'a>) -> Self {
         let (passes, meshes, balls) = (&front.passes, front.meshes.as_ref(), front.balls.as_ref());
         let (eye_dome, outlines, pixels) = (None, None, Vec::new());
@@ -158,8 +160,8 @@ impl<'a> OpaqueImage<'a> {
         self.pixels = pixels;
     }
 
-    /// Applies outlines or eye-dome lighting to the surface at a place in pixel `at`, using the depths of neighbouring
-    /// pixels. The second value is true if rounding could change the result.
+    /// Applies outlines or eye-dome lighting to the surface at position `place` in pixel `at`, using the depths of
+    /// neighbouring pixels. The second value is true if rounding could change the result.
     pub(crate) fn under_screen_space(
         &self,
         surface: Option<Surface>,
@@ -176,7 +178,7 @@ impl<'a> OpaqueImage<'a> {
         (Some(Surface { color: surface.color * brightness, ..surface }), open)
     }
 
-    /// Returns the colour of a surface, or the background colour if there is no surface.
+    /// Returns the colour of a surface as RGBA over the background, or the background colour if there is no surface.
     pub(crate) fn over_background(&self, surface: Option<Surface>) -> [f64; 4] {
         match surface {
             Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
@@ -184,8 +186,8 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// Returns the nearest surface of a pixel: splats, a polygon, or splats blended over a polygon (§6). The second
-    /// value is true if rounding could change the surface.
+    /// Returns the nearest surface of a pixel: splats, a polygon, or splats blended over a polygon (rendering model
+    /// §6). The second value is true if rounding could change the surface.
     pub(crate) fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
         let sums = &self.front.sums[at];
         let mut surface = self.lighting.shade(sums, pixel);
@@ -280,7 +282,7 @@ impl<'a> OpaqueImage<'a> {
         pixel
     }
 
-    /// Returns the opaque pixel, with the surface behind it blended in at edges.
+    /// Returns a pixel of the opaque image. At an edge, the surface behind the nearest one is blended in by coverage.
     fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
         let (surface, mut marginal) = self.pixels[at];
         let mut color = self.over_background(surface);
@@ -306,8 +308,8 @@ impl<'a> OpaqueImage<'a> {
         Pixel { color, surface, ends, marginal }
     }
 
-    /// Applies eye-dome lighting to the surface behind an edge pixel, using its depth among the nearest surfaces
-    /// around.
+    /// Applies eye-dome lighting to the surface behind an edge pixel, by comparing its depth with the nearest surfaces
+    /// of the neighbours.
     fn under_eye_dome(&self, surface: Option<Surface>, at: usize) -> Option<Surface> {
         let Some(dome) = &self.eye_dome else { return surface };
         surface.map(|s| Surface { color: s.color * dome.brightness(at, s.depth).0, ..s })
@@ -329,12 +331,12 @@ impl<'a> OpaqueImage<'a> {
     }
 }
 
-/// Finished pixel of the opaque image.
+/// Pixel of the opaque image, with everything that the frame's planes need.
 struct Pixel {
-    /// Colour, linear premultiplied RGBA.
+    /// Colour as linear premultiplied RGBA.
     color: [f64; 4],
     surface: Option<Surface>,
-    /// Depth of the nearest opaque surface; +∞ without one.
+    /// Depth of the nearest opaque surface, up to which layers and balls are composited; +∞ without one.
     ends: f64,
     marginal: bool,
 }

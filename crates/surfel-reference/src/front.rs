@@ -19,15 +19,15 @@ pub(crate) struct Front<'a> {
     pub(crate) passes: Passes,
     pub(crate) meshes: Option<MeshLayer<'a>>,
     pub(crate) transparent: Vec<ScreenSplat>,
-    /// Balls of the frame; `None` if the plan draws none.
+    /// Fragments of the frame's balls; `None` if the plan draws no balls.
     pub(crate) balls: Option<BallLayer>,
-    /// Transparent layers of each pixel; empty if nothing is transparent.
+    /// Transparent layers of each pixel, nearest first; empty if the frame has no transparent splats.
     pub(crate) layers: Vec<LayerCompositor>,
 }
 
 impl<'a> Front<'a> {
-    /// Runs the passes. `pixel_px` is the width of an image pixel in pixels of the view; decision margins are in pixels
-    /// of the image.
+    /// Runs the passes over `rect`. `pixel_px` is the width of an image pixel in pixels of the view, by which decision
+    /// margins are scaled. It exceeds 1 if the view is a finer image of samples.
     pub(crate) fn draw(scene: &'a ResidentScene, lighting: &Lighting<'a>, rect: Region, pixel_px: f64) -> Self {
         let (view, plan) = (lighting.view, lighting.plan);
         let mut splats = project_all(&scene.objects, view, plan);
@@ -60,8 +60,8 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Runs both passes over the transparent splats in front of opaque surfaces as if the splats were opaque. `None`
-    /// without such splats.
+    /// Runs both passes over the transparent splats in front of opaque surfaces, as if these splats were opaque. The
+    /// result gives their depths. `None` if there are no such splats.
     pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
         if self.transparent.is_empty() {
             return None;
@@ -107,14 +107,14 @@ impl<'a> Front<'a> {
     }
 }
 
-/// Nearest polygons of a frame, per pixel of the work rectangle.
+/// Nearest polygons of a frame, per pixel of the rectangle over which the passes run.
 pub(crate) struct MeshLayer<'a> {
     pub(crate) polygons: Polygons<'a>,
-    /// Nearest polygon of each pixel, occluded or not.
+    /// Nearest polygon of each pixel, whether a splat occludes it or not.
     pub(crate) hits: Vec<Hit>,
-    /// Depth of the nearest polygon in each pixel; +∞ if a splat occludes it, or without a polygon.
+    /// Depth of the nearest polygon in each pixel; +∞ if a splat occludes it or if there is none.
     pub(crate) depth: Vec<f64>,
-    /// Flag per pixel, true if rounding could change whether a splat occludes the polygon.
+    /// Flag per pixel, true if rounding could change the polygon or whether a splat occludes it.
     pub(crate) marginal: Vec<bool>,
 }
 

@@ -11,47 +11,49 @@ use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, PassTime, Stats, View};
 
-/// Relative distance from a limit within which rounding could change a decision.
+/// Largest relative distance of a value, such as α, from a limit at which rounding could change the comparison with the
+/// limit.
 const MARGIN: f64 = 1e-4;
-/// Distance from a rim, in pixels, within which rounding could change a decision.
+/// Width, in pixels, of the surroundings of a ray within which rounding may move a Gaussian. Values that cross a limit
+/// there are uncertain.
 const RIM_PX: f64 = 1e-3;
-/// Relative distance between depths whose order f32 rounding may change.
+/// Largest relative distance between two depths whose order f32 rounding may change.
 const DEPTH_MARGIN: f64 = 5e-7;
-/// Smallest change of a colour that counts as a visible change.
+/// Largest change of a colour or normal component, by a swap of fragments, that doesn't count as visible.
 const CHANGE_MARGIN: f64 = 1e-4;
 
-/// Projected Gaussian that may be visible.
+/// Gaussian that may be visible, projected to the view.
 struct Seen {
-    /// Depth of the centre.
+    /// Depth of the Gaussian's centre, by which [`Sort::Center`] sorts.
     depth: f64,
     center_px: V2<f64>,
     bounds_px: Option<[V2<f64>; 2]>,
     forms: GaussianForms<f64>,
     opacity: f64,
-    /// Factor of α: the fraction of the filtered footprint that the Gaussian covers, or 1 as trained.
+    /// Factor of α after its limits: the fraction of the filtered footprint that the Gaussian covers, or 1 as trained.
     weight: f64,
     color: DVec3,
-    /// Normal in world space.
+    /// Unit normal in world space.
     normal: DVec3,
-    /// Index of the Gaussian in the scene.
+    /// Index of the Gaussian among all Gaussians of the scene.
     number: usize,
 }
 
-/// Gaussian evaluated at the point where a ray meets it.
+/// Gaussian evaluated at the point where a pixel's ray meets it.
 struct Fragment<'a> {
     gaussian: &'a Seen,
     alpha: f64,
     z: f64,
     shows: bool,
-    /// True if rounding could change whether the Gaussian is visible.
+    /// True if rounding could change whether the Gaussian is visible at this pixel.
     open: bool,
-    /// Smallest and largest α within a rim's width of the ray.
+    /// Smallest and largest α within [`RIM_PX`] of the ray.
     alphas: [f64; 2],
-    /// Depths at a rim's width from the ray, in four directions.
+    /// Depths at [`RIM_PX`] from the ray, in four directions.
     depths: [f64; 4],
 }
 
-/// Sums of a pixel, accumulated front to back.
+/// Sums over the Gaussians on a pixel's ray, accumulated front to back.
 struct Pixel {
     transmittance: f64,
     weight: f64,
@@ -60,11 +62,11 @@ struct Pixel {
     depth: f64,
     median_depth: f64,
     distortion: f64,
-    /// Σw·m and Σw·m², with m the depth that `distortion` compares.
+    /// Sums Σw·m and Σw·m² for the plane `distortion`, where w is a Gaussian's weight and m its [`distortion_depth`].
     moments: [f64; 2],
     fragments: u32,
     marginal: bool,
-    /// Relative change of the transmittance that a rim's width may cause.
+    /// Relative change of the transmittance that moving all earlier Gaussians by [`RIM_PX`] may cause.
     slack: f64,
 }
 
@@ -146,7 +148,7 @@ fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen>
 }
 
 impl<'a> Fragment<'a> {
-    /// Evaluates a Gaussian on the ray through a pixel position; `None` if it certainly isn't visible.
+    /// Evaluates a Gaussian on the ray through the pixel position `at`; `None` if it certainly isn't visible there.
     fn of(gaussian: &'a Seen, at: V2<f64>, near: f64) -> Option<Self> {
         let d = V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y);
         if let Some([lo, hi]) = gaussian.bounds_px {
@@ -175,8 +177,8 @@ impl<'a> Fragment<'a> {
         (shows || open).then_some(Self { gaussian, alpha, z, shows, open, alphas, depths })
     }
 
-    /// True if both fragments certainly are in the same depth step, so that the scene's order decides which one is in
-    /// front.
+    /// True if both fragments certainly are in the same depth step. Then the scene's order decides which one is in
+    /// front, and rounding can't swap them.
     fn is_surely_in_step_with(&self, other: &Self) -> bool {
         let mut depths = self.depths.into_iter().chain(other.depths);
         let step = depth_step(self.z);
@@ -185,7 +187,7 @@ impl<'a> Fragment<'a> {
 }
 
 impl Pixel {
-    /// Blends all Gaussians on the ray through a pixel position.
+    /// Blends all Gaussians on the ray through the pixel position `at`, in the plan's order.
     fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
@@ -224,7 +226,8 @@ impl Pixel {
         pixel
     }
 
-    /// True if rounding may swap a fragment with fragments behind it, with a visible effect.
+    /// True if rounding may swap the fragment `front` with fragments in `behind`, and the swap would visibly change the
+    /// pixel.
     fn may_swap(&self, front: &Fragment<'_>, behind: &[Fragment<'_>]) -> bool {
         let change = |f: &Fragment<'_>| {
             let is_apart = front.depths.iter().zip(f.depths).all(|(z, other)| other > z * (1.0 + 2.0 * DEPTH_MARGIN));

@@ -4,11 +4,11 @@ use crate::ball::BallFragment;
 use crate::shade::Surface;
 use glam::DVec3;
 
-/// Transparent layer of a pixel.
+/// Transparent layer of a pixel: a surface with its depth, colour and opacity.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layer {
     pub depth: f64,
-    /// Premultiplied colour.
+    /// Colour, premultiplied by `alpha`.
     pub color: DVec3,
     pub alpha: f64,
 }
@@ -20,17 +20,17 @@ impl Layer {
     }
 }
 
-/// Transparent layers of a pixel found so far, nearest first.
+/// Transparent layers of a pixel, nearest first, to which layers are added from front to back.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LayerCompositor {
     layers: Vec<Layer>,
-    /// Surface of the nearest layer.
+    /// Surface of the nearest layer, which the planes of depth and normal show; `None` without layers.
     pub nearest: Option<Surface>,
-    /// Number of surfaces added as layers; empty surfaces don't count.
+    /// Number of surfaces that were added as layers; empty surfaces don't count.
     pub count: u32,
-    /// Number of fragments summed in the layers.
+    /// Number of fragments that were summed in the layers' surfaces.
     pub fragments: u32,
-    /// True if rounding could change a decision of this pixel.
+    /// True if rounding could change a decision by which the layers were made.
     pub marginal: bool,
 }
 

@@ -10,14 +10,17 @@ use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
-/// Distance from a footprint's rim, in pixels of the image, within which rounding could change a test.
+/// Largest distance of a pixel from a footprint's rim, in pixels of the image, at which rounding could change whether
+/// the pixel is inside.
 pub(crate) const RIM_PX: f64 = 1e-3;
-/// Distance of a coverage from a limit within which rounding could change the comparison.
+/// Largest difference between a ball's coverage of a pixel and the limit for solid fragments at which rounding could
+/// change the comparison.
 pub(crate) const BALL_COVERAGE: f64 = 2e-3;
-/// Relative distance from equality within which rounding could change any other test.
+/// Largest relative difference of the two sides of any other comparison, such as of depths, at which rounding could
+/// change the result.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
-/// True if offset `d` is at most `rim_px` pixels of the view from the rim of a footprint.
+/// True if the offset `d` from the footprint's anchor is at most `rim_px` pixels of the view from the footprint's rim.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> bool {
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;
@@ -64,8 +67,8 @@ fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
         || (holds_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
 }
 
-/// True if rounding could change whether a neighbour's surface is beyond a pixel's own (§5, edge antialiasing). The
-/// pixel's own surface ends at depth `near`, and the neighbour's begins at `far`.
+/// True if rounding could change whether a neighbour's surface is beyond a pixel's own (rendering model §5, edge
+/// antialiasing). The pixel's own surface ends at depth `near`, and the neighbour's begins at `far`.
 pub(crate) fn on_step(near: f64, far: f64) -> bool {
     // Infinities decide clearly, and an infinity minus itself is NaN.
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
@@ -110,12 +113,13 @@ pub(crate) fn on_ball_depth(z: f64, other: f64) -> bool {
     (z - other).abs() <= 0.1 * RELATIVE * z.abs()
 }
 
-/// True if rounding could add or remove the highlight of a light at cosine n·l (§5, `phong`).
+/// True if rounding could add or remove the highlight of a light at cosine n·l (rendering model §5, `phong`).
 pub(crate) fn on_terminator(cosine: f64) -> bool {
     cosine.abs() <= RELATIVE
 }
 
-/// True if rounding could change a test of a fragment in the attribute pass, and the result matters.
+/// True if rounding could change whether the attribute pass sums a fragment at depth `z`. Fragments certainly behind
+/// the threshold don't matter.
 pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, threshold: &Threshold, view: &View) -> bool {
     let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
     let depth = on_depth(z, threshold.depth);

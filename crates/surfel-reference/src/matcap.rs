@@ -1,4 +1,4 @@
-//! Shader `matcap` (§5), which samples an image of a lit sphere by the normal.
+//! Shader `matcap` (rendering model §5), which samples an image of a lit sphere by the normal.
 
 use glam::DVec3;
 use surfel_math::V3;

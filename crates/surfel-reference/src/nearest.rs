@@ -1,4 +1,5 @@
-//! Search for the nearest splat or polygon in each pixel, for the planes of identities (§5, planes).
+//! Search for the nearest splat or polygon in each pixel, for the planes `index`, `object` and `label` (rendering model
+//! §5, planes).
 
 use crate::ball::{self, BallLayer};
 use crate::frame::OpaqueImage;
@@ -11,18 +12,18 @@ use crate::splat::ScreenSplat;
 use surfel_model::NO_LABEL;
 use surfel_render::{Identity, Region};
 
-/// Fragment that may be the nearest of its pixel.
+/// Fragment that may be the nearest of its pixel, with the splat or polygon to which it belongs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Candidate {
     pub z: f64,
-    /// Index among all splats of the scene, or [`POLYGON`].
+    /// Index of the splat among all splats of the scene, or [`POLYGON`].
     splat: u32,
-    /// Index of the object in the scene.
+    /// Index of the splat's or polygon's object in the scene.
     object: u32,
     row: u32,
 }
 
-/// Splat index that stands for a polygon.
+/// Value of [`Candidate::splat`] for a polygon.
 const POLYGON: u32 = u32::MAX;
 
 impl Candidate {
@@ -37,13 +38,13 @@ impl Candidate {
         Self { z, splat, object: source, row: object.map_or(NO_LABEL, row) }
     }
 
-    /// Compares candidates by depth; equal depths by object and then row, with polygons last.
+    /// Compares candidates by depth. Equal depths are ordered by object and then by row, with polygons last.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
         let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
         self.z.total_cmp(&other.z).then(key(self).cmp(&key(other)))
     }
 
-    /// Returns the row, object and label for the pixel's planes.
+    /// Returns the candidate's row, object and label, which the planes show.
     fn identity(&self, scene: &ResidentScene) -> Identity {
         let object = scene.objects.iter().rfind(|object| self.splat != POLYGON && object.first_splat <= self.splat);
         let labels = object.and_then(|object| Some((object, object.cloud.data().labels.as_ref()?)));
@@ -100,7 +101,7 @@ pub(crate) fn all(scene: &ResidentScene, pixels: &[Vec<Candidate>]) -> Vec<Vec<I
 }
 
 impl Front<'_> {
-    /// Returns the opaque fragments of each pixel whose attributes are summed.
+    /// Returns the opaque fragments of each pixel whose attributes the attribute pass sums.
     fn contributing(&self, scene: &ResidentScene, lighting: &Lighting) -> Vec<Vec<Candidate>> {
         let polygon = self.meshes.as_ref().map(|meshes| meshes.depth.as_slice());
         let limits = DepthLimits { polygon, ..DepthLimits::default() };

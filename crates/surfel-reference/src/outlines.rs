@@ -1,4 +1,4 @@
-//! Outlines of the shader `toon`, drawn at depth steps (§5).
+//! Outlines of the shader `toon`, drawn at depth steps (rendering model §5).
 
 use crate::shade::Surface;
 use crate::{margin, pixels};
@@ -8,7 +8,8 @@ use surfel_math::toon::step_back_limit;
 use surfel_math::{V2, V3};
 use surfel_render::{Region, View};
 
-/// Outlines of a rectangle: the depth of each pixel's nearest surface, and true if rounding could change the depth.
+/// Nearest surfaces of a rectangle of pixels, between which outlines are detected. It stores the depth of each surface,
+/// and true if rounding could change the depth.
 pub(crate) struct Outlines<'a> {
     depths: Vec<(f64, bool)>,
     rect: Region,
@@ -21,8 +22,8 @@ impl<'a> Outlines<'a> {
         Self { depths, rect, view }
     }
 
-    /// True if a surface at `place` in pixel `at` is part of an outline: a neighbour's surface is farther back or
-    /// absent. The second value is true if rounding could change the first.
+    /// True if a surface at position `place` in pixel `at` is part of an outline, because a neighbour's surface is
+    /// farther back or absent. The second value is true if rounding could change the first.
     pub(crate) fn has(&self, at: usize, surface: &Surface, place: V2<f64>) -> (bool, bool) {
         let limit = limit(surface, place, self.view);
         let (mut line, mut sure, mut open) = (false, false, false);
@@ -36,14 +37,15 @@ impl<'a> Outlines<'a> {
         (line, open && !sure)
     }
 
-    /// Returns the surface, black if it is part of an outline, and true if rounding could change the result.
+    /// Returns the surface, black if it is part of an outline. The second value is true if rounding could change the
+    /// result.
     pub(crate) fn draw(&self, at: usize, surface: Surface, place: V2<f64>) -> (Surface, bool) {
         let (line, open) = self.has(at, &surface, place);
         (Surface { color: if line { DVec3::ZERO } else { surface.color }, ..surface }, open)
     }
 }
 
-/// Returns the depth beyond which a neighbour's surface makes an outline.
+/// Returns the depth beyond which a neighbouring pixel's surface makes this surface part of an outline.
 fn limit(surface: &Surface, pixel: V2<f64>, view: &View) -> f64 {
     let projection = &view.projection;
     let (origin, direction) = projection.ray(pixel);

@@ -1,4 +1,4 @@
-//! Depth peeling of transparent splats (§8, after G06 §6).
+//! Depth peeling of transparent splats (rendering model §8, after G06 §6).
 
 use crate::layer_compositor::LayerCompositor;
 use crate::pixels;
@@ -14,7 +14,7 @@ use surfel_render::{Attributes, Pass, Region};
 pub(crate) struct TransparentSplats<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
-    /// Depth of the opaque surface in each pixel of `rect`; +∞ without one.
+    /// Depth of the nearest opaque surface in each pixel of `rect`; +∞ without one.
     pub opaque_depth: &'a [f64],
     pub rect: Region,
 }
@@ -26,7 +26,8 @@ impl TransparentSplats<'_> {
     }
 }
 
-/// Draws the plan's transparent layers, nearest first.
+/// Draws the transparent layers that the plan asks for. Each layer has the nearest surface of every pixel behind the
+/// previous layer.
 pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let plan = lighting.plan;
     let mut layers = vec![LayerCompositor::default(); transparent.opaque_depth.len()];
@@ -50,8 +51,8 @@ pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<
     layers
 }
 
-/// Draws all remaining fragments as the last layer. Each splat is lit on its own, and weighted by alpha, so that more
-/// opaque splats count more.
+/// Draws all fragments deeper than `beyond` as the last layer. Each splat is lit on its own, and weighted by alpha, so
+/// that more opaque splats count more.
 fn remaining(
     transparent: &TransparentSplats,
     lighting: &Lighting,

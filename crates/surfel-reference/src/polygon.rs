@@ -1,4 +1,4 @@
-//! Polygons among splats (§6): finds the nearest polygon of each pixel, and evaluates its surface.
+//! Polygons among splats (rendering model §6): finds the nearest polygon of each pixel, and evaluates its surface.
 
 use crate::margin;
 use crate::pixels;
@@ -12,23 +12,24 @@ use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_render::{FramePlan, Region, View};
 
-/// Projected triangle of a mesh.
+/// Triangle of a mesh, projected to the view.
 pub(crate) struct ScreenTriangle {
     mesh: u32,
-    /// Index of the triangle in the mesh.
+    /// Index of the triangle in its mesh.
     index: u32,
     triangle: Triangle<f64>,
     extent: Extent<f64>,
     /// True if the triangle faces away from the eye.
     back_facing: bool,
-    /// Distance between the cosine and the facing decision; infinite if nothing depends on facing.
+    /// Distance between the triangle's facing cosine and the limit at which a facing decision changes; infinite if
+    /// nothing depends on facing.
     facing_margin: f64,
 }
 
-/// Nearest polygon of a pixel.
+/// Nearest polygon of a pixel, and its depth.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
-    /// Planar depth; +∞ for none.
+    /// Planar depth of the polygon at the pixel; +∞ if there is no polygon.
     pub z: f64,
     /// Index of the triangle in [`Polygons::triangles`].
     triangle: u32,
@@ -40,12 +41,13 @@ impl Hit {
     pub(crate) const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
 }
 
-/// Point of a polygon's surface, as the input of lighting.
+/// Albedo, normal and material factors at a point of a polygon, as the input of lighting.
 pub(crate) struct Material {
     pub albedo: DVec3,
-    /// Unit normal in world space, turned to the eye if the material is two-sided; zero if undefined.
+    /// Unit normal of the polygon in world space, turned to the eye if the material is two-sided; zero if it is
+    /// undefined.
     pub normal: DVec3,
-    /// Ambient, diffuse, specular and shininess factors.
+    /// Ambient, diffuse, specular and shininess factors of the material.
     pub factors: [f64; 4],
 }
 
@@ -78,8 +80,8 @@ impl<'a> Polygons<'a> {
         Self { meshes, view, triangles }
     }
 
-    /// Returns the nearest polygon of every pixel of `rect`; of equally near ones, the first. `rim_px` is the decision
-    /// margin of edges in pixels of the view; `None` if margins aren't needed.
+    /// Returns the nearest polygon of every pixel of `rect`; of equally near ones, the first. `rim_px` is the distance
+    /// from an edge, in pixels of the view, within which rounding could change a hit; `None` if margins aren't needed.
     pub(crate) fn nearest(&self, rect: Region, rim_px: Option<f64>) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
         let mut of_row = vec![Vec::new(); rect.height as usize];
@@ -128,7 +130,8 @@ impl<'a> Polygons<'a> {
         self.triangles.get(hit.triangle as usize).map(|t| t.mesh as usize)
     }
 
-    /// Returns the depth gradient of the hit polygon at a pixel: the change per pixel to the right and down.
+    /// Returns the depth gradient of the hit polygon at a pixel: the change of its depth per pixel to the right and per
+    /// pixel down.
     pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
         let t = &self.triangles[hit.triangle as usize].triangle;
         t.gradient(t.z, hit.z, pixel)
@@ -204,8 +207,8 @@ fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Optio
     })
 }
 
-/// True if the pixel is within the margin of at least one edge of the triangle. It must not be outside of any edge by
-/// more than the margin.
+/// True if rounding could change whether the pixel is inside the triangle: it is within `rim_px` of some edge, and not
+/// outside of any edge by more.
 fn on_rim(t: &Triangle<f64>, pixel: V2<f64>, rim_px: f64) -> bool {
     let distances = t.edges.map(|e| e.at(pixel) / e.x.hypot(e.y));
     distances.iter().all(|d| *d >= -rim_px) && distances.iter().any(|d| d.abs() <= rim_px)

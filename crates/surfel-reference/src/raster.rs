@@ -1,4 +1,5 @@
-//! Visibility and attribute passes (§5). They draw one splat after another, over bands of rows in parallel.
+//! Visibility and attribute passes (rendering model §5). They draw one splat after another, over bands of rows in
+//! parallel.
 
 use crate::splat::{Facing, ScreenSplat};
 use crate::threshold::{PossibleThresholds, Sides, Threshold};
@@ -8,10 +9,10 @@ use rayon::prelude::*;
 use surfel_math::{V2, kernel};
 use surfel_render::{Attributes, FramePlan, Region, View};
 
-/// Number of rows in a band. It only determines the amount of work per task, and changes no pixel.
+/// Number of pixel rows in a band, the unit of parallel work. It changes no pixel.
 const BAND_ROWS: u32 = 8;
 
-/// Weighted sums of the attributes of a pixel's fragments.
+/// Sums of the attributes of a pixel's fragments, each multiplied by its weight; `weight` is the sum of the weights.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sums {
     pub weight: f64,
@@ -22,7 +23,7 @@ pub(crate) struct Sums {
     pub coverage: f64,
     pub alpha: f64,
     pub fragments: u32,
-    /// True if rounding could change a decision of this pixel.
+    /// True if rounding could change which fragments are summed in this pixel.
     pub marginal: bool,
 }
 
@@ -32,7 +33,7 @@ impl Sums {
         if self.weight > 0.0 { self.depth / self.weight } else { f64::INFINITY }
     }
 
-    /// Adds a fragment of weight `w` at depth `z`.
+    /// Adds a fragment of weight `w` at depth `z`, with those attributes of its splat that `wants` names.
     pub(crate) fn add(&mut self, splat: &ScreenSplat, w: f64, z: f64, wants: Attributes) {
         self.weight += w;
         self.fragments += 1;
@@ -59,20 +60,20 @@ impl Sums {
 pub(crate) struct Passes {
     pub thresholds: Vec<Threshold>,
     pub sums: Vec<Sums>,
-    /// Thresholds that each pixel could have within rounding; empty unless the margin plane is requested.
+    /// Thresholds that each pixel could have within rounding; empty unless the plane `margin` is requested.
     pub possible: Vec<PossibleThresholds>,
-    /// Number of fragments that were summed.
+    /// Number of fragments whose attributes were summed, over all pixels.
     pub fragments: u64,
 }
 
-/// Bands of rows, each with the splats that may touch it, in index order.
+/// Bands of pixel rows, the units of parallel work, each with the splats that may touch it in index order.
 pub(crate) struct Bands {
     pub rect: Region,
     lists: Vec<Vec<u32>>,
 }
 
 impl Bands {
-    /// Assigns splats to the bands of `rect` that they may touch.
+    /// Finds the bands of `rect` that each splat may touch.
     pub(crate) fn new(splats: &[ScreenSplat], rect: Region) -> Self {
         let count = rect.height.div_ceil(BAND_ROWS) as usize;
         let mut lists = vec![Vec::new(); count];
@@ -91,15 +92,16 @@ impl Bands {
     }
 }
 
-/// Depth limits of a run, per pixel. Fragments outside of the limits are skipped; without a limit, none is.
+/// Depth limits of a [`Run`], per pixel. Fragments outside of the limits are skipped; without a limit, none is.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct DepthLimits<'a> {
-    /// Depth up to which fragments are skipped, because they belong to the surface in front.
+    /// Depth up to which a pixel's fragments are skipped, because they belong to transparent layers or surfaces in
+    /// front.
     pub beyond: Option<&'a [f64]>,
-    /// Depth beyond which fragments are skipped, because an opaque surface occludes them.
+    /// Depth beyond which a pixel's fragments are skipped, because an opaque surface occludes them.
     pub up_to: Option<&'a [f64]>,
-    /// Depth of the polygon over which splats are blended (§6). Attributes count up to a splat's own ε behind the
-    /// polygon.
+    /// Depth of the polygon over which a pixel's splats are blended (rendering model §6). Fragments up to a splat's own
+    /// ε behind the polygon are summed.
     pub polygon: Option<&'a [f64]>,
 }
 
@@ -113,46 +115,47 @@ impl<'a> DepthLimits<'a> {
         self.beyond.is_none_or(|b| z > b[at]) && self.up_to.is_none_or(|u| z <= u[at])
     }
 
-    /// True if a fragment is nearer than ε behind the polygon, so that its attributes count.
+    /// True if a fragment's attributes are summed: it is at most ε behind the pixel's polygon, or there is no polygon.
     pub(crate) fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 
-    /// True if rounding could change whether the limits skip a fragment.
+    /// True if rounding could change whether `beyond` or `up_to` skips a fragment at depth `z`.
     fn are_near(&self, at: usize, z: f64) -> bool {
         [self.beyond, self.up_to].into_iter().flatten().any(|limit| margin::on_depth(z, limit[at]))
     }
 }
 
-/// Fragment of a splat in a pixel, as the A-buffer stores it.
+/// Splat's contribution to a pixel, as the A-buffer stores it before grouping.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fragment {
-    /// Index of the splat in the run.
+    /// Index of the splat in [`Run::splats`].
     pub splat: u32,
     pub z: f64,
-    /// Weight w of the filtered footprint; 0 outside.
+    /// Weight w of the filtered footprint at the pixel; 0 outside of the footprint.
     pub weight: f64,
     /// True if the pixel is inside the filtered footprint.
     pub inside: bool,
     /// True if the pixel is inside the unfiltered footprint.
     pub visible: bool,
-    /// True if rounding could change `inside`, or whether the fragment exists.
+    /// True if rounding could change `inside`, or whether the fragment has a depth within the limits.
     pub marginal: bool,
     /// True if rounding could change `visible`.
     pub on_visible_rim: bool,
 }
 
-/// Configured run of both passes over some splats.
+/// Visibility and attribute pass over some splats, with their settings.
 pub(crate) struct Run<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
     pub view: &'a View,
     pub plan: &'a FramePlan,
-    /// Attributes that are summed.
+    /// Attributes that the attribute pass sums.
     pub attributes: Attributes,
-    /// True if only fragments up to a depth threshold are summed; if false, all fragments within the limits are.
+    /// True if only fragments up to a pixel's depth threshold are summed. If false, all fragments within `limits` are.
     pub visibility: bool,
-    /// True if front and back sides of oriented surfaces have separate thresholds.
+    /// True if the front and the back sides of oriented surfaces have separate thresholds, so that a pixel shows one
+    /// side only.
     pub keeps_facings: bool,
     pub limits: DepthLimits<'a>,
 }
@@ -206,8 +209,8 @@ impl<'a> Run<'a> {
         Passes { thresholds, sums, possible, fragments }
     }
 
-    /// Returns the fragments of every pixel of the rectangle, in splat order. A fragment has a depth, and is inside a
-    /// footprint or on its rim.
+    /// Returns the fragments of every pixel of the rectangle, in splat order. The pixel is inside the splat's
+    /// unfiltered or filtered footprint, or on a rim.
     pub(crate) fn fragments(&self) -> Vec<Vec<Fragment>> {
         let of_band = |(band, list): (usize, &'a Vec<u32>)| {
             let pass = self.band(band, list);
@@ -228,7 +231,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Footprints whose bounding boxes a pass visits.
+/// Selection of a splat's footprints whose bounding boxes a pass visits.
 #[derive(Clone, Copy)]
 enum Footprints {
     Visible,
@@ -236,7 +239,7 @@ enum Footprints {
     Both,
 }
 
-/// Run over one band of rows.
+/// Passes of a [`Run`] over one band of pixel rows.
 struct BandPass<'a> {
     run: &'a Run<'a>,
     list: &'a [u32],
@@ -245,8 +248,8 @@ struct BandPass<'a> {
 }
 
 impl BandPass<'_> {
-    /// Calls `each(splat's index, splat, pixel's index in the band, pixel's centre, z)` for every pixel of the
-    /// footprints' bounding boxes in which the splat has a depth.
+    /// Calls `each` for every pixel of the selected bounding boxes in which the splat has a depth. The arguments are
+    /// the splat's index, the splat, the pixel's index in the band, the pixel's centre, and the depth.
     fn for_fragments(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>, f64)) {
         self.for_pixels(which, |i, splat, at, pixel| {
             if let Some(z) = splat.depth_at(pixel, self.run.view) {
@@ -255,8 +258,8 @@ impl BandPass<'_> {
         });
     }
 
-    /// Calls `each` for every pixel of the footprints' bounding boxes, without a depth and even if the pixel has no
-    /// fragment.
+    /// Calls `each` for every pixel of the selected bounding boxes, even if the splat has no depth there. The arguments
+    /// are those of [`Self::for_fragments`] without the depth.
     fn for_pixels(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>)) {
         for &i in self.list {
             let splat = &self.run.splats[i as usize];
@@ -343,7 +346,7 @@ impl BandPass<'_> {
     }
 
     /// Marks pixels whose threshold rounding could change. A fragment on its splat's rim, or at a depth limit, matters
-    /// only if it is, or would be, the nearest.
+    /// only if it is the nearest of the pixel, or could be.
     fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
         let keeps_facings = self.run.keeps_facings;
         let mut sides = vec![[Sides::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];

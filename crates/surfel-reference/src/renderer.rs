@@ -21,7 +21,7 @@ impl Options {
     }
 }
 
-/// Stack size of a thread, in bytes. Unoptimised code needs several times the default of two megabytes.
+/// Stack size of each rendering thread, in bytes. Unoptimised code needs several times the default of two megabytes.
 const STACK_BYTES: usize = 8 << 20;
 
 /// The renderer of the f64 reference backend.

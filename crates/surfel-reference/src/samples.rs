@@ -1,4 +1,4 @@
-//! Edge antialiasing by samples (§5): pixels at a depth step become the mean of 4×4 samples.
+//! Edge antialiasing by samples (rendering model §5): pixels at a depth step become the mean of 4×4 samples.
 //!
 //! Samples are the pixels of an image that is four times as wide and high, and that is drawn as a whole.
 
@@ -13,21 +13,22 @@ use crate::steps::Steps;
 use rayon::prelude::*;
 use surfel_render::SAMPLES_SIDE;
 
-/// Pixel averaged from samples.
+/// Pixel whose colour is the mean of its samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampled {
-    /// Linear premultiplied RGBA.
+    /// Mean colour as linear premultiplied RGBA.
     pub color: [f64; 4],
-    /// True if rounding could change a decision of one of the samples.
+    /// True if rounding could change a decision by which one of the samples was drawn.
     pub marginal: bool,
 }
 
-/// Pixels of a rectangle, some of which are averaged from samples.
+/// Result of edge antialiasing by samples over a rectangle: its pixels at depth steps are averaged from samples.
 pub(crate) struct Samples {
-    /// Colour of each pixel; undefined for pixels that aren't sampled.
+    /// Mean of each pixel's samples; meaningless for pixels that `wanted` excludes.
     pixels: Vec<Sampled>,
     wanted: Vec<bool>,
-    /// Flag per pixel, true if rounding could change whether the pixel is sampled; empty if margins aren't needed.
+    /// Flag per pixel, true if rounding could change whether the pixel is averaged from samples; empty if margins
+    /// aren't needed.
     open: Vec<bool>,
 }
 
@@ -44,18 +45,18 @@ impl Samples {
         Self { pixels: sampled(scene, image, &wanted), wanted, open }
     }
 
-    /// Returns the averaged colour of a pixel; `None` if the pixel isn't sampled.
+    /// Returns the mean of a pixel's samples; `None` if the pixel isn't averaged from samples.
     pub(crate) fn of(&self, at: usize) -> Option<&Sampled> {
         self.wanted[at].then(|| &self.pixels[at])
     }
 
-    /// True if rounding could change whether a pixel is sampled.
+    /// True if rounding could change whether a pixel is averaged from samples.
     pub(crate) fn marginal(&self, at: usize) -> bool {
         self.open.get(at).copied().unwrap_or(false)
     }
 }
 
-/// Draws the image of samples, and averages the pixels of `image` that are `wanted`.
+/// Draws the image of samples, and averages the samples of those pixels of `image` that `wanted` flags.
 fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<Sampled> {
     let mut sampled = vec![Sampled::default(); wanted.len()];
     if !wanted.contains(&true) {

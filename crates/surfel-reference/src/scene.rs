@@ -13,21 +13,21 @@ pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<ResidentObject>,
     pub(crate) meshes: Vec<ResidentMesh>,
-    /// Clouds of trained Gaussians and their placements; empty in a scene of surfaces.
+    /// Clouds of trained Gaussians with their matrices from object to world space; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<(Arc<GaussianCloud>, DAffine3)>,
-    /// Material of the first object.
+    /// Material of the scene's first object, whose factors all splats have if all objects share them.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,
     pub(crate) matcap: Option<Arc<Matcap>>,
-    /// Background colour, linear premultiplied RGBA.
+    /// Background colour as linear premultiplied RGBA.
     pub(crate) background: [f64; 4],
 }
 
-/// Object made of splats.
+/// Object of a resident scene that consists of splats.
 #[derive(Clone)]
 pub(crate) struct ResidentObject {
-    /// Index of the object in the scene.
+    /// Index of the object among all objects of the scene.
     pub source: usize,
     pub cloud: Arc<SplatCloud>,
     pub world_from_object: DAffine3,
@@ -36,10 +36,10 @@ pub(crate) struct ResidentObject {
     pub first_splat: u32,
 }
 
-/// Object made of polygons.
+/// Object of a resident scene that consists of polygons.
 #[derive(Clone)]
 pub(crate) struct ResidentMesh {
-    /// Index of the object in the scene.
+    /// Index of the object among all objects of the scene.
     pub source: usize,
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,

@@ -1,4 +1,4 @@
-//! Shading (§5): divides attributes by Σw, then applies the plan's shader, once per pixel.
+//! Shading (rendering model §5): divides attributes by Σw, then applies the plan's shader, once per pixel.
 
 use crate::ball::ScreenBall;
 use crate::polygon::{self, Polygons};
@@ -22,39 +22,41 @@ pub(crate) struct Lighting<'a> {
     pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
-    /// Image of a lit sphere that the shader `matcap` samples.
+    /// Image of a lit sphere by which the shader `matcap` colours surfaces.
     pub matcap: Arc<Matcap>,
-    /// Ambient, diffuse, specular and shininess factors, if all objects share them.
+    /// Ambient, diffuse, specular and shininess factors of all splats, if the plan doesn't sum materials because all
+    /// objects share them.
     pub material: [f64; 4],
 }
 
-/// Shaded surface of a pixel.
+/// Nearest surface, or surface of a layer, in a pixel after shading.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
     pub color: DVec3,
     pub depth: f64,
-    /// Unit normal in world space, or zero.
+    /// Unit normal in world space; zero if it is undefined.
     pub normal: DVec3,
     pub weight: f64,
-    /// Opacity, Σwα/Σw.
+    /// Opacity of the surface: Σwα/Σw over its fragments.
     pub alpha: f64,
-    /// True if rounding could add or remove a highlight or a shadow.
+    /// True if rounding could add or remove a highlight or a shadow at this surface.
     pub marginal: bool,
 }
 
-/// Point of a surface, as the input of lighting.
+/// Point of a surface with the properties from which a shader computes its colour.
 struct Point {
-    /// Position in view space.
+    /// Position of the point in view space.
     at: DVec3,
     depth: f64,
-    /// Unit normal in world space, or zero.
+    /// Unit normal in world space; zero if it is undefined.
     normal: DVec3,
     albedo: DVec3,
     material: [f64; 4],
 }
 
 impl Surface {
-    /// Blends colour, depth and normal of this surface over those of another one, with the weight `share` (§6).
+    /// Blends colour, depth and normal of this surface over those of another one, with the weight `share` (rendering
+    /// model §6).
     pub(crate) fn blended_over(&self, behind: &Self, share: f64) -> Self {
         Self {
             color: self.color * share + behind.color * (1.0 - share),
@@ -129,8 +131,8 @@ impl Lighting<'_> {
         })
     }
 
-    /// Shades a splat at its centre, and returns it with the shaded colour as its albedo. The second value is true if
-    /// rounding could change the colour.
+    /// Shades a splat at its centre, and returns it with the shaded colour in place of its albedo. The second value is
+    /// true if rounding could change the colour.
     pub(crate) fn lit_splat(&self, splat: &ScreenSplat) -> (ScreenSplat, bool) {
         let albedo = DVec3::from(splat.color);
         // The centre may be in front of z_near, where the stored depth would exceed 1.
@@ -140,7 +142,7 @@ impl Lighting<'_> {
         (ScreenSplat { color: color.to_array(), ..splat.clone() }, marginal)
     }
 
-    /// Returns the view-space position at depth z on a pixel's ray.
+    /// Returns the view-space position at which a pixel's ray has this depth.
     fn position(&self, pixel: V2<f64>, depth: f64) -> DVec3 {
         let (origin, direction) = self.view.projection.ray(pixel);
         let at = origin + direction * depth;
@@ -153,6 +155,8 @@ impl Lighting<'_> {
         (DVec3::from(color.to_array().map(limit_color)), marginal)
     }
 
+    /// Returns the colour of the plan's shader for a point, without limits of its range, and true if rounding could
+    /// change it.
     fn unlimited_color(&self, point: &Point) -> (DVec3, bool) {
         match self.plan.shader {
             Shader::Matcap => {
@@ -237,7 +241,7 @@ impl Lighting<'_> {
     }
 }
 
-/// Returns the light stored in a ball for a unit normal (§12).
+/// Returns the light stored in a ball for a unit normal, as brightness of a white surface (rendering model §12).
 fn stored_light(light: &BallLight, n: DVec3) -> f64 {
     let [xx, yy, zz, xy, xz, yz] = light.quadratic.map(f64::from);
     let linear = DVec3::from(light.linear.map(f64::from)).dot(n);
@@ -251,7 +255,8 @@ fn angle_between(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
 }
 
-/// Returns 1 up to `inner`, 0 from `outer` on, and a smoothstep of the angle in between.
+/// Returns the strength of a spot light at an angle from its axis: 1 up to `inner`, 0 from `outer` on, and a smoothstep
+/// in between.
 fn smooth_fade(angle: f64, inner: f64, outer: f64) -> f64 {
     if angle <= inner {
         return 1.0;

@@ -1,5 +1,5 @@
-//! Shadow maps (§5): draws the visibility pass from the lights, and computes the fraction of a light that reaches a
-//! point.
+//! Shadow maps (rendering model §5): draws the visibility pass from the lights, and computes the fraction of a light
+//! that reaches a point.
 
 use crate::ball::BallView;
 use crate::margin;
@@ -15,17 +15,17 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Material};
 use surfel_render::{FramePlan, Pass, Planes, ShadowMap, View};
 
-/// Shadow map with its drawn texels.
+/// Shadow map of a light, with its drawn texels.
 pub(crate) struct Shadow<'a> {
     map: &'a ShadowMap,
     texels: Vec<Texel>,
 }
 
-/// Depth limit of a texel: nearer points are lit. The limit includes the bias.
+/// Texel of a shadow map: the depth limit up to which points are lit. The limit includes the bias.
 #[derive(Clone, Copy)]
 struct Texel {
     threshold: f64,
-    /// Thresholds if all fragments on a rim cast a shadow, and if none does.
+    /// Depth limits if all fragments with the texel on their rim cast a shadow, and if none of them does.
     possible: [f64; 2],
 }
 
@@ -106,8 +106,8 @@ fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, 
     }
 }
 
-/// Returns the fraction of a light that reaches a point, and true if rounding could change it. `position` is relative
-/// to the eye of `view`, and `normal` is a unit vector, both in world space.
+/// Returns the fraction of the light with index `light` that reaches a point, and true if rounding could change it.
+/// `position` is relative to the eye of `view`, and `normal` is a unit vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
     // Of a light's several maps, the one along whose axis the point is farthest is used.
     let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {

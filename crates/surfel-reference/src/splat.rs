@@ -1,4 +1,4 @@
-//! Projection of splats to their footprints in the image (§2–§4).
+//! Projection of splats to their footprints in the image (rendering model §2–§4).
 
 use crate::clip::SplatClip;
 use crate::margin;
@@ -18,31 +18,33 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
 
-/// Visible side of a splat's surface, if the plan separates front and back sides (§5).
+/// Side of an oriented splat's surface that the view shows, if the plan separates front and back sides (rendering model
+/// §5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
-    /// The side doesn't matter: the splat's cloud isn't oriented, or the plan doesn't separate sides.
+    /// No side: the splat's cloud isn't oriented, or the plan doesn't separate sides.
     Undeclared,
     Front,
     Back,
 }
 
-/// Projected splat, prepared for rasterisation.
+/// Splat projected to the view, with everything that the passes need.
 #[derive(Clone)]
 pub(crate) struct ScreenSplat {
-    /// Index among all splats of the scene: objects in order, splats in order.
+    /// Index of the splat among all splats of the scene: objects in order, splats in order.
     pub index: u32,
-    /// Pixel position from which offsets in the footprints' linear forms are measured.
+    /// Pixel position from which offsets `d` in both footprints are measured.
     pub anchor: V2<f64>,
-    /// Unfiltered footprint, used by the visibility pass.
+    /// Unfiltered footprint: the splat's outline in the image, used by the visibility pass.
     pub visible: Footprint<f64>,
-    /// Filtered footprint, used by the attribute pass.
+    /// Filtered footprint: the outline widened by the filter, used by the attribute pass.
     pub filtered: Footprint<f64>,
-    /// Radius of the disk that `clamp` adds to the filtered footprint, in pixels.
+    /// Radius of the fixed disk that the filter `clamp` adds to the filtered footprint, in pixels; `None` for other
+    /// filters.
     pub clamp_radius: Option<f64>,
-    /// Factor by which the filter scales the splat's weight.
+    /// Factor by which the filter scales the weights of the splat's fragments.
     pub weight_scale: f64,
-    /// Coverage per unit of weight, a/W0 (§5).
+    /// Coverage that a fragment adds per unit of its weight: a/W0 (rendering model §5).
     pub coverage_per_weight: f64,
     /// Clip of the splat; `None` if it isn't clipped.
     pub clip: Option<SplatClip>,
@@ -50,9 +52,9 @@ pub(crate) struct ScreenSplat {
     pub depth: DepthPlane<f64>,
     /// Form in which depth varies over the image: linear or reciprocal.
     pub depth_form: DepthForm,
-    /// Depth tolerance ε of the splat.
+    /// Depth tolerance ε of the splat, in world units.
     pub epsilon: f64,
-    /// Visible side of the splat, if its cloud is oriented.
+    /// Side of the splat that the view shows; [`Facing::Undeclared`] if sides don't matter.
     pub facing: Facing,
     /// Bounding box of the unfiltered footprint, in pixels.
     pub visible_box: Extent<f64>,
@@ -60,28 +62,29 @@ pub(crate) struct ScreenSplat {
     pub filtered_box: Extent<f64>,
     /// Centre of the splat in view space.
     pub center: DVec3,
-    /// Linear albedo.
+    /// Linear RGB albedo.
     pub color: [f64; 3],
-    /// Opacity.
+    /// Opacity, 0 to 1.
     pub alpha: f64,
-    /// Unit shading normal in world space, turned to the eye if the material is two-sided.
+    /// Unit normal for shading in world space, turned to the eye if the material is two-sided.
     pub normal: DVec3,
-    /// Ambient, diffuse, specular and shininess factors.
+    /// Ambient, diffuse, specular and shininess factors of the material.
     pub material: [f64; 4],
-    /// Distance from a footprint's rim within which rounding could change a test, in pixels of the view.
+    /// Largest distance of a pixel from a footprint's rim, in pixels of the view, at which rounding could change
+    /// whether it is inside.
     pub rim_px: f64,
-    /// Distance between the cosine n·p/|p| and the nearest limit at which a facing decision changes. For the edge-on
-    /// limit, the distance is relative to the limit.
+    /// Distance between the cosine n·p/|p| of the splat's facing and the nearest limit at which a facing decision
+    /// changes. For the limit of edge-on splats, the distance is relative to the limit.
     pub facing_margin: f64,
 }
 
 /// Maps from an object's space to view and world space, shared by all of the object's splats.
 pub(crate) struct ObjectView {
-    /// Map of directions from object to view space.
+    /// Matrix that maps directions from object to view space.
     linear: DMat3,
-    /// Object's origin in view space.
+    /// Position of the object's origin in view space.
     origin: DVec3,
-    /// Map of normals from object to world space: the inverse transpose, up to a positive factor.
+    /// Matrix that maps normals from object to world space: the inverse transpose, up to a positive factor.
     normals: DMat3,
 }
 
@@ -202,8 +205,8 @@ fn project(
     Some(shape)
 }
 
-/// Projects a splat that reaches or passes z_near, or whose extent is large relative to its distance: exactly, without
-/// filter.
+/// Projects a splat that reaches or passes z_near, or whose extent is large relative to its distance. The projection is
+/// exact, and the splat isn't filtered.
 fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<ScreenSplat> {
     let mapped = through_near(splat, &view.projection);
     let near_box = bounds::through_near(splat, &view.projection)?;
@@ -225,8 +228,8 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
     ))
 }
 
-/// Projects a splat in front of the eye. The second value maps the filtered footprint's (u, v) to the (u, v) of the
-/// splat's axes.
+/// Projects a splat that is wholly in front of z_near. The second value maps the filtered footprint's (u, v) to the (u,
+/// v) of the splat's axes.
 fn ordinary_shape(
     splat: &ViewSplat<f64>,
     range: (f64, f64),
@@ -337,7 +340,8 @@ impl ScreenSplat {
         self.unclipped_rho_squared_at(d).filter(|_| self.clip.as_ref().is_none_or(keeps))
     }
 
-    /// Returns ρ² of the filtered footprint at an offset, ignoring the clip; `None` outside.
+    /// Returns ρ² of the filtered footprint at the offset `d` from the anchor, ignoring the clip; `None` outside of the
+    /// footprint.
     pub(crate) fn unclipped_rho_squared_at(&self, d: V2<f64>) -> Option<f64> {
         let (u, v, w) = self.filtered.at(d);
         let exact = if w > 0.0 { u.mul_add(u, v * v) / (w * w) } else { f64::INFINITY };

@@ -1,4 +1,4 @@
-//! Depth steps between neighbouring pixels, for edge antialiasing by samples (§5).
+//! Depth steps between neighbouring pixels, for edge antialiasing by samples (rendering model §5).
 
 use crate::front::MeshLayer;
 use crate::layer_compositor::LayerCompositor;
@@ -9,8 +9,8 @@ use crate::threshold::{PossibleThresholds, Threshold};
 use surfel_math::depth::step_allowance;
 use surfel_render::{Region, View};
 
-/// Depth range of a pixel's nearest surface. `end` is −∞ if only one of the pixel's two footprints, unfiltered and
-/// filtered, has a surface. Such a pixel has a step to every neighbour.
+/// Depth range of a pixel's nearest surface, `begin` to `end`. `end` is −∞ if only one of the footprints, unfiltered or
+/// filtered, has a surface in the pixel. Such a pixel has a depth step to every neighbour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reach {
     begin: f64,
@@ -35,12 +35,12 @@ impl Reach {
     }
 }
 
-/// Surfaces of a rectangle in which depth steps are detected.
+/// Nearest surfaces of a rectangle of pixels, between which depth steps are detected.
 pub(crate) struct Steps<'a> {
     pub front: &'a Passes,
     pub meshes: Option<&'a MeshLayer<'a>>,
-    /// Passes over the transparent splats in front of opaque surfaces, and the composited layers; `None` without such
-    /// splats.
+    /// Passes over the transparent splats in front of opaque surfaces, and each pixel's transparent layers; `None`
+    /// without such splats.
     pub transparent: Option<(&'a Passes, &'a [LayerCompositor])>,
     pub rect: Region,
     pub view: &'a View,
@@ -94,8 +94,8 @@ impl Steps<'_> {
         self.transparent.map_or(0, |(_, layers)| layers[at].count)
     }
 
-    /// Returns the depth range of the nearest opaque surface: splats with this threshold, or a polygon if one is
-    /// nearer.
+    /// Returns the depth range of the nearest opaque surface in pixel `at`: that of splats with this threshold, or of a
+    /// nearer polygon if `with_polygon` is true.
     fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> Reach {
         let splats = Reach::of(threshold);
         let hit = self.meshes.filter(|_| with_polygon).map(|meshes| (meshes, meshes.hits[at]));

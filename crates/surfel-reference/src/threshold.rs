@@ -1,21 +1,22 @@
-//! Depth thresholds: the result of the visibility pass in each pixel (§5).
+//! Depth thresholds: the result of the visibility pass in each pixel (rendering model §5).
 
 use crate::splat::{Facing, ScreenSplat};
 use surfel_math::facing::{nearness, sheet_limit};
 
-/// Depth up to which fragments belong to a pixel's nearest surface: the smallest z + ε of its fragments.
+/// Depth threshold of a pixel: depth up to which fragments belong to its nearest surface. It is the smallest z + ε of
+/// the pixel's visibility fragments.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Threshold {
-    /// Depth up to which fragments' attributes are summed; +∞ without a visibility fragment.
+    /// Depth up to which fragments' attributes are summed; +∞ if the pixel has no visibility fragment.
     pub depth: f64,
-    /// z + ε of the fragment that set the threshold. It equals `depth`, unless the other side of the surface limits the
-    /// depth.
+    /// z + ε of the fragment that set the threshold. `depth` is smaller if fragments on the other side of the surface
+    /// limit it.
     pub writer_depth: f64,
-    /// ε of the fragment that set the threshold.
+    /// Depth tolerance ε of the fragment that set the threshold.
     pub epsilon: f64,
-    /// Side of oriented surfaces that the pixel shows, or [`Facing::Undeclared`] if it shows both.
+    /// Side of oriented surfaces that the pixel shows; [`Facing::Undeclared`] if it shows both.
     pub facing: Facing,
-    /// Nearest depth of the side that the pixel shows; +∞ if sides aren't separated.
+    /// Smallest depth of the side that the pixel shows; +∞ if sides aren't separated.
     pub nearest: f64,
 }
 
@@ -28,7 +29,7 @@ impl Threshold {
         nearest: f64::INFINITY,
     };
 
-    /// Creates the threshold of a fragment at depth `z`.
+    /// Creates the threshold z + ε of a splat's fragment at depth `z`.
     pub(crate) fn of(splat: &ScreenSplat, z: f64) -> Self {
         let depth = z + splat.epsilon;
         Self { depth, writer_depth: depth, epsilon: splat.epsilon, ..Self::NONE }
@@ -45,49 +46,50 @@ impl Threshold {
         Self { depth: sheet_limit(self.nearest, near), ..own }
     }
 
-    /// True if the other side of the surface limits the threshold's depth.
+    /// True if the other side of the surface limits `depth`.
     pub(crate) fn ends_sheet(&self) -> bool {
         self.writer_depth > self.depth
     }
 
-    /// Lowers the threshold to a nearer one. Of equal depths, the first remains. Since splats come in index order, the
-    /// smallest (z + ε, index) wins.
+    /// Replaces the threshold by `other` if that one is nearer. Since splats come in index order, the smallest (z + ε,
+    /// index) wins.
     pub(crate) fn lower(&mut self, other: Self) {
         if other.depth < self.depth {
             *self = other;
         }
     }
 
-    /// True if the pixel shows the side of a splat with this facing.
+    /// True if the pixel shows fragments of splats with this facing.
     pub(crate) fn shows(&self, facing: Facing) -> bool {
         self.facing == Facing::Undeclared || facing == Facing::Undeclared || facing == self.facing
     }
 }
 
-/// Thresholds that a pixel could have, for either result of the tests that rounding could change.
+/// Thresholds that a pixel could have if rounding changed the results of tests within their margins.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PossibleThresholds {
-    /// Threshold if every fragment on a rim is inside.
+    /// Threshold if every fragment with the pixel on its rim counts as inside.
     pub nearest: Threshold,
-    /// Threshold if no fragment on a rim is inside.
+    /// Threshold if no fragment with the pixel on its rim counts as inside.
     pub farthest: Threshold,
-    /// Threshold within the margin of the pixel's own, but with another ε; [`Threshold::NONE`] if there is none.
+    /// Threshold of another fragment at nearly the same depth, but with another ε; [`Threshold::NONE`] if there is
+    /// none.
     pub tie: Threshold,
 }
 
-/// Visibility results of a pixel for the front and the back side of oriented surfaces, in this order (§5).
+/// Visibility results of a pixel for each side of oriented surfaces: front, then back (rendering model §5).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sides {
-    /// Threshold of each side's fragments. Fragments of undeclared splats count for both sides.
+    /// Depth threshold of each side's fragments. Fragments of undeclared splats count for both sides.
     pub thresholds: [Threshold; 2],
-    /// Nearest depth of each side's fragments, and the fragment that has this depth; +∞ if there are none.
+    /// Smallest depth of each side's fragments, and the fragment that has this depth; +∞ if there are none.
     pub nearest: [Threshold; 2],
 }
 
 impl Sides {
     pub(crate) const NONE: Self = Self { thresholds: [Threshold::NONE; 2], nearest: [Threshold::NONE; 2] };
 
-    /// Adds a fragment of the visibility pass.
+    /// Adds a fragment of the visibility pass at depth `z`, on the side that `facing` names.
     pub(crate) fn add(&mut self, splat: &ScreenSplat, facing: Facing, z: f64) {
         let own = Threshold::of(splat, z);
         for (side, its_own) in [Facing::Front, Facing::Back].into_iter().enumerate() {
@@ -100,7 +102,7 @@ impl Sides {
         }
     }
 
-    /// Returns the nearest depth of each side; +∞ for a side without fragments.
+    /// Returns the smallest depth of each side's fragments; +∞ for a side without fragments.
     pub(crate) fn nearness(&self) -> [f64; 2] {
         self.nearest.map(|nearest| nearest.depth)
     }

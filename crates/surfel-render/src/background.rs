@@ -1,30 +1,34 @@
-//! Record of the squares of a frame that contain only background, which the next image needn't write again.
+//! Record of the squares of a frame that contain only background, so that backends needn't write these squares again in
+//! the next image.
 
 use crate::view::Region;
 use std::sync::atomic::AtomicBool;
 
-/// Squares of a [`Frame`](crate::Frame)'s planes in which a backend wrote only the background. A frame clears the
-/// record if anything else may have written its planes.
+/// Record of the squares of a [`Frame`](crate::Frame)'s planes in which a backend wrote only the background. The frame
+/// clears the record whenever its planes may have been written otherwise.
 #[derive(Debug, Default)]
 pub struct Background {
+    /// Parameters of the recorded squares; `None` if nothing is recorded.
     of: Option<Of>,
-    /// Flags of the squares, row by row.
+    /// One flag per square, row by row: true if the square contains only the background.
     squares: Vec<AtomicBool>,
 }
 
-/// Parameters for which the squares are valid.
+/// Parameters of a [`Background`] record. The record is valid only for an image with the same parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Of {
+    /// Background colour, linear premultiplied RGBA.
     color: [f32; 4],
+    /// Region of the view that is divided into squares.
     region: Region,
+    /// Side of a square, in pixels.
     side_px: u32,
 }
 
 impl Background {
-    /// Returns one flag per square of a view's region, true if the square contains only the background of this colour
-    /// (linear premultiplied RGBA).
-    /// `columns` and `rows` are the numbers of squares, and `side_px` is their side. All flags are false if a parameter
-    /// changed.
+    /// Returns one flag per square of a view's region, row by row: true if the square contains only the background
+    /// `color` (linear premultiplied RGBA). `columns` and `rows` are the numbers of squares, and `side_px` is a
+    /// square's side in pixels. All flags are false if a parameter differs from the last call's.
     pub fn squares(
         &mut self,
         color: [f32; 4],
@@ -47,14 +51,14 @@ impl Background {
     }
 }
 
-/// A copy has an empty record.
+/// A copy has an empty record, so that backends write all squares of a copied frame.
 impl Clone for Background {
     fn clone(&self) -> Self {
         Self::default()
     }
 }
 
-/// Frames are equal if their planes are, so records are ignored.
+/// All records are equal, because frames are compared by their planes alone.
 impl PartialEq for Background {
     fn eq(&self, _: &Self) -> bool {
         true

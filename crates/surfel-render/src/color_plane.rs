@@ -2,20 +2,22 @@
 
 use std::ops::{Deref, DerefMut};
 
-/// Size of a cache line in bytes.
+/// Size of a CPU's cache line, in bytes.
 const LINE: usize = 64;
 
-/// Number of pixels in a cache line.
+/// Number of RGBA pixels in a cache line.
 const PIXELS: usize = LINE / size_of::<[f32; 4]>();
 
-/// RGBA of an image's pixels; dereferences to a slice of them.
+/// Colour plane of an image: the RGBA values of its pixels. Dereferences to a slice of them.
 ///
-/// The first pixel begins a cache line, so that rows of four pixels, which backends write, don't cross lines. Crossing
-/// lines makes a frame of few large splats on a CPU take 5 % longer.
+/// The first pixel is at the start of a cache line, so that no row of four pixels, which backends write at once,
+/// crosses two lines. Crossing lines makes a frame of few large splats on a CPU take 5 % longer.
 #[derive(Default)]
 pub(crate) struct ColorPlane {
-    /// Pixels, with a few unused ones around them.
+    /// Allocated memory: the pixels, and a few unused elements before and after them that allow the alignment.
+    /// Index in `memory` of the first pixel.
     memory: Vec<[f32; 4]>,
+    /// Number of pixels.
     first: usize,
     count: usize,
 }

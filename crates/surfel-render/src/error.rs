@@ -6,7 +6,7 @@ use surfel_model::ModelError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// The scene, view or settings break a rule of the model.
+    /// The scene, view or settings break a rule of `surfel-model`, such as an allowed range.
     #[error(transparent)]
     Model(#[from] ModelError),
     /// The scene or settings need a feature that this version, or this backend, doesn't support.
@@ -16,9 +16,9 @@ pub enum RenderError {
         backend: &'static str,
         /// Name of the feature.
         feature: &'static str,
-        /// Origin of the feature in the scene or settings.
+        /// Part of the scene or settings that needs the feature.
         found_where: String,
-        /// Advice for the user, how to draw the scene without the feature.
+        /// Advice to the user how to draw the scene without the feature.
         advice: &'static str,
     },
     /// A cloud has no interior weight, which coverage needs.
@@ -27,24 +27,24 @@ pub enum RenderError {
          estimate it (surfel_sample::interior_weight) or set material.interior_weight"
     )]
     NoInteriorWeight {
-        /// Index of the object in the scene.
+        /// Index in the scene of the object whose cloud has no interior weight.
         object: usize,
     },
-    /// A cloud has no row numbers, which the planes `index` and `label` need.
+    /// A cloud has no rows (numbers of its splats in the input file), which the planes `index` and `label` need.
     #[error(
         "object {object} has no rows, which the planes index and label show: give it some by Scene::number_rows before \
          the upload; the splats of an octree stand for many points and have none, so draw what it was made of instead"
     )]
     NoRows {
-        /// Index of the object in the scene.
+        /// Index in the scene of the object whose cloud has no rows.
         object: usize,
     },
-    /// The frame needs more memory than the limit.
+    /// The frame's planes need more memory than the limit.
     #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by `region`")]
     TooLarge {
-        /// Number of bytes needed.
+        /// Number of bytes that the frame needs.
         needed: u64,
-        /// Number of bytes allowed.
+        /// Largest number of bytes that a frame may have.
         limit: u64,
     },
     /// The device's memory is too small for the scene.
@@ -58,7 +58,7 @@ pub enum RenderError {
         backend: &'static str,
         /// Number of bytes needed for splats, textures and buffers for drawing.
         needed: u64,
-        /// Number of bytes that may be used, or that were in use when the memory was exhausted.
+        /// Number of bytes of device memory that may be used, or that were in use when the memory was exhausted.
         available: u64,
     },
     /// The system can't start more threads, or has no memory for their stacks.
@@ -79,7 +79,7 @@ pub enum RenderError {
     },
 }
 
-/// Reason why a backend isn't available.
+/// Reason why a requested backend isn't available.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BackendError {
@@ -91,25 +91,25 @@ pub enum BackendError {
     NotBuilt {
         /// Name of the backend.
         name: &'static str,
-        /// Cargo feature that includes the backend.
+        /// Cargo feature that builds the backend into the program.
         feature: &'static str,
         /// Names of the backends that are built in.
         available: String,
     },
-    /// No backend has this name.
+    /// No backend has the requested name.
     #[error("there is no backend '{name}', expected one of auto, cpu, wgpu, ash, reference")]
     Unknown {
         /// Name of the backend that was asked for.
         name: String,
     },
-    /// The backend runs, but has no adapter with the wanted name.
+    /// The backend runs, but has no adapter (device) with the requested name.
     #[error("backend '{name}' has no adapter called '{wanted}'; it found: {found}")]
     NoAdapter {
         /// Name of the backend.
         name: &'static str,
-        /// Part of the adapter name that was asked for.
+        /// Requested part of the adapter's name.
         wanted: String,
-        /// Name of the adapter that exists.
+        /// Name of the adapter that the backend has instead.
         found: String,
     },
     /// The backend is built in, but failed to start.
@@ -117,7 +117,7 @@ pub enum BackendError {
     NoStart {
         /// Name of the backend.
         name: &'static str,
-        /// Reason for the failure.
+        /// Error with which the backend failed to start.
         source: RenderError,
     },
 }

@@ -14,7 +14,7 @@ use surfel_model::NO_LABEL;
 pub struct Planes {
     /// True for linear colours: premultiplied RGBA.
     pub color: bool,
-    /// True for colours as stored in an 8-bit PNG: sRGB-encoded RGBA with straight alpha.
+    /// True for colours in the form of an 8-bit PNG: sRGB-encoded RGBA with straight alpha.
     pub rgba8: bool,
     /// True for planar view-space depths, in world units.
     pub depth: bool,
@@ -24,25 +24,26 @@ pub struct Planes {
     pub weight: bool,
     /// True for the number of fragments that contributed to each pixel.
     pub fragments: bool,
-    /// True for the row and object of the nearest splat in each pixel. Every cloud must have rows
-    /// ([`surfel_model::Scene::number_rows`]).
+    /// True for the row of the nearest splat in its input file, and its object, in each pixel. Every cloud must have
+    /// rows ([`surfel_model::Scene::number_rows`]).
     pub index: bool,
-    /// True for the label of the nearest splat; implies `index`.
+    /// True for the label, such as a class number, of the nearest splat in each pixel; implies `index`.
     pub label: bool,
-    /// True for world positions; implies `depth`.
+    /// True for the world positions of the visible points; implies `depth`.
     pub position: bool,
-    /// True for Σw of Gaussians: the opacity that they accumulate.
+    /// True for the sum of the weights of a pixel's Gaussians, Σw: their accumulated opacity.
     pub alpha: bool,
-    /// True for the planar depth at which half of the light of Gaussians is absorbed, in world units.
+    /// True for the planar depth in world units at which a pixel's Gaussians have absorbed half of the light.
     pub median_depth: bool,
-    /// True for the spread of the depths of a pixel's Gaussians.
+    /// True for the distortion of 2DGS: the spread of the depths of a pixel's Gaussians.
     pub distortion: bool,
-    /// True to mark pixels whose result depends on a decision within its margin (reference backend only).
+    /// True to mark the pixels that other backends may draw differently: a comparison, such as *inside the splat*, is
+    /// within the tolerated margin of flipping. Only the reference backend computes this plane.
     pub margin: bool,
 }
 
 impl Planes {
-    /// Colour alone.
+    /// The colour plane alone.
     pub const COLOR: Self = Self {
         color: true,
         rgba8: false,
@@ -79,14 +80,14 @@ impl Planes {
         with_margin margin: bool,
     }
 
-    /// Adds the planes from which the requested ones are computed.
+    /// Returns the requested planes together with the planes that they are computed from.
     #[must_use]
     pub(crate) fn complete(self) -> Self {
         let (index, depth, color) = (self.index || self.label, self.depth || self.position, self.shows_color());
         self.with_index(index).with_depth(depth).with_color(color)
     }
 
-    /// True if pixels are shaded, for either form of the colours.
+    /// True if pixels are shaded, for linear or for 8-bit colours.
     pub fn shows_color(self) -> bool {
         self.color || self.rgba8
     }
@@ -112,15 +113,16 @@ pub struct Frame {
     median_depth: Vec<f32>,
     distortion: Vec<f32>,
     margin: Vec<f32>,
+    /// Record of the squares that contain only background, for backends that skip them in the next image.
     background: Background,
 }
 
-/// Identity of the nearest surface in a pixel.
+/// Identity of the nearest surface in a pixel: its object and, for a splat, its row and label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Row of the splat in its input; [`NO_LABEL`] for a polygon.
+    /// Row of the splat in its input file; [`NO_LABEL`] for a polygon.
     pub row: u32,
-    /// Index of the object in the scene.
+    /// Index of the object in the scene; [`NO_LABEL`] for none.
     pub object: u32,
     /// Label of the splat; [`NO_LABEL`] if it has none.
     pub label: u32,
@@ -131,7 +133,7 @@ impl Identity {
     pub const NOTHING: Self = Self { row: NO_LABEL, object: NO_LABEL, label: NO_LABEL };
 }
 
-/// Owned planes of a [`Frame`]; absent planes are empty.
+/// Planes of a [`Frame`] as owned vectors, for callers that need them without the frame. Absent planes are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FramePlanes {
     /// Number of columns.
@@ -150,19 +152,20 @@ pub struct FramePlanes {
     pub normal: Vec<[f32; 3]>,
     /// Sum of splat weights, Σw.
     pub weight: Vec<f32>,
-    /// Rows of the nearest splats; [`NO_LABEL`] for none.
+    /// Row of the nearest splat in its input file, per pixel; [`NO_LABEL`] for none.
     pub index: Vec<u32>,
-    /// Indices of the nearest objects; [`NO_LABEL`] for none.
+    /// Index in the scene of the nearest object, per pixel; [`NO_LABEL`] for none.
     pub object: Vec<u32>,
-    /// Labels of the nearest splats; [`NO_LABEL`] for none.
+    /// Label of the nearest splat, per pixel; [`NO_LABEL`] for none.
     pub label: Vec<u32>,
     /// Positions in world space; +∞ where nothing is visible.
     pub position: Vec<[f64; 3]>,
-    /// Σw of Gaussians: the opacity that they accumulate.
+    /// Sum of the weights of a pixel's Gaussians, Σw: their accumulated opacity.
     pub alpha: Vec<f32>,
-    /// Planar depth in world units at which half of the light of Gaussians is absorbed; +∞ where nothing is visible.
+    /// Planar depth in world units at which a pixel's Gaussians have absorbed half of the light; +∞ where nothing is
+    /// visible.
     pub median_depth: Vec<f32>,
-    /// Distortion of Gaussians: the spread of their depths; 0 where nothing is visible.
+    /// Distortion of 2DGS: the spread of the depths of a pixel's Gaussians; 0 where nothing is visible.
     pub distortion: Vec<f32>,
 }
 
@@ -181,15 +184,17 @@ pub struct PlanesMut<'a> {
     pub weight: &'a mut [f32],
     /// Number of fragments that contributed to each pixel.
     pub fragments: &'a mut [u32],
-    /// Nearest splats, as numbers that the backend defines until [`Frame::finish`] maps them to rows.
+    /// Nearest splats, as numbers of the backend's choice, which [`Frame::finish`] replaces by rows.
     pub index: &'a mut [u32],
-    /// Σw of Gaussians: the opacity that they accumulate.
+    /// Sum of the weights of a pixel's Gaussians, Σw: their accumulated opacity.
     pub alpha: &'a mut [f32],
-    /// Planar depth in world units at which half of the light of Gaussians is absorbed; +∞ where nothing is visible.
+    /// Planar depth in world units at which a pixel's Gaussians have absorbed half of the light; +∞ where nothing is
+    /// visible.
     pub median_depth: &'a mut [f32],
-    /// Distortion of Gaussians: the spread of their depths; 0 where nothing is visible.
+    /// Distortion of 2DGS: the spread of the depths of a pixel's Gaussians; 0 where nothing is visible.
     pub distortion: &'a mut [f32],
-    /// 1 where a pixel depends on a decision within its margin, else 0.
+    /// 1 in pixels that other backends may draw differently, because a comparison is within the tolerated margin of
+    /// flipping; else 0.
     pub margin: &'a mut [f32],
 }
 
@@ -229,31 +234,32 @@ impl Frame {
         rgba8, rgba8_mut: [u8; 4];
         /// Returns planar view-space depth Z = Σwz/Σw, in world units; +∞ where nothing is visible.
         depth, depth_mut: f32;
-        /// Returns unit world normals; zero where nothing is visible. For Gaussians, returns Σw·n, whose length is
-        /// their opacity.
+        /// Returns unit normals in world space; zero where nothing is visible. For Gaussians, returns the weighted sum
+        /// Σw·n, whose length is at most their accumulated opacity.
         normal, normal_mut: [f32; 3];
         /// Returns the sum of splat weights, Σw.
         weight, weight_mut: f32;
         /// Returns the number of fragments that contributed to each pixel.
         fragments, fragments_mut: u32;
-        /// Returns the row of the nearest splat in its input, the lowest of equally near ones; 4294967295 if there is
-        /// none.
+        /// Returns the row of the nearest splat in its input file, the lowest of equally near ones; 4294967295 if there
+        /// is none.
         index, index_mut: u32;
         /// Returns the index of the nearest object of the scene; 4294967295 where nothing is visible.
         object, object_mut: u32;
         /// Returns the label of the nearest splat; 4294967295 if there is none.
         label, label_mut: u32;
-        /// Returns the world position at depth Z; +∞ where nothing is visible.
+        /// Returns the world position of the visible point, at depth Z; +∞ where nothing is visible.
         position, position_mut: [f64; 3];
-        /// Returns Σw of Gaussians, in [0, 1].
+        /// Returns the accumulated opacity of a pixel's Gaussians: the sum of their weights, Σw, in [0, 1].
         alpha, alpha_mut: f32;
-        /// Returns the depth of the last Gaussian in front of which more than half of the light remains; +∞ where
-        /// nothing is visible.
+        /// Returns the planar depth, in world units, of the last Gaussian in front of which more than half of the light
+        /// remains; +∞ where nothing is visible.
         median_depth, median_depth_mut: f32;
         /// Returns the distortion of 2DGS; 0 where nothing is visible. The distortion is the sum, over pairs of
         /// Gaussians, of their weights times the squared difference of their depths.
         distortion, distortion_mut: f32;
-        /// Returns 1 where a pixel depends on a decision within its margin, else 0.
+        /// Returns 1 in pixels that other backends may draw differently, because a comparison is within the tolerated
+        /// margin of flipping; else 0.
         margin, margin_mut: f32;
     }
 
@@ -279,7 +285,7 @@ impl Frame {
         }
     }
 
-    /// Returns the planes that the frame has.
+    /// Returns the selection of planes that the frame contains.
     fn which_planes(&self) -> Planes {
         Planes {
             color: !self.color.is_empty(),
@@ -323,7 +329,7 @@ impl Frame {
         (planes, &mut self.background)
     }
 
-    /// Sets size and planes, and fills the planes like those of an empty image.
+    /// Sets the frame's size and planes, and fills the planes with the values of an empty image.
     pub fn reset(&mut self, width: u32, height: u32, planes: Planes) {
         let pixels = width as usize * height as usize;
         let count = |wanted: bool| if wanted { pixels } else { 0 };
@@ -346,8 +352,8 @@ impl Frame {
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
 
-    /// Sets size and planes, for backends that write every pixel. The contents are unspecified, but remain if neither
-    /// the size nor the planes change.
+    /// Sets the frame's size and planes, for backends that write every pixel. If size or planes change, the contents
+    /// are unspecified; otherwise they remain.
     pub fn resize(&mut self, width: u32, height: u32, planes: Planes) {
         let pixels = width as usize * height as usize;
         if [self.width, self.height] != [width, height] || self.which_planes() != planes {
@@ -373,8 +379,9 @@ impl Frame {
 }
 
 impl Frame {
-    /// Computes the planes that follow from others, after all others are written; called by backends. `identity` maps
-    /// the backend's numbers in the plane `index` to identities; it isn't called without that plane.
+    /// Computes the planes that derive from others: identities and positions. Backends call this after all other planes
+    /// are written. `identity` converts the backend's numbers in the plane `index` to identities; it isn't called
+    /// without that plane.
     pub fn finish(&mut self, view: &View, identity: impl Fn(u32) -> Identity) {
         for at in 0..self.index.len() {
             self.put_identity(at, identity(self.index[at]));
@@ -410,7 +417,7 @@ impl Frame {
         }
     }
 
-    /// Computes the plane of positions from depths, if requested; called by backends.
+    /// Computes the plane of world positions from depths, if requested; called by backends.
     pub fn locate(&mut self, view: &View) {
         let width = (self.width as usize).max(1);
         for (at, (position, z)) in self.position.iter_mut().zip(&self.depth).enumerate() {

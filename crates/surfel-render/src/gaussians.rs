@@ -1,4 +1,4 @@
-//! Gaussians in a view: the starting point of backends that draw them.
+//! Gaussians in a view, in the form from which backends draw them.
 
 use crate::{FramePlan, SplatFilter, View};
 use glam::{DAffine3, DVec3};
@@ -6,11 +6,11 @@ use surfel_math::gaussian::{self, GaussianRules, ProjectedGaussian, ViewGaussian
 use surfel_math::{V3, projection::Projection};
 use surfel_model::{Filter, GaussianCloud, GaussianKind, Sort};
 
-/// A cloud of Gaussians in a view.
+/// A cloud of Gaussians in a view, which projects and colours the Gaussians one by one.
 pub struct GaussianView<'a> {
     cloud: &'a GaussianCloud,
     view_from_object: DAffine3,
-    /// Eye in object space; for orthographic views, the viewing direction.
+    /// Position of the eye in object space; in orthographic views, the viewing direction instead.
     eye: DVec3,
     projection: Projection,
     size_px: [f64; 2],
@@ -44,7 +44,8 @@ impl<'a> GaussianView<'a> {
         }
     }
 
-    /// Returns the planar depth of a centre in world units, with the same bits for all callers.
+    /// Returns the planar depth of the centre of Gaussian `i`, in world units. All callers get the same bits, so that
+    /// sorting and drawing agree.
     pub fn depth(&self, i: usize) -> f64 {
         self.view_from_object.transform_point3(self.cloud.center(i)).z
     }

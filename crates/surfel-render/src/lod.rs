@@ -1,5 +1,5 @@
-//! Selection of the parts of an octree that a view needs, as splats or polygons (§6, after G06 §5.2), and of LOD nodes
-//! of points.
+//! Selection of the parts of an octree that a view needs, as splats or polygons (rendering model §6, after G06 §5.2),
+//! and of LOD nodes of points.
 
 mod enough;
 mod sight;
@@ -14,7 +14,7 @@ use std::ops::Range;
 use surfel_math::basis::unit;
 use surfel_model::{Cull, Octree, OctreeNode};
 
-/// Selected parts of an octree.
+/// Parts of an octree that are drawn in a view.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
     /// Selected splats, as ranges of the octree's cloud in ascending order.
@@ -41,14 +41,14 @@ fn holds(ranges: &[Range<u32>], i: u32) -> bool {
     ranges.get(after).is_some_and(|range| range.contains(&i))
 }
 
-/// Method by which a leaf is drawn.
+/// Method by which a leaf of an octree is drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Drawn {
-    /// The leaf is culled.
+    /// The leaf isn't drawn: it is outside the image, or faces away under back-face culling.
     Culled,
     /// The leaf's own splats are drawn.
     Splats,
-    /// The splats of an ancestor are drawn.
+    /// The splats of an ancestor node are drawn in place of the leaf's own splats.
     Above,
     /// The leaf's polygons are drawn.
     Polygons,
@@ -97,7 +97,7 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
     selection
 }
 
-/// Marks the leaves that a node's splats represent.
+/// Marks the leaves below the node `root`, whose splats are drawn in place of the leaves'.
 fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     let mut open = vec![root];
     while let Some(i) = open.pop() {
@@ -107,21 +107,24 @@ fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     }
 }
 
-/// Distance outside a view, in pixels, within which parts are still drawn: a filter extends a splat by about a pixel.
+/// Distance outside a view, in pixels, up to which parts of an object are still drawn, because a filter extends a splat
+/// by about a pixel.
 const MARGIN_PX: f64 = 2.0;
 
-/// Placement of an object in a view, for visibility tests and sizes of the object's parts.
+/// An object's placement relative to a view, for testing which parts of the object are visible and how large they are
+/// in pixels.
 struct Eye<'a> {
     world_from_object: &'a DAffine3,
     view: &'a View,
     cull: Cull,
-    /// Largest factor by which the object's matrix lengthens a vector from object to world space.
+    /// Upper bound of the factor by which the object's matrix lengthens a vector; exact for rotation with uniform
+    /// scale.
     scale: f64,
     /// True if the object's matrix preserves angles and handedness: rotation and uniform scale, no mirror.
     conformal: bool,
-    /// Inward normals of the view's side planes, in view space, and the planes' distances from the eye.
+    /// Side planes of the view: each inward unit normal, in view space, and the plane's distance from the eye along it.
     sides: [(DVec3, f64); 4],
-    /// Axes of the object in view space.
+    /// Axes of the object in view space, with the lengths that the object's matrix gives them.
     axes: [DVec3; 3],
 }
 
@@ -167,8 +170,8 @@ impl<'a> Eye<'a> {
         self.sees_around((center, radius), MARGIN_PX, |_| 0.0)
     }
 
-    /// True if a point within `radius` (object units) plus `margin_px` pixels of a body may be visible. `reach` returns
-    /// the body's extent from its centre along a direction in view space, in world units.
+    /// True if a part of a body may be visible, after the body is grown by `radius` (object units) plus `margin_px`
+    /// pixels. `reach` returns the extent of the body from its centre along a direction in view space, in world units.
     fn sees_around(&self, (center, radius): (DVec3, f64), margin_px: f64, reach: impl Fn(DVec3) -> f64) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
@@ -180,8 +183,8 @@ impl<'a> Eye<'a> {
         !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin - reach(*normal))
     }
 
-    /// Returns the extent from its centre, in world units, of a cube along the object's axes in a direction in view
-    /// space. `half` is half of the cube's side in object units.
+    /// Returns the distance from a cube's centre to its farthest corner along a direction in view space, in world
+    /// units. The cube is aligned with the object's axes, and `half` is half of its side in object units.
     fn cube_reach(&self, half: f64, direction: DVec3) -> f64 {
         half * self.axes.iter().map(|axis| axis.dot(direction).abs()).sum::<f64>()
     }
@@ -192,7 +195,8 @@ impl<'a> Eye<'a> {
         self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
     }
 
-    /// True if every normal in the node's cone faces away from the eye at every point of its sphere.
+    /// True if every normal in the node's cone faces away from the eye, seen from every point of the node's sphere. The
+    /// sphere has centre `p` in view space and `radius` in world units.
     fn faces_away(&self, p: DVec3, radius: f64, node: &OctreeNode) -> bool {
         let m = self.world_from_object.matrix3;
         let axis = unit(self.view.view_from_world * (m * DVec3::from(node.cone_axis)));
@@ -205,19 +209,20 @@ impl<'a> Eye<'a> {
         apart + node.cone_cosine.clamp(-1.0, 1.0).acos() + spread < std::f64::consts::FRAC_PI_2
     }
 
-    /// Returns the size of a pixel at depth z, in world units.
+    /// Returns the side of a pixel at depth `z`, in world units.
     fn pixel_size(&self, z: f64) -> f64 {
         let p = &self.view.projection;
         let focal = p.focal_px[0].min(p.focal_px[1]);
         if p.is_perspective() { z.max(p.near) / focal } else { 1.0 / focal }
     }
 
-    /// Returns the size in pixels of a length (object units) at the nearest point of a sphere.
+    /// Returns the projected size, in pixels, of `length` (object units) at the nearest point of a sphere.
     fn size_px(&self, center: DVec3, radius: f64, length: f64) -> f64 {
         self.size_at(self.at(center).z - radius * self.scale, length)
     }
 
-    /// Returns the size in pixels of a length (object units) at depth `z`, or at the near plane if `z` is nearer.
+    /// Returns the projected size, in pixels, of `length` (object units) at depth `z`, or at the near plane if `z` is
+    /// nearer.
     fn size_at(&self, z: f64, length: f64) -> f64 {
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
         let nearest = z.max(self.view.projection.near);
@@ -226,13 +231,14 @@ impl<'a> Eye<'a> {
     }
 }
 
-/// Pixels per unit of length of an object in a view, as a function of the position in object space.
+/// Magnification of an object in a view: pixels per object unit, as a function of the position in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Magnification {
-    /// Gradient of depth in object space, and the depth of the object's origin.
+    /// Depth of a point as a linear function over object space: its gradient, and its value at the object's origin.
     depth: (DVec3, f64),
+    /// Depth of the near plane, in world units.
     near: f64,
-    /// Size in pixels of a unit at depth 1 (perspective), or at any depth (orthographic).
+    /// Projected size, in pixels, of an object unit at depth 1 (perspective), or at any depth (orthographic).
     factor: f64,
     is_perspective: bool,
 }
@@ -247,12 +253,13 @@ impl Magnification {
         Self { depth, near: projection.near, factor, is_perspective: projection.is_perspective() }
     }
 
-    /// Returns the size in pixels of a unit of the object at a point, or at the near plane if the point is nearer.
+    /// Returns the projected size, in pixels, of an object unit at a point, or at the near plane if the point is
+    /// nearer.
     pub fn at(&self, point: DVec3) -> f64 {
         self.at_depth(self.depth.0.dot(point) + self.depth.1)
     }
 
-    /// Returns the smallest magnification in a cube along the object's axes.
+    /// Returns the smallest magnification in a cube that is aligned with the object's axes; `half` is half of its side.
     pub fn least_in(&self, center: DVec3, half: f64) -> f64 {
         self.at_depth(self.depth.0.dot(center) + self.depth.1 + half * self.depth.0.abs().element_sum())
     }
@@ -262,59 +269,61 @@ impl Magnification {
     }
 }
 
-/// LOD node of a point cloud. The points of a node and of its ancestors together represent the cloud in the node's
-/// cube.
+/// Level-of-detail (LOD) node of a point cloud. In the node's cube, its points and those of its ancestors together
+/// represent the cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
     /// Centre of a cube around the node's points, along the axes of object space.
     pub center: DVec3,
     /// Half of the cube's side, in object units.
     pub half: f64,
-    /// Radius of splats that cover the surface at this level, in object units; half of the parent level's radius.
+    /// Radius, in object units, of splats that cover the surface when this node is drawn: half of the parent node's
+    /// radius.
     pub splat_radius: f64,
-    /// Number of the node's own points.
+    /// Number of the node's own points, without its ancestors' points.
     pub points: u64,
-    /// Children, as indices of later nodes.
+    /// Indices of the node's children in the list of nodes; children follow their parents.
     pub children: Range<u32>,
 }
 
-/// Selection of LOD nodes of a point cloud.
+/// LOD nodes of a point cloud that [`select_levels`] selected, and the remaining error.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LevelSelection {
     /// Selected nodes in ascending order; the ancestors of each are selected too.
     pub nodes: Vec<u32>,
     /// Number of points of the selected nodes.
     pub points: u64,
-    /// Largest splat radius, in pixels, where visible finer nodes are not selected.
+    /// Largest radius, in pixels, of splats that are drawn in place of visible finer nodes, because these are not
+    /// selected.
     pub error_px: f64,
-    /// Stop reason, which explains why the error may exceed the requested one.
+    /// Reason why the selection ended; explains why `error_px` may exceed the requested error.
     pub end: LevelEnd,
 }
 
-/// Stop reason of a selection of LOD nodes.
+/// Stop reason of a selection of LOD nodes ([`select_levels`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelEnd {
-    /// All splats are as small as requested.
+    /// All visible splats are as small in the image as requested.
     #[default]
     Error,
-    /// The point budget is used up.
+    /// The next node would exceed the point budget.
     Points,
-    /// There are so many points per pixel that more would be barely visible.
+    /// There are so many points per pixel that more of them would hardly change the image.
     Enough,
 }
 
-/// Decrease of the viewing distance, in octaves, during which a level fades in. A longer fade changes less from one
-/// image to the next, and draws larger splats.
+/// Number of octaves (halvings) of the viewing distance during which the points of a finer level fade in. A larger
+/// number changes less from one image to the next, and draws larger splats.
 pub const FADE_OCTAVES: f64 = 0.5;
 
-/// Distance outside a view within which nodes are still drawn, in splat radii of the parent level. The splats at the
-/// view's border then have their neighbours.
+/// Distance outside a view up to which nodes are still drawn, in splat radii of the parent node. Splats at the view's
+/// border thereby overlap with their neighbours outside.
 const RIM: f64 = 4.0;
 
 /// Selects the LOD nodes that views need. The root is always selected. A visible child of a selected node is selected
-/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Nodes whose parents'
-/// splats are largest come first. The selection ends at `most_points` points, or when more points would be barely
-/// visible ([`LevelEnd::Enough`]).
+/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Children with the
+/// largest such splats are selected first. The selection ends at `most_points` points, or when more points would be
+/// barely visible ([`LevelEnd::Enough`]).
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -368,9 +377,12 @@ pub fn select_levels(
     selection
 }
 
-/// Candidate node of a selection. The largest error comes first, then the lowest index.
+/// A node that a selection may add next. In the order of [`Ord`], the greatest is the node with the largest `size_px`,
+/// and among equal sizes the node with the lowest index.
 struct Wanted {
+    /// Size, in pixels, of the parent's splats, which are drawn in place of the node.
     size_px: f64,
+    /// Index of the node in the list of nodes.
     node: u32,
 }
 

@@ -1,21 +1,22 @@
-//! Table of the needs of each shader. A new shader gets a line here, and a plan computes what it needs and no more.
+//! Table of the pixel attributes and passes that each shader needs. A new shader gets a line here, so that a plan
+//! computes only what the shader needs.
 
 use crate::{Feature, Pass};
 use surfel_model::Shader;
 
-/// Pixel attributes that a shader reads, and the additional pass that it draws with.
+/// Pixel attributes that a shader reads, and the pass and backend feature that it requires.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ShaderNeeds {
-    /// True if the shader reads the albedo.
+    /// True if the shader reads the pixel's albedo.
     pub albedo: bool,
-    /// True if the shader reads the shading normal.
+    /// True if the shader reads the pixel's shading normal.
     pub normal: bool,
-    /// True if the shader reads the depth.
+    /// True if the shader reads the pixel's depth.
     pub depth: bool,
-    /// True if the shader reads lights, shadows and material factors. Lights require albedo and normal, and depth where
-    /// light depends on the position.
+    /// True if the shader reads lights, shadows and material factors. The plan then adds depth if light depends on the
+    /// position.
     pub lights: bool,
-    /// Additional pass over all pixels, in which the shader reads their neighbours.
+    /// Pass in which the shader reads neighbouring pixels; `None` if the shader needs no such pass.
     pub pass: Option<Pass>,
     /// Feature that a backend must support to draw the shader; `None` if every backend must draw it.
     pub feature: Option<Feature>,

@@ -1,4 +1,4 @@
-//! Planning of a frame: the passes, planes and variants that a scene needs, and no others, decided once.
+//! Planning of a frame: decides once which passes, attributes and planes a scene needs, and no others.
 
 use crate::needs::ShaderNeeds;
 use crate::{
@@ -11,30 +11,31 @@ use surfel_model::{
     Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, ModelError, Settings, Shader, Sort, Transparency,
 };
 
-/// Number of samples along a pixel's side if edges are antialiased by samples (§5): four by four.
+/// Number of samples along a pixel's side if edges are antialiased by samples (rendering model §5): four by four.
 pub const SAMPLES_SIDE: u32 = 4;
 
-/// Parameters by which splats are drawn: filter, mapping, kernel and depth tolerance.
+/// Parameters by which splats are drawn: screen-space filter, mapping, kernel and depth tolerance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatFilter {
-    /// Filter; [`Filter::None`] also if the radius is 0.
+    /// Screen-space filter, which widens splats smaller than a pixel; [`Filter::None`] also if the filter radius is 0.
     pub filter: Filter,
-    /// Filter radius h, in pixels; 0 without a filter.
+    /// Smallest half-width h of a filtered splat, in pixels; 0 without a filter.
     pub radius_px: f64,
-    /// Kernel cutoff c.
+    /// Cutoff c of the kernel exp(−c·ρ²).
     pub cutoff: f64,
-    /// True if footprints are projective (exact mapping in a perspective projection), else they are affine.
+    /// True if footprints are projective, as by the exact mapping in a perspective projection; false if they are
+    /// affine.
     pub projective: bool,
-    /// True if splats with a centre nearer than z_near are dropped (affine mapping).
+    /// True if splats with a centre nearer than z_near are dropped, as under the affine mapping.
     pub drop_before_near: bool,
-    /// Depth tolerance of visibility.
+    /// Depth tolerance: how far behind the nearest surface fragments are blended with it.
     pub tolerance: Tolerance,
 }
 
 impl SplatFilter {
-    /// Returns the largest distance, in pixels, between a splat and the near side of a pixel that its filtered
-    /// footprint touches. The footprint must contain the pixel's centre, which is half a pixel farther. A margin for
-    /// rounding in f32 is included.
+    /// Returns the largest distance, in pixels, from a splat to a pixel that its filtered footprint touches, measured
+    /// to the pixel's near side. The footprint must contain the pixel's centre, which is half a pixel farther. A margin
+    /// for rounding in f32 is included.
     ///
     /// `clamp` and `ewa` extend a splat by at most h. `principal` lengthens an axis to h at the splat's centre, and a
     /// slope of up to 1/4 makes it appear longer by up to 1/√(1 − 1/16). `adjust` lengthens two axes independently. If
@@ -51,7 +52,7 @@ impl SplatFilter {
     }
 }
 
-/// Attributes that are accumulated per pixel in addition to Σw.
+/// Attributes of splats that are accumulated per pixel, weighted by w, in addition to the sum of weights Σw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     /// True to accumulate the albedo.
@@ -62,14 +63,14 @@ pub struct Attributes {
     pub depth: bool,
     /// True to accumulate the material factors: ambient, diffuse, specular, shininess.
     pub material: bool,
-    /// True to accumulate the coverage q.
+    /// True to accumulate the coverage q: the fraction of the pixel that the splats cover.
     pub coverage: bool,
-    /// True to accumulate alpha, for transparent splats only.
+    /// True to accumulate the opacity, alpha, of transparent splats.
     pub alpha: bool,
 }
 
 impl Attributes {
-    /// Returns the number of sums per pixel, with Σw.
+    /// Returns the number of sums that are accumulated per pixel, including Σw.
     pub fn sums(&self) -> usize {
         let Self { color, normal, depth, material, coverage, alpha } = *self;
         let wide = [(color, 3), (normal, 3), (depth, 1), (material, 4), (coverage, 1), (alpha, 1)];
@@ -77,52 +78,53 @@ impl Attributes {
     }
 }
 
-/// Pass of a frame.
+/// Pass of a frame: a step by which a backend draws it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
-    /// Draws visibility from a light into one of the plan's shadow maps (§5).
+    /// Draws visibility from a light into one of the plan's shadow maps (rendering model §5).
     ShadowMap,
-    /// Draws the nearest polygon of every pixel that no splat hides, into a target of its own (§6).
+    /// Draws the nearest polygon of every pixel that no splat hides, into a target of its own (rendering model §6).
     Polygons,
-    /// Draws the nearest depth plus the depth tolerance of every pixel.
+    /// Computes the depth threshold of every pixel: the smallest z + ε of its splats, where ε is the depth tolerance.
     Visibility,
-    /// Accumulates weighted sums of attributes.
+    /// Accumulates weighted sums of the attributes of splats in front of the depth threshold.
     Attributes,
-    /// Divides by Σw and lights, once per pixel.
+    /// Divides the sums by Σw and lights the result, once per pixel.
     Shade,
-    /// Draws the background behind edge pixels, and blends it by coverage.
+    /// Draws the surface behind each edge pixel, and blends the edge pixel over it by coverage.
     EdgeAntialiasing,
     /// Finds the nearest splat of every pixel, for the planes `index` and `label`.
     Nearest,
-    /// Draws pixels next to a step of depth again, each as the mean of 4×4 samples (§5).
+    /// Draws pixels at depth steps again, each as the mean of 4×4 samples (rendering model §5).
     EdgeSamples,
-    /// Draws lines where depth steps back from one pixel to the next (§5, `toon`).
+    /// Draws the lines of the shader `toon` (rendering model §5) in pixels whose neighbour is much deeper.
     Outlines,
-    /// Darkens pixels that are deeper than their neighbours (§5, `edl`).
+    /// Darkens pixels that are deeper than their neighbours, for the shader `edl` (rendering model §5).
     EyeDome,
-    /// Composites balls and dots with the other surfaces of a pixel, by depth (§11).
+    /// Composites balls and dots with the other surfaces of a pixel, by depth (rendering model §11).
     Balls,
-    /// Draws one layer of transparent splats: visibility behind the previous layer, attributes, shading (§8).
+    /// Draws one layer of transparent splats: visibility behind the previous layer, attributes, shading (rendering
+    /// model §8).
     PeelLayer,
-    /// Blends all transparent fragments behind the previous layers, lit per splat, into one layer (§8).
+    /// Blends all transparent fragments behind the previous layers, lit per splat, into one layer (rendering model §8).
     RemainingLayer,
-    /// Gathers transparent fragments into surfaces, pixel by pixel (§8).
+    /// Gathers transparent fragments into surfaces, pixel by pixel (rendering model §8).
     ABuffer,
     /// Draws trained Gaussians one over another: the whole image (docs/gaussians.md).
     Gaussians,
 }
 
-/// Selected parts of an object that is an octree.
+/// Selected parts of an octree, and the object that draws it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChosenParts {
-    /// Index of the object in the scene.
+    /// Index in the scene of the object that draws the octree.
     pub object: usize,
     /// Selected splats and triangles.
     pub selection: Selection,
 }
 
 impl ChosenParts {
-    /// Returns the selection of an object, if the object is one of the octrees.
+    /// Returns the selection for the object with this index, if the object is one of the octrees.
     pub fn of(octrees: &[Self], object: usize) -> Option<&Selection> {
         octrees.iter().find(|parts| parts.object == object).map(|parts| &parts.selection)
     }
@@ -135,33 +137,34 @@ pub struct FramePlan {
     pub passes: Vec<Pass>,
     /// Filter, mapping, kernel and depth tolerance of splats.
     pub splat_filter: SplatFilter,
-    /// Evaluation of clips; [`ClipPolicy::Off`] also if the scene has none.
+    /// Method by which clips are evaluated; [`ClipPolicy::Off`] also if the scene has none.
     pub clip: ClipPolicy,
     /// Attributes that are accumulated per pixel.
     pub attributes: Attributes,
     /// Precision of the sums of attributes.
     pub accumulate: Accumulate,
-    /// True if splats with an alpha below 1 are excluded from the opaque passes. Layers of their own draw them, if any.
+    /// True if splats with an alpha below 1 are excluded from the opaque passes. Passes for transparent layers draw
+    /// them instead, if the plan has any.
     pub separates_transparent: bool,
-    /// True if front- and back-facing splats of oriented clouds are blended separately (§5).
+    /// True if front- and back-facing splats of oriented clouds are blended separately (rendering model §5).
     pub keeps_facings: bool,
-    /// Shadow maps, in the order of their lights.
+    /// Shadow maps to draw, in the order of their lights.
     pub shadow_maps: Vec<ShadowMap>,
-    /// Selected parts of each octree, in the order of the objects.
+    /// Selected parts of each octree, in the order of the scene's objects.
     pub octrees: Vec<ChosenParts>,
-    /// Number of splats of clouds, balls included, and of splats selected from octrees.
+    /// Number of splats in the scene's clouds, including balls, and of splats selected from octrees.
     pub splats: u64,
-    /// True if balls are blended by their alphas, that is, if transparency isn't off.
+    /// True if balls are blended by their alphas; false if transparency is off and balls are drawn as opaque.
     pub ball_alphas: bool,
-    /// Length of a pixel of the image in world units, if some balls' radii are in pixels.
+    /// Side of an image pixel in world units, if the radii of some balls are in pixels.
     pub ball_pixel: Option<BallPixel>,
-    /// Maximum number of surfaces per pixel in [`Pass::ABuffer`]; 0 without that pass.
+    /// Maximum number of surfaces that [`Pass::ABuffer`] stores per pixel; 0 without that pass.
     pub abuffer_surfaces: u32,
     /// Shader that computes the colours of pixels.
     pub shader: Shader,
-    /// Order in which [`Pass::Gaussians`] draws.
+    /// Order in which [`Pass::Gaussians`] blends Gaussians.
     pub sort: Sort,
-    /// Planes that the frame has.
+    /// Planes that the drawn frame has.
     pub planes: Planes,
 }
 
@@ -171,7 +174,7 @@ impl FramePlan {
         self.passes.contains(&pass)
     }
 
-    /// Returns the distance, in pixels to each side, at which passes read neighbouring pixels.
+    /// Returns the largest distance, in pixels along each axis, at which a pass reads a pixel's neighbours.
     pub fn reach_px(&self) -> u32 {
         let reach = |pass: &Pass| match pass {
             Pass::EdgeAntialiasing | Pass::EdgeSamples | Pass::Outlines => 1,
@@ -181,7 +184,8 @@ impl FramePlan {
         self.passes.iter().map(reach).max().unwrap_or(0)
     }
 
-    /// Returns the plan by which samples of this plan's edges are drawn, as pixels of [`View::of_samples`].
+    /// Returns the plan for drawing the samples of this plan's edge pixels. The samples are the pixels of
+    /// [`View::of_samples`].
     #[must_use]
     pub fn of_samples(&self) -> Self {
         let mut plan = self.clone();
@@ -257,7 +261,7 @@ pub fn plan(
     })
 }
 
-/// Checks that objects have the data that the settings and planes need.
+/// Returns an error if an object lacks the interior weight or rows that the settings or planes need.
 fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Result<(), RenderError> {
     if needs_interior_weight(summary, settings)
         && let Some(object) = summary.without_interior_weight
@@ -270,16 +274,17 @@ fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Re
     }
 }
 
-/// Passes of a frame of surfaces, and the decisions that they follow from.
+/// Passes of a frame of surfaces (not Gaussians), and the decisions from which the passes follow.
 struct SurfacePasses {
     /// Passes of the frame, in order.
     list: Vec<Pass>,
-    /// True if splats are drawn.
+    /// True if splats are drawn; false if the scene has only polygons and balls.
+    /// Method of edge antialiasing; off without a colour plane.
     draw_splats: bool,
     edges: EdgeAa,
     /// True if transparent splats are drawn apart from opaque ones.
     separates_transparent: bool,
-    /// Number of fragments per pixel of the A-buffer, or 0.
+    /// Maximum number of surfaces that the A-buffer stores per pixel; 0 without an A-buffer.
     abuffer_surfaces: u32,
 }
 
@@ -324,7 +329,7 @@ impl SurfacePasses {
     }
 }
 
-/// Returns the filter of splats and the mapping to their planes.
+/// Returns the parameters by which a view's splats are drawn under these settings.
 fn splat_filter(view: &View, settings: &Settings) -> SplatFilter {
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
@@ -341,7 +346,7 @@ fn splat_filter(view: &View, settings: &Settings) -> SplatFilter {
     }
 }
 
-/// Returns the attributes that the planes, the shader and the passes need.
+/// Returns the attributes to accumulate for the requested planes, the shader and the passes.
 fn attributes(
     summary: &SceneSummary,
     planes: Planes,
@@ -430,7 +435,8 @@ fn plan_of_gaussians(
     }))
 }
 
-/// True if the image needs the clouds' interior weights (§5, coverage). Loaders estimate them in that case.
+/// True if the image needs the clouds' interior weights (rendering model §5, coverage). Loaders estimate them in that
+/// case.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
     let coverage = settings.edge_aa == EdgeAa::Coverage;
@@ -471,7 +477,7 @@ pub fn unsupported(
     Some(RenderError::Unsupported { backend: capabilities.backend, feature, found_where, advice })
 }
 
-/// Advice to choose a shader that every backend draws.
+/// Advice in [`RenderError::Unsupported`]: choose a shader that every backend draws.
 const OTHER_SHADERS: &str = "choose unlit, phong, normal or depth";
 
 /// Returns a feature's name in a message, its origin, and advice for doing without it.

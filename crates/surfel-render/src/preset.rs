@@ -10,16 +10,18 @@ use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 /// smallest error for watertight surfaces and for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
-    /// No filter, and affine footprints.
+    /// No filter, no edge antialiasing, and affine footprints: splats that cross the near plane are dropped.
     Fastest,
-    /// No filter: splats smaller than pixels alias, and vanish if they are isolated.
+    /// No filter, no edge antialiasing, and exact footprints: splats smaller than pixels alias, and vanish if they are
+    /// isolated.
     Fast,
     /// Filtered splats, and edges antialiased by samples: the default for bare inputs.
     #[default]
     Balanced,
     /// Same as `Balanced`: no slower setting has a smaller error on every scene.
     Quality,
-    /// Baseline of the other presets: same as `Quality`, because no setting is better on every scene.
+    /// Settings against which the model error of the other presets is measured. Same as `Quality`, because no setting
+    /// is better on every scene.
     Reference,
 }
 
@@ -28,23 +30,27 @@ pub enum Preset {
 /// backend (docs/accuracy.md describes the measurement).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Promise {
-    /// Fidelity: a backend's image against the reference backend's with the same settings, outside decision margins.
+    /// Smallest PSNR, in dB, of a backend's image against the reference backend's with the same settings. Pixels within
+    /// decision margins, where backends may differ, are excluded.
     pub fidelity_db: f64,
-    /// Fidelity of depths: largest root mean square of their relative differences.
+    /// Largest root mean square of the relative differences of depths between a backend and the reference backend.
     pub fidelity_depth: f64,
-    /// Fidelity of normals: largest root mean square angle, in degrees.
+    /// Largest root mean square angle, in degrees, between a backend's normals and the reference backend's.
     pub fidelity_normal_deg: f64,
-    /// Model error: the preset's image against that of the preset `reference`. Infinite if both are the same.
+    /// Smallest PSNR, in dB, of the preset's image against that of the preset `reference`. Infinite if both presets are
+    /// the same.
     pub model_db: f64,
-    /// Model error of pixels inside surfaces ([`inside_surfaces`]), if nothing is transparent. It excludes rims,
-    /// isolated splats and needles.
+    /// Smallest PSNR, in dB, of pixels inside surfaces ([`inside_surfaces`]) against the preset `reference`, in scenes
+    /// without transparency. Surfaces' rims, isolated splats and needles don't count.
     pub inside_db: f64,
 }
 
-/// Largest relative step of depth between neighbouring pixels of a surface.
+/// Largest difference of depth between neighbouring pixels that count as the same surface, relative to the nearer
+/// depth.
 const STEP: f32 = 0.02;
 
-/// Smallest share of inside pixels in an image that shows a surface.
+/// Smallest fraction of an image's pixels that must be inside surfaces. An image with fewer shows isolated splats, and
+/// [`inside_surfaces`] returns `None`.
 const LEAST_SHARE: f64 = 0.05;
 
 /// Returns a flag per pixel that is true inside a surface. There the pixel and all eight neighbours have a surface, and
@@ -83,8 +89,8 @@ impl Preset {
         }
     }
 
-    /// Returns the first preset whose choices these settings already contain. `None` if sums may be in 16 bits, because
-    /// no preset's promise covers them.
+    /// Returns the first preset that would not change these settings. `None` if there is none, or if sums may be in 16
+    /// bits, because no preset's promise covers these.
     pub fn of(settings: &Settings) -> Option<Self> {
         let is_whole = settings.accumulate == Accumulate::F32;
         Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)

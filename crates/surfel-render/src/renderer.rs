@@ -5,7 +5,8 @@ use surfel_model::{Camera, Scene, Settings};
 
 macro_rules! features {
     ($($(#[$doc:meta])* $name:ident,)*) => {
-        /// Feature that only some backends support.
+        /// Feature that only some backends support. A plan rejects scenes and settings that need a feature the backend
+        /// lacks.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
         pub enum Feature {
@@ -20,38 +21,38 @@ macro_rules! features {
 }
 
 features! {
-    /// Edge antialiasing (§5).
+    /// Edge antialiasing by coverage (rendering model §5).
     EdgeAntialiasing,
-    /// Edges by samples (§5).
+    /// Edge antialiasing by samples (rendering model §5).
     EdgeSamples,
-    /// Clip curves and lines (§7).
+    /// Clips, which cut splats along curves and lines (rendering model §7).
     Clips,
-    /// Polygon meshes among splats (§6).
+    /// Polygon meshes among splats (rendering model §6).
     Meshes,
-    /// Depth-peeled transparency (§8).
+    /// Transparency by depth peeling: layers drawn front to back (rendering model §8).
     Peel,
-    /// A-buffer transparency (§8).
+    /// Transparency by an A-buffer, which stores all layers of a pixel (rendering model §8).
     ABuffer,
-    /// Shadow maps (§5).
+    /// Shadow maps (rendering model §5).
     Shadows,
-    /// The toon shader (§5).
+    /// The shader `toon`: light in steps, and outlines (rendering model §5).
     Toon,
-    /// The shader `matcap` (§5).
+    /// The shader `matcap`: colours from the image of a lit sphere (rendering model §5).
     Matcap,
-    /// Eye-dome lighting, the shader `edl` (§5).
+    /// The shader `edl`: eye-dome lighting, by depth alone (rendering model §5).
     EyeDome,
     /// Trained Gaussians, drawn one over another (docs/gaussians.md).
     Gaussians,
-    /// Balls and dots (§11).
+    /// Balls and dots: spheres, and disks parallel to the image, as splats (rendering model §11).
     Balls,
-    /// A sky whose light isn't stored in splats (§12); no backend supports it.
+    /// Light of a sky that isn't stored in the splats (rendering model §12); no backend supports it.
     Sky,
-    /// The plane `margin`, which marks pixels that depend on a decision within its margin.
+    /// The plane `margin`, which marks pixels that other backends may draw differently.
     Margin,
 }
 
-/// Capabilities of a backend that affect planning: all [`Feature`]s except those it lacks. Every backend must support a
-/// new feature unless it declares that it lacks it.
+/// Features of a backend, by which a plan rejects what the backend can't draw: all [`Feature`]s except those it lacks.
+/// Every backend must support a new feature unless it declares that it lacks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capabilities {
     /// Name of the backend in messages and on the command line.
@@ -61,7 +62,7 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
-    /// Returns the capabilities of a backend that supports everything that any backend does.
+    /// Returns the capabilities of a backend that lacks no feature.
     pub const fn everything(backend: &'static str) -> Self {
         Self { backend, lacks: &[Feature::Sky] }
     }
@@ -72,12 +73,12 @@ impl Capabilities {
     }
 }
 
-/// Progress of an upload.
+/// Progress of an upload to a device, in bytes of splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UploadProgress {
-    /// Bytes of splats already on the device.
+    /// Number of bytes of splats that are already on the device.
     pub done_bytes: u64,
-    /// Total bytes of splats to upload.
+    /// Number of bytes of splats to upload in total.
     pub total_bytes: u64,
 }
 
@@ -92,12 +93,12 @@ pub struct RendererInfo {
     pub driver: String,
     /// Number of threads of a CPU backend; 0 for others.
     pub threads: usize,
-    /// Capabilities of the backend.
+    /// Features that the backend supports.
     pub capabilities: Capabilities,
 }
 
-/// Defines `upload` and `render` of [`Renderer`] as a backend's own methods, so that callers of these two need not
-/// import the trait. Only for this workspace's crates.
+/// Defines `upload` and `render` of [`Renderer`] as inherent methods of a backend, so that callers of these two need
+/// not import the trait. Only for this workspace's crates.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! renderer_methods {
@@ -128,7 +129,7 @@ macro_rules! renderer_methods {
 
 /// Interface of a rendering backend, which uploads scenes and renders frames.
 pub trait Renderer {
-    /// Copy of a scene that is resident in the backend's memory.
+    /// Scene that is resident in the backend's memory, as `upload` returns it.
     type Scene;
 
     /// Returns a description of the backend.

@@ -1,13 +1,14 @@
-//! Identity of a scene's geometry.
+//! Identity of a scene's geometry, by which backends recognise a scene whose splats they already hold.
 
 use std::sync::{Arc, Weak};
 use surfel_model::{GaussianCloud, Geometry, Mesh, Octree, Scene, SplatCloud};
 
-/// Identity of the geometry of a scene's objects, for checking that another scene shares the same clouds and meshes. It
-/// holds weak pointers, so the geometry isn't retained in memory.
+/// Identity of the geometry of a scene's objects. A backend compares it with another scene, and copies no splats if
+/// both share the same clouds and meshes. The pointers are weak, so the geometry isn't retained in memory.
 #[derive(Clone, Debug, Default)]
 pub struct SceneGeometry(Vec<Identity>);
 
+/// Pointer to the cloud, mesh, octree or Gaussians of one object.
 #[derive(Clone, Debug)]
 enum Identity {
     Splats(Weak<SplatCloud>),

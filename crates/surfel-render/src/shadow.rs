@@ -1,4 +1,4 @@
-//! Shadow maps (§5): the lights that cast shadows, the bounds of their scene, and the maps' views.
+//! Shadow maps (rendering model §5): the lights that cast shadows, the bounds of their scene, and the maps' views.
 
 use crate::{Region, SplatFilter, View, ball_scale};
 use glam::{DAffine3, DMat3, DVec3};
@@ -10,26 +10,31 @@ use surfel_model::{Filter, Geometry, Light, Mesh, Scene, SplatCloud};
 /// Number of texels along each side of a shadow map.
 pub const SHADOW_MAP_SIDE: u32 = 1024;
 
-/// Bias of a shadow map in splat radii: the factor k of the tolerance ε (§5). Measured on a ball over a floor
-/// (`tests/tests/conformance/shadow_maps.rs`) as the loss of light on surfaces that face the light. k = 0 loses 7–15 %,
-/// ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵. No value lets light leak into the shadow.
+/// Bias of a shadow map: the factor k of the tolerance ε (rendering model §5), in splat radii. Surfaces up to k radii
+/// behind the nearest one are lit, so that a surface doesn't shade itself.
+///
+/// Measured on a ball over a floor (`tests/tests/conformance/shadow_maps.rs`) as the loss of light on surfaces that
+/// face the light. k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵. No value lets light leak into
+/// the shadow.
 pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
-/// Largest half-angle of a spot light with one map, in degrees; a wider light has six maps in all directions.
+/// Largest half-angle, in degrees, of a spot light with one shadow map. A wider light has six maps, in all directions.
 const WIDEST_SINGLE_MAP_DEG: f64 = 60.0;
 
-/// Smallest half-angle of a map, in degrees: a narrower cone lights nothing visible, but a map needs a width.
+/// Smallest half-angle of a spot light's shadow map, in degrees. A narrower cone lights nothing visible, but its map
+/// needs a width.
 const NARROWEST_MAP_DEG: f64 = 0.05;
 
-/// Number of texels beyond a cube's face in its map, for filtering across the edges.
+/// Width, in texels, of the border of a spot light's shadow maps, outside the cone or the cube face that the map
+/// covers. Filters can thus read across the edge.
 const CUBE_BORDER_TEXELS: f64 = 3.0;
 
 /// Lights of a scene that cast shadows, and the bounds of everything that shadows can fall on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowScene {
-    /// Lights, with their indices in the scene.
+    /// Lights that cast shadows, each with its index in the scene.
     pub lights: Vec<(usize, Light)>,
-    /// Centre of a sphere around every splat and polygon, world space.
+    /// Centre, in world space, of a sphere that contains every splat and polygon.
     pub center: DVec3,
     /// Radius of the sphere in world units, greater than 0.
     pub radius: f64,
@@ -38,11 +43,12 @@ pub struct ShadowScene {
 /// Shadow map of a light: the view from the light, in which only visibility is drawn.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowMap {
-    /// Index of the light in the scene.
+    /// Index in the scene of the light that casts the shadows.
     pub light: usize,
     /// View of the map; its region is the whole map.
     pub view: View,
-    /// Filter of the map's splats: exact and unfiltered, with the map's own tolerance as bias.
+    /// Parameters by which splats are drawn into the map: exact mapping, no filter, and a tolerance that serves as
+    /// bias.
     pub splat_filter: SplatFilter,
 }
 
@@ -116,7 +122,8 @@ impl ShadowScene {
     }
 }
 
-/// Returns the rotation from world to the axes of a view along `forward`, with an arbitrary roll.
+/// Returns the rotation from world axes to the axes of a view that looks along `forward`. The roll around `forward` is
+/// arbitrary.
 fn looking(forward: DVec3) -> DMat3 {
     let (right, down) = orthonormal(forward);
     DMat3::from_cols(right, down, forward).transpose()

@@ -3,9 +3,9 @@
 /// Duration of one stage of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassTime {
-    /// Name of the stage.
+    /// Name of the stage, which the backend defines.
     pub name: &'static str,
-    /// Duration in milliseconds.
+    /// Duration of the stage, in milliseconds.
     pub ms: f64,
 }
 
@@ -19,7 +19,7 @@ pub struct Stats {
     pub passes: Vec<PassTime>,
     /// Number of splats of the scene's clouds, and of splats selected from octrees.
     pub splats: u64,
-    /// Number of splats that were rasterised (not culled).
+    /// Number of splats that were rasterised, that is, not culled.
     pub drawn: u64,
     /// Number of fragments that contributed to a pixel; 0 if they aren't counted. The CPU backends count them, and
     /// `fragments_inside` among the counters, only if [`crate::Planes::fragments`] is requested, because counting takes
@@ -31,7 +31,7 @@ pub struct Stats {
     pub bytes_per_splat: f64,
     /// Number of threads that drew the frame.
     pub threads: usize,
-    /// Further counters, by names that the backend defines.
+    /// Further counters: names that the backend defines, and values.
     pub counters: Vec<(&'static str, f64)>,
 }
 

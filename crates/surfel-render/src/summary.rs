@@ -5,16 +5,16 @@ use glam::DAffine3;
 use std::sync::Arc;
 use surfel_model::{Cull, Geometry, Light, Octree, Scene, Shape};
 
-/// Octree object of a scene, whose parts a plan selects.
+/// An object that draws an octree. For each view, a plan selects parts of the octree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOctree {
-    /// Index of the object in the scene.
+    /// Index in the scene of the object that draws the octree.
     pub object: usize,
     /// The octree that the object draws.
     pub octree: Arc<Octree>,
-    /// Placement of the object.
+    /// Matrix of the object, from object to world space.
     pub world_from_object: DAffine3,
-    /// Culling of faces by the object's material.
+    /// Faces that the object's material culls.
     pub cull: Cull,
 }
 
@@ -25,46 +25,46 @@ pub enum GaussianColors {
     Displayed,
     /// Linear colours are blended.
     Linear,
-    /// Both kinds, which can't be blended with each other.
+    /// Some clouds need displayed colours and others linear ones, so that they can't be blended with each other.
     Mixed,
 }
 
-/// Properties of a scene that planning needs.
+/// Properties of a scene from which frames are planned.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
-    /// Number of splats, with all splats of octrees; balls aren't included.
+    /// Number of splats, including all splats of octrees and all Gaussians, but not balls.
     pub splats: u64,
     /// Number of balls and dots.
     pub balls: u64,
     /// True if some balls' radii are in pixels.
     pub has_balls_in_pixels: bool,
-    /// True if the scene has a sky, whose light isn't stored yet.
+    /// True if the scene has a sky whose light isn't stored in the splats yet.
     pub has_sky: bool,
-    /// True if some cloud or mesh has colours.
+    /// True if some cloud, mesh or octree has colours or a texture.
     pub colors: bool,
     /// True if some splat has an alpha below 1.
     pub transparent: bool,
-    /// True if some cloud has clip curves or lines.
+    /// True if some cloud has splats that are cut by clip curves or lines.
     pub clips: bool,
     /// True if some object is drawn as polygons.
     pub meshes: bool,
     /// True if objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,
-    /// True if some light's direction depends on the surface's position.
+    /// True if the direction to some light depends on the position of the lit surface, as for spot lights.
     pub lights_nearby: bool,
-    /// Lights that cast shadows, and the bounds of the objects that receive them.
+    /// Lights that cast shadows, and the bounds of the scene; `None` if no light does.
     pub shadows: Option<ShadowScene>,
     /// Objects that are octrees.
     pub octrees: Vec<SceneOctree>,
-    /// Colour space of the Gaussians, if some object consists of Gaussians.
+    /// Colour space in which the scene's Gaussians are blended; `None` without Gaussians.
     pub gaussians: Option<GaussianColors>,
-    /// True if some object doesn't consist of Gaussians.
+    /// True if some object is drawn as a surface, not as Gaussians.
     pub surfaces: bool,
-    /// First object with splats whose interior weight is unknown.
+    /// Index of the first object whose splats have no interior weight; `None` if all have one.
     pub without_interior_weight: Option<usize>,
-    /// Index of the first object whose splats lack row numbers. Octrees have none.
+    /// Index of the first object whose splats have no row numbers, as of any octree; `None` if all have some.
     pub without_rows: Option<usize>,
-    /// True if some cloud is oriented and its back faces are drawn too.
+    /// True if some cloud is oriented and its back faces are drawn, so that both sides of its surface may be visible.
     pub both_facings: bool,
 }
 

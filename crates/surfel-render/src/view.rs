@@ -39,7 +39,7 @@ impl Region {
     }
 }
 
-/// Validated camera in the form that renderers use.
+/// View of a scene: a validated camera, in the form that renderers use, and the region of its image to render.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Position of the eye in world space.
@@ -155,8 +155,8 @@ impl View {
         Ok(Self { size: [w, h], region: Region { x, y, width, height }, ..self.by(k) })
     }
 
-    /// Returns the view whose pixels are the samples of this view's pixels, for antialiasing edges by samples (§5). Its
-    /// size is not limited, because it isn't drawn completely.
+    /// Returns the view whose pixels are the 4×4 samples of this view's pixels, for antialiasing edges by samples
+    /// (rendering model §5). Its size is not limited, because the view isn't drawn completely.
     #[must_use]
     pub fn of_samples(&self) -> Self {
         let size = self.size.map(|px| px * SAMPLES_SIDE);

@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, Shape};
 
-/// Converts half-axes to f32 columns.
+/// Converts the half-axes (s, t) of splats to f32 columns.
 pub(crate) fn ellipses(axes: &[(DVec3, DVec3)]) -> Shape {
     Shape::Ellipses {
         s: Column3::from_f32(axes.iter().map(|a| a.0.as_vec3()).collect()),
@@ -21,7 +21,7 @@ pub(crate) fn normals32(normals: &[DVec3]) -> Column3 {
     Column3::from_f32(normals.iter().map(|n| n.as_vec3()).collect::<Vec<Vec3>>())
 }
 
-/// Linear RGB and alpha columns; absent columns mean white and opaque.
+/// Linear RGB column and alpha column of a cloud; an absent column means white or opaque.
 pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 
 /// Smallest alpha that counts as opaque. Interpolation weights don't sum to exactly one, and compressed textures are

@@ -16,45 +16,49 @@ use fearless_simd::{Level, dispatch, f32x16, u32x16};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// Largest distance from a point to a corner of its cell, relative to the farthest neighbour's distance, at which the
-/// cell counts as closed. At a border, where points jut out by chance, cells close far outside the surface. `BELIEVED`
-/// applies to the nearest neighbours, and `BELIEVED_WIDE` to wider searches, which reach farther relative to the
-/// spacing. Both limits admit cells that reach halfway to the next scan line.
+/// Largest distance from a point to a corner of its cell at which the cell counts as closed. It applies to cells
+/// bounded by the nearest neighbours, and is relative to the distance of the farthest of them. At a border, where
+/// points jut out by chance, cells close far outside the surface. The limit admits cells that reach halfway to the next
+/// scan line.
 const BELIEVED: f32 = 0.75;
+/// Limit like [`BELIEVED`] for cells bounded by the neighbours of a wider search, which reach farther relative to the
+/// spacing.
 const BELIEVED_WIDE: f32 = 0.55;
 /// Smallest cosine (60°) between the normals of a point and of a neighbour that may bound the point's cell. Neighbours
-/// beyond this angle belong to the back of a thin part, or to the far side of a crease.
+/// at larger angles belong to the back of a thin part, or to the far side of a crease.
 pub(crate) const AGREE: f32 = 0.5;
 /// Largest sine (60°) of the angle between a point's tangent plane and the direction to a neighbour that may bound the
-/// point's cell.
+/// point's cell. Steeper neighbours belong to another surface.
 const STEEPEST: f32 = 0.866;
-/// Smallest cosine (120°) between normals in the second attempt at a cell, if neighbours within [`AGREE`] leave the
-/// cell open. The surface may continue around a crease or a limb, and points beyond the crease then bound the disk.
-/// Only neighbours on the back are excluded.
+/// Smallest cosine (120°) between the normals of a point and of a neighbour in the second attempt to build the point's
+/// cell ([`Among::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may continue
+/// around a crease or a limb, and points beyond the crease then bound the disk. Only neighbours on the back are
+/// excluded.
 const TURNS_AWAY: f32 = -0.5;
 /// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
 const RING: usize = 6;
 /// Rank, counted from 1, of the neighbour whose distance limits a disk without a closed cell. In a square grid, four
 /// points surround a point.
 const GRID: usize = 4;
-/// Squared distance from a scan line above which a point belongs to another line, as a fraction of the largest such
-/// distance in the search.
+/// Squared distance from a point's scan line above which a neighbour belongs to another line. It is a fraction of the
+/// largest such distance in the search.
 const BESIDE: f32 = 0.1;
 
 /// Measurements of one point's cell and neighbours; lengths are in grid steps of [`SortedPoints`].
 #[derive(Clone, Copy, Default)]
 struct Summary {
-    /// Area of a closed cell; 0 if the cell is open.
+    /// Area of the point's cell; 0 if the cell is open.
     area: f32,
     /// Distance from the point to the farthest corner of its cell; 0 if the cell has no corner.
     reach: f32,
-    /// Distance of the sixth neighbour.
+    /// Distance of the sixth nearest neighbour ([`RING`]).
     spacing: f32,
-    /// Distance of the fourth neighbour.
+    /// Distance of the fourth nearest neighbour ([`GRID`]).
     fourth: f32,
     /// Set of neighbours whose bisectors close the cell; [`Among::Side`] if the cell is open.
     among: Among,
-    /// Fraction of the nearest neighbours that belong to another surface, regardless of which way their normals face.
+    /// Fraction of the nearest neighbours that belong to another surface, because their direction is steep or their
+    /// normal differs. Signs of normals are ignored.
     elsewhere: f32,
     /// Mean squared sine of the angle between the tangent plane and the directions to the nearest neighbours.
     roughness: f32,
@@ -62,26 +66,26 @@ struct Summary {
     moments: [f32; 6],
 }
 
-/// Set of neighbours whose bisectors bound a cell.
+/// Set of neighbours whose bisectors bound a point's cell.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Among {
-    /// Nearest neighbours whose normals agree with the point's ([`AGREE`]).
+    /// Nearest neighbours on the point's side: their normals agree with the point's normal within [`AGREE`].
     #[default]
     Side,
-    /// Nearest neighbours except those whose normals face away ([`TURNS_AWAY`]).
+    /// Nearest neighbours all around, except those whose normals face away ([`TURNS_AWAY`]).
     Around,
-    /// Neighbours with agreeing normals from a wider search ([`WIDE`]).
+    /// Neighbours from a wider search ([`WIDE`]) whose normals agree with the point's normal.
     Wide,
-    /// Nearest neighbours, which are collinear, and points off their line from the widest search ([`WIDEST`]).
+    /// Nearest neighbours, which are collinear, and points off their line that the widest search ([`WIDEST`]) finds.
     Lines,
 }
 
-/// Best cell of a point, apart from the polygon, which is in [`Block::cell`].
+/// Result of building a point's cell from the best set of neighbours. The polygon itself is in [`Block::cell`].
 struct Found {
     is_closed: bool,
-    /// Unit of the cell's lengths, in grid steps.
+    /// Length, in grid steps, of one unit of the polygon's coordinates.
     unit: f32,
-    /// Copies of the [`Summary`] fields with the same names.
+    /// Set of neighbours, fraction in other surfaces, and roughness, as in the [`Summary`] fields with these names.
     among: Among,
     elsewhere: f32,
     roughness: f32,
@@ -96,21 +100,22 @@ pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Measurement parameters that are the same for all points.
+/// Parameters of the measurement that are the same for all points of a cloud.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
-    /// Number of neighbours in a row, the list of a point's nearest neighbours.
+    /// Number of nearest neighbours of a point that are listed, as its row.
     pub(crate) degree: usize,
     /// Spacing of the points in grid steps, if the caller provides one. Sparseness, roughness and creases are then not
     /// tested.
     pub(crate) known: Option<f32>,
-    /// Median over all points of the distance to the farthest neighbour in a row, in grid steps.
+    /// Median over all points of the distance to the farthest of [`Self::degree`] neighbours, in grid steps.
     pub(crate) farthest: f32,
-    /// True if ellipses are estimated besides radii.
+    /// True if ellipses are estimated in addition to radii.
     pub(crate) ellipses: bool,
 }
 
-/// Voronoi cells of a run of consecutive slots (places of sorted points), and of the points around the run.
+/// Measurement of a run of consecutive slots (places of sorted points): the Voronoi cells of these points and of the
+/// points around them.
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
@@ -119,20 +124,23 @@ pub(crate) struct Block<'a> {
     level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
-    /// Index of the leaf searched last.
+    /// Index of the leaf for which `search` was prepared last.
     leaf: usize,
     cell: Cell,
-    /// Coordinates (x, y) of neighbours in the tangent plane, in units of the farthest neighbour's distance.
+    /// Coordinates (x, y) of the current point's neighbours in its tangent plane, in units of the farthest neighbour's
+    /// distance.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// Number of neighbours in the surface of the last cell's point, regardless of which way their normals face.
+    /// Number of neighbours, of the point whose cell was built last, that are in its surface. Signs of normals are
+    /// ignored.
     on_surface: usize,
-    /// Sum of the squared sines of the angles between the tangent plane and the neighbours of the last cell.
+    /// Sum of the squared sines of the angles between the tangent plane and the neighbours, for the point whose cell
+    /// was built last.
     squared_sines: f32,
-    /// Slots of the run.
+    /// Slots of the run whose sizes are computed.
     own: Range<usize>,
-    /// Slots of neighbours outside the run, in ascending order.
+    /// Slots of neighbours outside the run, whose cells are built too, in ascending order.
     halo: Vec<u32>,
-    /// Neighbour lists (rows) of all slots in the run, then of all slots in the halo.
+    /// Lists of nearest neighbours (rows), as slots: of all slots in the run, then of all slots in the halo.
     rows: Vec<u32>,
     summaries: Vec<Summary>,
     /// Cells of the run that needed a wider search, by ascending slot. They are cached, because a second search would
@@ -145,9 +153,9 @@ pub(crate) struct Block<'a> {
 /// Cell bounded by the neighbours of a wider search: [`Among::Wide`] or [`Among::Lines`].
 struct FarCell {
     slot: usize,
-    /// Unit of the corners' coordinates, in steps.
+    /// Length, in grid steps, of one unit of the corners' coordinates.
     unit: f32,
-    /// Index range of the corners in [`Block::far_corners`].
+    /// Range of the cell's corners in [`Block::far_corners`].
     corners: Range<usize>,
 }
 
@@ -192,7 +200,7 @@ impl<'a> Block<'a> {
         self.rows = rows;
     }
 
-    /// Finds the neighbours of a slot and appends them to the rows.
+    /// Finds the nearest neighbours of a slot and appends them to the rows.
     fn add_row(&mut self, slot: usize) {
         let leaf = slot / LEAF;
         if leaf != self.leaf {
@@ -275,15 +283,15 @@ impl<'a> Block<'a> {
         found
     }
 
-    /// Returns the [`WIDE`] nearest neighbours of a slot; `farthest` is the distance of the farthest neighbour in its
-    /// row.
+    /// Returns the [`WIDE`] nearest neighbours of a slot. `farthest` is the distance of the farthest neighbour in the
+    /// slot's row.
     fn wide(&mut self, slot: usize, farthest: f32) -> WideRow {
         let (found, _) = self.search.nearest(slot, WIDE, wider(farthest * farthest, self.scale.degree));
         WideRow::of(found.iter().copied())
     }
 
-    /// Returns the row and the nearest points off its line, found by the widest search. `None` if the row isn't
-    /// collinear. Adjacent scan lines are farther away than [`Self::wide`] reaches.
+    /// Returns the slot's row `near` and the nearest points off the row's line, found by the widest search. `None` if
+    /// the row isn't collinear. Adjacent scan lines are farther away than [`Self::wide`] reaches.
     fn lines(&mut self, slot: usize, near: &[u32]) -> Option<WideRow> {
         let (values, vectors) = symmetric3(covariance(self.points, slot, near));
         if self.scale.known.is_some() || values[1] > COLLINEAR * values[2] {
@@ -328,7 +336,7 @@ impl<'a> Block<'a> {
         Summary { area: area * square, reach, spacing, fourth, among, elsewhere, roughness, moments }
     }
 
-    /// Returns the size of the point at index `i` of the run, and its ellipse if it has one.
+    /// Returns the size of the splat for point `i` of the run, and its ellipse if it has one.
     pub(crate) fn size(&mut self, i: usize) -> (Size, Option<Ellipse>) {
         let slot = self.own.start + i;
         let rows = std::mem::take(&mut self.rows);
@@ -380,7 +388,7 @@ impl<'a> Block<'a> {
     }
 
     /// Returns `measured` with sparseness, roughness and coherence filled in. They keep their defaults if the spacing
-    /// is given, if the slot is level, or if there are no neighbours.
+    /// is given, if the slot's normal is level, or if there are no neighbours.
     fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
         if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
@@ -409,9 +417,9 @@ impl<'a> Block<'a> {
         if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
     }
 
-    /// Returns the angle, the axis ratio and the reach of the ellipse with the second moments `m`. The reach is the
-    /// distance of the cell's farthest corner after the affine map that makes the cell round. `None` if the ratio is at
-    /// most [`STRETCHED`].
+    /// Returns the ellipse with the second moments `m`: angle of its long axis in the tangent plane, axis ratio, and
+    /// reach. The reach is the distance of the cell's farthest corner after the affine map that makes the cell round.
+    /// `None` if the ratio is at most [`STRETCHED`].
     fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
@@ -513,7 +521,7 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// Neighbours found by a wider search, at most [`MOST_IN_CELL`].
+/// Slots of the neighbours found by a wider search, at most [`MOST_IN_CELL`].
 struct WideRow {
     slots: [u32; MOST_IN_CELL],
     len: usize,
@@ -538,14 +546,14 @@ impl std::ops::Deref for WideRow {
     }
 }
 
-/// Areas of the closed cells around a point, and the sum of the cells' second moments.
+/// Areas of the closed cells of a point and its neighbours, and the sum of the cells' second moments.
 struct Smooth {
     areas: [f32; MOST_AREAS],
     len: usize,
     moments: [f32; 6],
 }
 
-/// Capacity for the areas of a cell and its neighbours, rounded up to whole SIMD steps.
+/// Capacity for the areas of a cell and of its neighbours, with room for a whole SIMD step.
 const MOST_AREAS: usize = MOST_IN_CELL + LANES;
 
 impl Default for Smooth {
@@ -564,7 +572,7 @@ impl Smooth {
         }
     }
 
-    /// Returns the lower median of the areas.
+    /// Returns the lower median of the areas; `None` if no cell is closed.
     fn median(&mut self) -> Option<f32> {
         let middle = self.len.checked_sub(1)? / 2;
         let mut ranks = [0; MOST_AREAS];

@@ -11,49 +11,49 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::ops::Range;
 
-/// Maximum number of shapes in a leaf.
+/// Maximum number of shapes in a leaf of the hierarchy.
 const LEAF: usize = 4;
-/// Tolerance for rounding, relative to the size of all shapes.
+/// Slack of bounds for rounding, relative to the size of all shapes.
 const SLACK: f64 = 1e-9;
-/// Minimum number of shapes of a node that is tested for a hub (a shared corner) if its parent has none. In ordinary
-/// meshes fewer triangles share a corner.
+/// Smallest number of shapes of a node that is tested for a hub (a corner that all its shapes share) if its parent has
+/// none. In ordinary meshes fewer triangles share a corner.
 const LEAST_AT_HUB: usize = 16;
-/// Limits from which the long shapes of a node are cut: the number of shapes, and the overlap of the node's two
-/// children. The overlap is measured along the dividing axis, relative to the extent of both. For as many triangles of
-/// an ordinary surface the overlap is an eighth at most; for the pages of a book it is a third.
+/// Limits from which the long shapes of a node are cut: smallest number of shapes, and smallest overlap of the node's
+/// two children. The overlap is measured along the dividing axis, relative to the extent of both children. For as many
+/// triangles of an ordinary surface the overlap is an eighth at most; for the pages of a book it is a third.
 const CROSSING: (usize, f64) = (128, 0.5);
-/// Limits like [`CROSSING`] inside a node whose shapes were already cut. Nodes with fewer shapes are cheap to search
-/// one by one.
+/// Limits like [`CROSSING`] for nodes inside a node whose shapes were already cut. Nodes with fewer shapes are cheap to
+/// search one by one.
 const STILL_CROSSING: (usize, f64) = (8, 0.1);
-/// Smallest length of a shape that is cut, relative to the diagonal of its node.
+/// Smallest length of a shape that is cut, relative to the diagonal of its node's box.
 const LEAST_LENGTH: f64 = 0.2;
-/// Largest breadth of a shape that is cut, relative to its length. Wide shapes about one edge overlap however often
+/// Largest breadth of a shape that is cut, relative to its length. Wide shapes that share an edge overlap however often
 /// they are cut.
 const MOST_BREADTH: f64 = 0.25;
-/// Maximum number of cuts per shape, on average.
+/// Maximum number of cuts in a hierarchy, per shape on average.
 const MOST_CUTS_EACH: usize = 63;
-/// Maximum number of cuts in total.
+/// Maximum number of cuts in a hierarchy, regardless of the number of shapes.
 const MOST_CUTS: usize = 1 << 20;
-/// Tolerance for rounding of a squared sine.
+/// Slack for the rounding of a squared sine.
 const SINE2_SLACK: f64 = 1e-14;
 
-/// Oriented box around some points.
+/// Oriented box around some points, by which distances are bounded.
 struct OrientedBox {
     center: DVec3,
     /// Unit vectors along the box's sides, perpendicular to each other.
     axes: [DVec3; 3],
-    /// Half of the box's size along each axis.
+    /// Half-width of the box along each axis.
     half: [f64; 3],
 }
 
-/// Node of the hierarchy: a box around some of the shapes.
+/// Node of the hierarchy: a box around some of the shapes, with two children or a few shapes.
 struct Node {
     bounds: OrientedBox,
-    /// Range of a leaf's shapes in [`Boxes::order`].
+    /// Range of a leaf's shapes in [`Boxes::order`]; empty for other nodes.
     shapes: Range<usize>,
     /// Index of the second child, or 0 for a leaf. The first child follows its parent directly.
     second: usize,
-    /// Corner that all shapes of the node share; `None` if they share none or are few.
+    /// Corner that all shapes of the node share; `None` if they share none, or if there are few shapes.
     hub: Option<Box<Hub>>,
 }
 
@@ -61,19 +61,21 @@ struct Node {
 /// corner, all shapes are equally near, and close to the corner, all boxes overlap.
 struct Hub {
     corner: Fan,
-    /// Edge that all shapes share, as the pages of a book do. Projected along itself, the edge is a point.
+    /// Directions of the shapes around an edge that all of them share, as the pages of a book do; `None` if they share
+    /// none. Projected along itself, the edge is a point.
     edge: Option<Fan>,
-    /// Index of the first shape in the node.
+    /// Index of the first of the node's shapes, which wins where all are equally near.
     first: u32,
 }
 
-/// Directions of shapes around a point that they share.
+/// Directions of shapes around a point or an edge that they share.
 struct Fan {
-    /// Shared point, twice, or the two ends of the shared edge.
+    /// The shared point, twice, or the two ends of the shared edge.
     ends: [DVec3; 2],
     /// Unit vector along the shared edge; zero for a point.
     along: DVec3,
-    /// Box around the unit vectors from the point to all other corners, projected perpendicular to the edge.
+    /// Box around the unit vectors from the shared point to all other corners, projected perpendicular to the shared
+    /// edge.
     directions: OrientedBox,
     /// Lower bound of the length of any weighted mean of one shape's unit vectors: 1 for slivers, less for shapes that
     /// are wide at the shared point.
@@ -91,25 +93,27 @@ pub(crate) struct Boxes {
     slack: f64,
 }
 
-/// Shapes, and the pieces of shapes that are cut. Pieces are numbered after the shapes.
+/// Shapes from which a hierarchy is built, and the pieces of those that are cut. Pieces are numbered after the shapes.
 struct Pieces<'a, const N: usize> {
     shapes: &'a [[DVec3; N]],
-    /// Shape index and corners of each piece.
+    /// Corners of each piece, and index of the shape from which it was cut.
     cut: Vec<(u32, Vec<DVec3>)>,
 }
 
 impl<const N: usize> Pieces<'_, N> {
+    /// Returns the corners of shape or piece `i`.
     fn corners(&self, i: u32) -> &[DVec3] {
         let whole = self.shapes.get(i as usize).map(<[DVec3; N]>::as_slice);
         whole.unwrap_or_else(|| &self.cut[i as usize - self.shapes.len()].1)
     }
 
+    /// Returns the index of the shape to which shape or piece `i` belongs.
     fn shape(&self, i: u32) -> u32 {
         (i as usize).checked_sub(self.shapes.len()).map_or(i, |piece| self.cut[piece].0)
     }
 
-    /// Returns the overlap of the first `middle` pieces and the others along an axis, relative to the extent of all
-    /// pieces.
+    /// Returns the overlap, along an axis, of the first `middle` pieces in `order` and the other pieces. It is relative
+    /// to the extent of all pieces, and negative for a gap.
     fn overlap(&self, order: &[u32], middle: usize, axis: DVec3) -> f64 {
         let ends = |half: &[u32]| {
             let along = half.iter().flat_map(|i| self.corners(*i)).map(|p| p.dot(axis));
@@ -119,8 +123,8 @@ impl<const N: usize> Pieces<'_, N> {
         (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
     }
 
-    /// Halves the slender pieces of at least this length, with at most `room` cuts. Returns all pieces; `None` if none
-    /// was cut.
+    /// Halves the slender pieces in `order` of at least this length, with at most `room` cuts. Returns the indices of
+    /// all resulting pieces; `None` if none was cut.
     fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
         let mut all = Vec::with_capacity(2 * order.len());
         let mut cuts = 0;
@@ -141,7 +145,7 @@ impl<const N: usize> Pieces<'_, N> {
     }
 }
 
-/// Returns the two corners that are farthest apart.
+/// Returns the two corners of a shape that are farthest apart.
 fn longest(corners: &[DVec3]) -> [DVec3; 2] {
     let pairs = corners.iter().enumerate().flat_map(|(i, a)| corners[..i].iter().map(move |b| [*a, *b]));
     let first = [corners[0]; 2];
@@ -152,14 +156,14 @@ fn distance2([a, b]: [DVec3; 2]) -> f64 {
     a.distance_squared(b)
 }
 
-/// True if all corners are near the segment from `a` to `b`, within [`MOST_BREADTH`] of its length.
+/// True if a shape is slender: all corners are within [`MOST_BREADTH`] of the length of the line from `a` to `b`.
 fn is_slender(corners: &[DVec3], [a, b]: [DVec3; 2]) -> bool {
     let along = b - a;
     corners.iter().all(|p| (*p - a).cross(along).length() <= MOST_BREADTH * along.length_squared())
 }
 
-/// Returns the corners of both halves of a flat convex shape, cut perpendicular to a segment through the segment's
-/// middle.
+/// Returns the corners of both halves of a flat convex shape, which is cut in the middle of a segment and perpendicular
+/// to it.
 fn halves(corners: &[DVec3], [start, end]: [DVec3; 2]) -> [Vec<DVec3>; 2] {
     let (middle, along) = (0.5 * (start + end), end - start);
     let height = |p: &DVec3| (*p - middle).dot(along);

@@ -8,19 +8,19 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::Vec2;
 
-/// Largest number of neighbours whose bisectors may bound a cell.
+/// Largest number of neighbours from which a cell is built.
 pub(crate) const MOST_IN_CELL: usize = 64;
-/// Largest number of corners of a cell: those of the initial square, and one more for each neighbour.
+/// Largest number of corners of a cell: four corners of the initial square and one more for each neighbour, plus one.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
-/// Capacity of the corner buffers. It allows for half as many corners more, because cutting one corner off a polygon
-/// that rounding has bent may leave two.
+/// Capacity of the buffers for a cell's corners. It allows for half as many corners more, because cutting one corner
+/// off a polygon that rounding has bent may leave two.
 const ROOM: usize = MOST_CORNERS + MOST_CORNERS / 2;
 
 /// Voronoi cell of the origin: a convex polygon clipped by the bisectors between the origin and its neighbours. The
 /// buffers are reused between cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
-    /// Coordinates of the corners, counter-clockwise.
+    /// Coordinates x and y of the corners, counter-clockwise.
     x: [f32; ROOM],
     y: [f32; ROOM],
     /// One bit per corner, set if the edge from this corner to the next lies on a bisector, not on the initial square.
@@ -166,13 +166,13 @@ struct Few<S: Simd> {
     len: usize,
 }
 
-/// Result of clipping a polygon.
+/// Result of clipping a polygon by the bisector between the origin and a neighbour.
 enum Clip<S: Simd> {
-    /// The bisector doesn't meet the polygon.
+    /// Polygon unchanged, because the bisector doesn't meet it.
     Missed,
     Cut(Few<S>),
-    /// The polygon gets more corners than there are lanes, or rounding has bent it. It must be clipped corner by
-    /// corner.
+    /// No polygon: it would get more corners than there are lanes, or rounding has bent it. It must be clipped corner
+    /// by corner.
     Other,
 }
 

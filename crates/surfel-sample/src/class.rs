@@ -21,8 +21,8 @@
 /// radius blend without holes.
 pub const DENSITY: f64 = 1.65;
 /// Radius that covers a point's Voronoi cell, relative to the distance of the cell's farthest corner. The margin makes
-/// up for curvature and tilted neighbours. It also raises the weight at a corner from exp(−2) = 0.14 to exp(−2/1.15²) =
-/// 0.22 for each of the three or more splats that meet there.
+/// up for curvature and tilted neighbours. The weight at a corner, where three or more splats meet, rises from exp(−2)
+/// = 0.14 to exp(−2/1.15²) = 0.22.
 pub(crate) const COVER: f64 = 1.15;
 
 /// Class of a point, by the arrangement of the points around it.
@@ -45,7 +45,7 @@ pub enum PointClass {
 }
 
 impl PointClass {
-    /// All classes, in the order of their declaration.
+    /// All classes in the order of their declaration, by which reports count them.
     pub const ALL: [Self; 6] = [Self::Surface, Self::Border, Self::Crease, Self::Foliage, Self::Line, Self::Isolated];
 
     /// Returns the class's name, in lower case.
@@ -65,14 +65,15 @@ impl PointClass {
         matches!(self, Self::Surface | Self::Border | Self::Crease)
     }
 
-    /// Returns the radius of a disk that covers its cell; `reach` is the distance of the cell's farthest corner. The
-    /// radius is at least [`Measured::least_radius`]; its maximum depends on the class.
+    /// Returns the radius of a disk that covers its point's cell; `reach` is the distance of the cell's farthest
+    /// corner. The radius is at least [`Measured::least_radius`]; its maximum depends on the class.
     pub(crate) fn covering(self, m: &Measured, reach: f32) -> f32 {
         let largest = if self == Self::Border { LARGEST_AT_BORDER } else { LARGEST };
         (COVER as f32 * reach).clamp(m.least_radius(), (largest * DENSITY) as f32 * m.spacing)
     }
 
-    /// Returns the radius of a disk from its neighbourhood's measurements and the `reach` of its cell, in grid steps.
+    /// Returns the radius of a disk in grid steps, from the measurements of its neighbourhood. `reach` is the distance
+    /// of the cell's farthest corner.
     pub(crate) fn radius(self, m: &Measured, reach: f32) -> f32 {
         let fourth = DENSITY as f32 * m.fourth;
         match self {
@@ -84,7 +85,7 @@ impl PointClass {
         }
     }
 
-    /// Returns the largest radius of a disk, in units of the cloud's typical spacing.
+    /// Returns the largest radius of a disk of this class, in units of the cloud's typical spacing.
     pub(crate) fn most(self) -> f64 {
         match self {
             Self::Surface | Self::Border | Self::Crease => f64::INFINITY,
@@ -94,82 +95,86 @@ impl PointClass {
     }
 }
 
-/// Largest radius of a surface point, in units of its density radius. Larger disks would cover gaps that the scan
-/// really has.
+/// Largest radius of a surface point's disk, relative to the density radius for the point's spacing. Larger disks would
+/// cover gaps that the scan really has.
 const LARGEST: f64 = 2.5;
-/// Largest radius of a border point, in units of its density radius. Corners of a border point's cell may be far
-/// outside the surface.
+/// Largest radius of a border point's disk, relative to the density radius for the point's spacing. Corners of a border
+/// point's cell may be far outside the surface.
 const LARGEST_AT_BORDER: f64 = 1.5;
-/// Largest radius of a point on a line, in units of the density radius for the cloud's typical spacing. The limit
-/// exceeds 1, because a limb with few points around it has gaps that only larger disks cover.
+/// Largest radius of the disk of a point on a line, relative to the density radius for the cloud's typical spacing. The
+/// limit exceeds 1, because a limb with few points around it has gaps that only larger disks cover.
 const LARGEST_ON_LINE: f64 = 1.5;
-/// Angle in radians by which a surface may turn within a disk before the disk would stick out past the outline. The
-/// turn is a root mean square over the nearest neighbours. If the surface turns by this angle within the density
-/// radius, the disk ends there, unless it needs a larger radius to cover its cell.
+/// Largest angle, in radians, by which a surface may turn within a disk. At larger angles, the disk would stick out
+/// past the outline. The turn is a root mean square over the nearest neighbours. If the surface turns by this angle
+/// within the density radius, the disk ends there, unless it needs a larger radius to cover its cell.
 pub(crate) const FLAT: f32 = 0.7;
-/// Smallest radius of a disk on a turning surface, relative to the square root of the area per point.
+/// Smallest radius of a surface point's disk where the surface turns, relative to the square root of the surface area
+/// per point.
 const LEAST: f32 = 1.0;
 
-/// Ratio of a point's spacing to its neighbours' spacing. A point is isolated if the ratio is larger for most
-/// neighbours.
+/// Ratio of a point's spacing to a neighbour's spacing from which the neighbour is far denser. A point is isolated if
+/// most neighbours are.
 pub(crate) const ALONE: f64 = 8.0;
-/// Range of sparseness over which the limits for a surface change from the usual to the strictest values. Sparseness is
-/// the distance of a point's farthest neighbour, relative to the cloud's median.
+/// Range of sparseness ([`Measured::sparseness`]) over which the limits for a surface change from the usual to the
+/// strictest values.
 const SPARSE: (f32, f32) = (2.0, 8.0);
-/// Largest mean squared sine, at points that aren't sparse, at which neighbours form a plane (0.1 is 18°). The angle is
-/// between the tangent plane and the directions to the neighbours.
+/// Largest mean squared sine at which neighbours form a plane, at points that aren't sparse (0.1 is 18°). The angle is
+/// between the point's tangent plane and the directions to the neighbours.
 pub(crate) const ROUGH: f32 = 0.1;
-/// Largest mean squared sine at which neighbours form a plane, at the sparsest points. Groups of stray points, whose
-/// normals may agree by chance, measure 0.17 and more; sparse parts of scans measure less than 0.05.
+/// Largest mean squared sine at which neighbours form a plane, at the sparsest points ([`SPARSE`]). Groups of stray
+/// points, whose normals may agree by chance, measure 0.17 and more; sparse parts of scans measure less than 0.05.
 const ROUGH_WHERE_SPARSE: f32 = 0.05;
-/// Smallest coherence of normals ([`Measured::coherence`]) in a surface, at points that aren't sparse. Half of all
-/// leaves measure 0.5 or less. Thin limbs, whose neighbours are all around the limb, measure more than 0.8.
+/// Smallest coherence of normals ([`Measured::coherence`]) at which points that aren't sparse form a surface. Half of
+/// all leaves measure 0.5 or less. Thin limbs, whose neighbours are all around the limb, measure more than 0.8.
 const COHERENT: f32 = 0.6;
-/// Smallest coherence of normals in a surface, at the sparsest points.
+/// Smallest coherence of normals at which the sparsest points ([`SPARSE`]) form a surface.
 const COHERENT_WHERE_SPARSE: f32 = 0.9;
-/// Inverse of the smallest fraction of closed cells in a surface, among a point and its neighbours that face the same
-/// way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's corner.
+/// Inverse of the smallest fraction of closed cells at which points form a surface. The cells are those of a point and
+/// of its neighbours that face the same way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's
+/// corner.
 const SURROUNDED: usize = 3;
-/// Fraction of neighbours in other planes above which a point is where two surfaces meet. Such neighbours are leaves,
-/// stray points, or the other side of a thin edge.
+/// Fraction of neighbours in other planes ([`Measured::elsewhere`]) above which another surface meets the point's
+/// surface. Such neighbours are leaves, stray points, or the other side of a thin edge.
 const CUT: f32 = 0.25;
 
 /// Measurements of one point's neighbourhood; lengths are in steps of the sorted points' grid.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measured {
-    /// Square root of the area per point, or the distance of the second neighbour if few cells around the point are
-    /// closed.
+    /// Square root of the surface area per point around the point. It is the distance of the second neighbour if few
+    /// cells around the point are closed.
     pub(crate) spacing: f32,
-    /// Distance of the second neighbour.
+    /// Distance from the point to its second nearest neighbour.
     pub(crate) second: f32,
-    /// Distance of the fourth neighbour.
+    /// Distance from the point to its fourth nearest neighbour.
     pub(crate) fourth: f32,
     /// Distance along the surface at which the surface has turned by [`FLAT`].
     pub(crate) flat_reach: f32,
-    /// Distance of the farthest neighbour, relative to the cloud's median of such distances.
+    /// Distance of the farthest neighbour, relative to the median of this distance over the cloud.
     pub(crate) sparseness: f32,
-    /// Mean squared sine of the angle between the tangent plane and the directions to the neighbours.
+    /// Mean squared sine of the angle between the point's tangent plane and the directions to its neighbours.
     pub(crate) roughness: f32,
-    /// Mean agreement of the nearest normals with the point's own ([`crate::orient::coherence`]); 1 if not computed.
+    /// Mean agreement of the nearest neighbours' normals with the point's own ([`crate::orient::coherence`]); 1 if not
+    /// computed.
     pub(crate) coherence: f32,
-    /// Fraction of the neighbours whose spacing is [`ALONE`] times smaller than the point's.
+    /// Fraction of the neighbours whose spacing is at least [`ALONE`] times smaller than the point's.
     pub(crate) denser: f32,
-    /// Number of neighbours that face the same way, plus the point itself.
+    /// Number of neighbours whose normals face the same way as the point's, plus the point itself.
     pub(crate) together: usize,
-    /// Number of closed cells among those of [`Self::together`].
+    /// Number of closed cells among the points that [`Self::together`] counts.
     pub(crate) closed: usize,
-    /// True if the point's own cell is open.
+    /// True if the point's own cell isn't closed, as at a border.
     pub(crate) is_open: bool,
-    /// True if the cell is closed only by points of other scan lines, far beyond those of its own line.
+    /// True if the point's cell is closed only by points of other scan lines, which are far beyond the neighbours on
+    /// its own line.
     pub(crate) is_between_lines: bool,
-    /// Fraction of the neighbours that belong to other planes.
+    /// Fraction of the nearest neighbours that belong to other surfaces than the point's.
     pub(crate) elsewhere: f32,
 }
 
 impl Measured {
-    /// Returns the smallest radius of a disk: the density radius, or less where the surface turns. Between scan lines
-    /// that are far apart, the smallest radius is 0, and the disk only covers its cell. At the last line, a larger disk
-    /// would stick out by more than the gap's width.
+    /// Returns the smallest radius of the point's disk, in grid steps: the density radius, or less where the surface
+    /// turns. Between scan lines that are far apart, the smallest radius is 0, and the disk only covers its cell. At
+    /// the last line, a larger disk would stick out by more than the gap's width.
     fn least_radius(&self) -> f32 {
         if self.is_between_lines {
             return 0.0;
@@ -177,7 +182,7 @@ impl Measured {
         self.flat_reach.clamp(LEAST * self.spacing, DENSITY as f32 * self.spacing)
     }
 
-    /// True if another surface meets the surface at the point ([`CUT`]).
+    /// True if another surface meets the point's surface within its neighbourhood ([`CUT`]).
     pub(crate) fn is_cut(&self) -> bool {
         self.elsewhere > CUT
     }
@@ -213,16 +218,17 @@ impl Measured {
     }
 }
 
-/// True if the class of a neighbourhood with this sparseness and roughness depends on the coherence of normals.
+/// True if a point with this sparseness and roughness needs the coherence of normals for its class.
 pub(crate) fn needs_coherence(sparseness: f32, roughness: f32) -> bool {
     roughness > ROUGH || sparse(sparseness) > 0.0
 }
 
-/// Returns the position of a sparseness within the range [`SPARSE`], from 0 to 1 on a logarithmic scale.
+/// Returns where a sparseness is within the range [`SPARSE`]: from 0 to 1, on a logarithmic scale.
 fn sparse(sparseness: f32) -> f32 {
     if sparseness <= SPARSE.0 { 0.0 } else { ((sparseness / SPARSE.0).ln() / (SPARSE.1 / SPARSE.0).ln()).min(1.0) }
 }
 
+/// Interpolates between two values; `share` is 0 at `from` and 1 at `to`.
 fn between(from: f32, to: f32, share: f32) -> f32 {
     from + (to - from) * share
 }
@@ -232,20 +238,22 @@ fn between(from: f32, to: f32, share: f32) -> f32 {
 pub(crate) struct Evidence(u8);
 
 impl Evidence {
-    /// Most neighbours have a far smaller spacing than the point, or the point is one of few sparse points.
+    /// Bit of an isolated point: most neighbours have a far smaller spacing, or it is one of few sparse points.
     pub(crate) const ALONE: u8 = 1 << 0;
-    /// The point is sparse, and its neighbours form no plane or their normals disagree too much.
+    /// Bit of a sparse point whose neighbours form no plane or whose normals disagree too much for a surface.
     pub(crate) const SCATTERED: u8 = 1 << 1;
-    /// The neighbours form no plane and their normals disagree (a tangled point).
+    /// Bit of a tangled point: its neighbours form no plane, and their normals disagree.
     pub(crate) const TANGLED: u8 = 1 << 2;
-    /// Many of the points around are tangled ([`Self::TANGLED`]), and these points are about as thick as wide.
+    /// Bit of a foliage point: many of the points around it are tangled ([`Self::TANGLED`]), and they are about as
+    /// thick as wide.
     pub(crate) const AMONG_TANGLED: u8 = 1 << 3;
-    /// Too few cells around the point are closed for a surface.
+    /// Bit of a point around which too few cells are closed for a surface ([`SURROUNDED`]).
     pub(crate) const UNSURROUNDED: u8 = 1 << 4;
-    /// The point's own cell is open.
+    /// Bit of a point whose own cell isn't closed.
     pub(crate) const OPEN: u8 = 1 << 5;
-    /// The surface turns within a disk, or another surface meets it.
+    /// Bit of a point where the surface turns within a disk, or where another surface meets it.
     pub(crate) const BENT: u8 = 1 << 6;
+    /// Number of pieces of evidence.
     const COUNT: u32 = 7;
 
     /// Returns this evidence, with the bit `piece` added if `is_there` is true.
@@ -263,7 +271,7 @@ impl Evidence {
     }
 }
 
-/// Row of [`TABLE`]: the class, the evidence that must be present, and the evidence that must be absent.
+/// Row of [`TABLE`]: a class, the evidence that must be present, and the evidence that must be absent.
 type Row = (PointClass, u8, u8);
 
 /// Class of every combination of evidence; exactly one row matches each combination.

@@ -88,11 +88,11 @@ pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
     (values.map(|v| v * trace), crosses[largest] / lengths[largest].sqrt())
 }
 
-/// Maximum number of Newton steps of [`smallest3`]. From a triple root, each step covers a third of the way.
+/// Maximum number of Newton steps in [`smallest3`]. From a triple root, each step covers a third of the way.
 const NEWTON: usize = 24;
-/// Squared length of the largest cross product of two rows, for a matrix of trace 1, below which [`symmetric3`] is
-/// used. Below this limit the two smaller eigenvalues differ by less than 1e-6, and rounding would turn the eigenvector
-/// by 1e-4.
+/// Squared length of the largest cross product of two rows, for a matrix of trace 1, below which [`smallest3`] calls
+/// [`symmetric3`]. Below this limit the two smaller eigenvalues differ by less than 1e-6, and rounding would turn the
+/// eigenvector by 1e-4.
 const PARALLEL: f64 = 1e-12;
 
 /// Computes the eigenvalues of the matrix [[xx, xy], [xy, yy]], larger first, and the unit eigenvector of the larger

@@ -6,12 +6,12 @@ use surfel_model::ModelError;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SampleError {
-    /// The input has no elements.
+    /// The input has no points, vertices or triangles.
     #[error("the {what} has no {missing}, expected at least one: check that the file is complete")]
     Empty {
-        /// "point cloud" or "mesh".
+        /// Kind of the input: "point cloud" or "mesh".
         what: &'static str,
-        /// "points", "vertices" or "triangles".
+        /// Kind of the missing elements: "points", "vertices" or "triangles".
         missing: &'static str,
     },
     /// Every triangle of a mesh has zero area.
@@ -19,40 +19,40 @@ pub enum SampleError {
         "all {triangles} triangles have zero area, expected a surface: convert the vertices (`per_vertex`) instead"
     )]
     NoArea {
-        /// Number of triangles.
+        /// Number of triangles of the mesh.
         triangles: usize,
     },
     /// Some positions are not finite; `PointCloud::drop_non_finite` removes their points.
     #[error("point {index} has a position that is not finite, and so have {count} of {total}: drop them first")]
     NotFinite {
-        /// Index of the first such point, counted from 0.
+        /// Index of the first point with such a position, counted from 0.
         index: usize,
-        /// Number of such points.
+        /// Number of points with such positions.
         count: usize,
-        /// Number of all points.
+        /// Number of all points of the cloud.
         total: usize,
     },
-    /// There are more elements than indices can address.
+    /// The input has more elements than indices can address.
     #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
     TooMany {
-        /// Kind of element, such as "points".
+        /// Kind of the elements, such as "points".
         what: &'static str,
-        /// Number of elements found.
+        /// Number of elements that were found.
         found: usize,
-        /// Largest accepted number of elements.
+        /// Largest number of elements that is accepted.
         limit: usize,
     },
-    /// An option is out of its range.
+    /// An option of the conversion is out of its range.
     #[error("{option} is {found}, expected {expected}")]
     Option {
-        /// Name of the option.
+        /// Name of the option that is out of its range.
         option: &'static str,
-        /// Value of the option.
+        /// Value that the option has, as text.
         found: String,
-        /// Accepted range, in words.
+        /// Range that the option must be in, in words.
         expected: &'static str,
     },
-    /// The data breaks a rule of the model.
+    /// The input, or the resulting cloud, breaks a rule of the data model.
     #[error(transparent)]
     Model(#[from] ModelError),
 }

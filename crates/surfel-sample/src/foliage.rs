@@ -16,28 +16,31 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Fraction of tangled neighbours above which a point is foliage. Here and in [`THICK`], the second value is for points
-/// with large disks and for forests.
+/// Smallest fraction of tangled neighbours at which a point is foliage. The second value is for points with large disks
+/// and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
-/// Smallest variance perpendicular to the neighbours' best-fitting plane in a thick neighbourhood, as a fraction of the
-/// total variance. A ball measures a third; a plane with noise as large as its points' spacing measures a tenth.
+/// Smallest variance perpendicular to the neighbours' best-fitting plane at which a neighbourhood is thick, as a
+/// fraction of the total variance. The second value is for points with large disks and for forests. A ball measures a
+/// third; a plane with noise as large as its points' spacing measures a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Fraction of tangled points above which a cloud may be a forest. In a forest, every point is tested as foliage.
+/// Fraction of tangled points in a cloud above which the cloud may be a forest. In a forest, every point is tested as
+/// foliage.
 const FOREST: f64 = 0.25;
-/// Fraction of the tangled points with a thick neighbourhood above which the cloud is a forest. A noisy surface has as
-/// many tangled points, but is thin. With noise as large as the spacing, 0.4 % of its points have a thick
-/// neighbourhood.
+/// Fraction of tangled points whose neighbourhood is thick ([`THICK`]) above which a cloud with many tangled points is
+/// a forest. A noisy surface has as many tangled points, but is thin. With noise as large as the spacing, 0.4 % of its
+/// points have a thick neighbourhood.
 const FOREST_THICK: f64 = 0.25;
-/// Maximum number of tangled points that are tested to decide whether a cloud is a forest.
+/// Maximum number of tangled points whose neighbourhoods are measured to decide whether a cloud is a forest.
 const FOREST_SAMPLE: usize = 4096;
-/// Cosine of the largest tilt (60°) of ground disks in a forest; steeper disks are limited in size.
+/// Cosine of the largest tilt (60°) at which a disk in a forest counts as ground. Steeper disks, as on trunks, are
+/// limited in size ([`MOST`]).
 const STEEP: f64 = 0.5;
-/// Weight of the outside direction in a foliage normal, relative to the spread of the neighbours.
+/// Weight of the direction to the outside of the cloud in a foliage normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of a tangled point ([`Evidence::TANGLED`]) that isn't foliage, in units of the density radius for the
+/// Largest radius of a tangled point ([`Evidence::TANGLED`]) that isn't foliage, relative to the density radius for the
 /// typical spacing.
 const MOST: f64 = 1.3;
-/// Radius above which a surface point is tested as foliage, in units of the density radius for the typical spacing.
+/// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
 const LARGE: f64 = 2.0;
 
 /// Reclassifies foliage points without stored normals, and gives them the normals of the crown. Their disks reach to
@@ -120,7 +123,7 @@ fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) 
     thick as f64 > FOREST_THICK * count as f64
 }
 
-/// Estimate for a foliage point: its normal, its largest disk radius, and its nearest neighbours.
+/// Properties of a foliage point: its normal, its largest disk radius, and its nearest neighbours.
 #[derive(Clone)]
 struct Leaf {
     normal: Vec3,

@@ -7,22 +7,23 @@ use std::collections::HashMap;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
-/// Maximum number of probes, and so of splats at which Σw is measured.
+/// Maximum number of probes: splats at whose places Σw is measured.
 const PROBES: usize = 4096;
-/// Number of splats per task. The number is fixed, so that the order of summation doesn't depend on the number of
-/// threads.
+/// Number of splats per parallel task. The number is fixed, so that the order of summation doesn't depend on the number
+/// of threads.
 const CHUNK: usize = 1 << 14;
 
-/// Largest mean number of probes whose lines a splat may meet. If more disks overlap, as with slivers about one corner,
-/// fewer splats are probed. Otherwise the work would grow with the product of splats and probes.
+/// Largest mean number of probes whose lines a splat may meet. If more disks overlap, as with slivers around one
+/// corner, fewer splats are probed. Otherwise the work would grow with the product of splats and probes.
 const MOST_MET: usize = 256;
-/// Number of splats from which the mean number of probes per splat is estimated.
+/// Number of splats for which the probes they meet are counted, to check [`MOST_MET`].
 const EXAMINED: usize = 256;
 
-/// Number of splats from which a grid first excludes splats far from all probes.
+/// Smallest number of splats of a cloud for which a grid first excludes splats far from all probes.
 const LEAST_SIFTED: usize = 16 * PROBES;
 
-/// Line along a splat's normal, through the middle of one quarter of the splat, along which Σw is measured.
+/// Line along a splat's normal, through the middle of one quarter of the splat, along which the weights of all splats
+/// are summed.
 struct Probe {
     at: DVec3,
     normal: DVec3,
@@ -74,16 +75,16 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
 }
 
-/// Probes of a cloud, in a spatial index.
+/// Probes of a cloud, in a tree by which the probes that a splat meets are found.
 struct Probes {
-    /// Distinct probes.
+    /// Probes without repetition; splats in the same place have equal ones.
     all: Vec<Probe>,
-    /// Index in `all` of each probe, including repeated ones.
+    /// Index in `all` of each requested probe, including repeated ones.
     of: Vec<usize>,
     tree: KdTree,
-    /// Largest reach of the probes below each tree node.
+    /// Largest reach among the probes below each node of the tree.
     largest: Vec<f64>,
-    /// Bounds of the probes below each tree node.
+    /// Bounding box of the probes below each node of the tree.
     bounds: Vec<(DVec3, DVec3)>,
 }
 
@@ -115,7 +116,7 @@ impl Probes {
         if met <= most { probes } else { Self::new(cloud, (m * most).div_ceil(met)) }
     }
 
-    /// Visits all probes whose line may meet a splat. Some other probes are visited too.
+    /// Calls `visit` with the index of every probe whose line may meet a splat. Some other probes are visited too.
     fn visit(&self, splat: &Splat, visit: &mut impl FnMut(usize)) {
         let enters = |node: usize| splat.may_meet(self.bounds[node], self.largest[node]);
         self.tree.visit_below(&enters, &mut |slot| visit(self.tree.index(slot)));
@@ -130,16 +131,17 @@ impl Probes {
     }
 }
 
-/// Returns the index of the i-th of `m` splats, spread evenly over `count`.
+/// Returns the index of the i-th of `m` splats that are spread evenly over `count` splats.
 fn nth(i: usize, m: usize, count: usize) -> usize {
     (i as u128 * count as u128 / m as u128) as usize
 }
 
-/// Grid cells close to probes. In a large cloud, most splats are far from all probes and need no exact test.
+/// Set of the grid cells that are close to probes. In a large cloud, most splats are far from all probes and need no
+/// exact test.
 struct Nearby {
-    /// Side of a cell, which is also the largest radius of splats that the grid can exclude.
+    /// Side of a grid cell, which is also the largest radius of splats that the grid can exclude.
     side: f64,
-    /// One bit per cell, set if the cell is close to a probe; cells are indexed by a hash.
+    /// Hash table with one bit per cell, set if the cell is close to a probe.
     cells: Vec<u64>,
 }
 
@@ -222,11 +224,11 @@ struct Splat {
     sides: [(DVec3, f64); 2],
 }
 
-/// Axes in which points of a splat's plane are expressed.
+/// Axes of a splat by which (u, v) of a point in its plane is computed.
 enum Axes {
-    /// Unit axes of a disk, and its radius.
+    /// Axes of a disk: unit vectors and the radius.
     Disk { s: DVec3, t: DVec3, r: f64 },
-    /// Half-axes, each divided by its largest absolute coordinate, and these two coordinates.
+    /// Half-axes of an ellipse, each divided by its largest absolute coordinate, and these two coordinates as `scales`.
     Ellipse { s: DVec3, t: DVec3, scales: [f64; 2] },
 }
 
@@ -278,7 +280,7 @@ impl Splat {
         height - thickness <= largest + hair && self.sides.iter().all(is_near)
     }
 
-    /// Returns w where the probe's line meets the plane; 0 if it misses the splat.
+    /// Returns the splat's weight where the probe's line meets its plane; 0 if the line misses the splat.
     fn weight(&self, probe: &Probe) -> f64 {
         let d = probe.at - self.center;
         if d.length_squared() > (self.radius + probe.reach).powi(2) {

@@ -3,7 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
-/// Number of SIMD lanes.
+/// Number of values in a SIMD register as the crate uses it.
 pub(crate) const LANES: usize = 16;
 
 /// Indices of the sixteen lanes, 0 to 15.

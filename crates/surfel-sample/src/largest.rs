@@ -10,17 +10,18 @@ use crate::progress::NoProgress;
 use crate::radii::Sizes;
 use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 
-/// Number of neighbours whose median radius limits a point's own.
+/// Number of nearest neighbours whose median radius limits a splat's radius.
 const AROUND: usize = 100;
-/// Largest radius of a splat, relative to the median radius of its neighbours.
+/// Largest radius of a splat, relative to the median radius of its [`AROUND`] nearest neighbours.
 const TIMES: f64 = 6.0;
-/// Maximum number of rounds. A smaller disk lowers the medians of its neighbours, so rounds repeat; three have always
-/// sufficed.
+/// Maximum number of rounds in which splats are shortened. A smaller disk lowers the medians of its neighbours, so
+/// rounds repeat; three have always sufficed.
 const ROUNDS: usize = 16;
-/// Fraction of the limit to which splats are shortened. The margin allows for the rounding of an ellipse's axis ratio.
+/// Fraction of the limit to which a splat that exceeds it is shortened. The margin allows for the rounding of an
+/// ellipse's axis ratio.
 const ROUNDING: f64 = 1.0 - 2e-4;
 
-/// Shortens splats that are larger than their neighbours allow.
+/// Shortens splats that are larger than [`TIMES`] the median of their neighbours.
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
@@ -71,7 +72,7 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     Some(*all[..count].select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Smallest radius in each box, for each level of the hierarchy: leaves, groups of leaves, and so on.
+/// Smallest splat radius in each box of the points' hierarchy, for each level: leaves, groups of leaves, and so on.
 struct Least {
     levels: Vec<Vec<f32>>,
 }
@@ -87,8 +88,8 @@ impl Least {
         Self { levels }
     }
 
-    /// True if a radius near box `index` of a level may be small enough that the box's largest radius exceeds [`TIMES`]
-    /// the median.
+    /// True if a splat in box `index` of a level may exceed its limit. A radius that is small enough for this then
+    /// occurs near the box.
     fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
         let mut size = LEAF * FAN.pow(level as u32);
         let largest = radii[index * size..points.len().min((index + 1) * size)].iter().copied().fold(0.0, f32::max);
@@ -108,7 +109,7 @@ impl Least {
         self.has_small(points, &region, small)
     }
 
-    /// True if a leaf that meets `region` has a radius below `small`.
+    /// True if a leaf of the hierarchy that meets `region` has a splat with a radius below `small`.
     fn has_small(&self, points: &SortedPoints, region: &Bounds, small: f32) -> bool {
         let top = points.levels().len() - 1;
         let mut stack: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|index| (top, index)).collect();

@@ -3,12 +3,12 @@
 use crate::parallel::map_tasks;
 
 /// Number of standard deviations above the median beyond which a value is an outlier. The standard deviation is that of
-/// the logarithms of the values, estimated robustly.
+/// the values' logarithms, estimated from their median absolute deviation.
 const DEVIATIONS: f64 = 3.5;
-/// Median absolute deviation of a normal distribution, in standard deviations.
+/// Ratio of the median absolute deviation to the standard deviation in a normal distribution.
 const MAD: f64 = 0.674_489_75;
 
-/// Median and spread of positive values.
+/// Median of some positive values, and the spread of their logarithms.
 pub(crate) struct Spread {
     pub(crate) median: f64,
     /// Standard deviation of the values' natural logarithms, estimated from the median absolute deviation.
@@ -16,8 +16,8 @@ pub(crate) struct Spread {
 }
 
 impl Spread {
-    /// Returns the largest value that is no outlier: [`DEVIATIONS`] above the median, or `times` the median, whichever
-    /// is larger.
+    /// Returns the largest value that is no outlier. It is [`DEVIATIONS`] above the median in the logarithm, or `times`
+    /// the median, whichever is larger.
     pub(crate) fn most(&self, times: f64) -> f64 {
         self.median * (DEVIATIONS * self.spread).exp().max(times)
     }
@@ -37,7 +37,7 @@ pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Optio
 
 /// Returns the lower median of the positive values with indices 0..`count`, without copying all of them.
 pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
-    /// Number of low bits of a positive float that the histogram's bins ignore.
+    /// Number of low bits of a float that are ignored by the histogram from which the median is found.
     const SHIFT: u32 = 16;
     const BINS: usize = 1 << (31 - SHIFT);
     let tasks = count.div_ceil(1 << 14).clamp(1, 32);

@@ -6,24 +6,25 @@ use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, u32x16};
 
-/// Number of candidates beyond which a tree search is faster than a scan.
+/// Largest number of candidates that are scanned for neighbours; with more, a tree search is faster.
 const MOST: usize = 2048;
-/// Capacity for the candidates, the leaf that exceeds the limit, and the last SIMD write.
+/// Capacity of the candidates' columns: [`MOST`], the leaf that exceeds this limit, and the last SIMD write.
 const ROOM: usize = MOST + 2 * LEAF;
-/// Maximum number of times that candidates are gathered for one query before it falls back to a tree search.
+/// Maximum number of times that candidates are gathered for one query. Then the query falls back to a tree search.
 const MOST_GATHERED: usize = 8;
-/// Factor from one query's farthest squared distance to the first search radius of the next query. Most queries need no
-/// larger radius.
+/// Ratio of the first search radius of a query to the distance of the previous query's farthest neighbour, both
+/// squared. Most queries need no larger radius.
 const LIKELY: f32 = 1.5;
-/// Number of survivors (candidates within the search radius) up to which SIMD ranks them; more are sorted.
+/// Largest number of survivors (candidates within the search radius) that are ranked by SIMD; more are sorted.
 const RANKED: usize = 96;
-/// Number of survivors beyond the requested neighbours at which the search radius is small enough.
+/// Number of survivors beyond the requested neighbours up to which the search radius needn't be narrowed, if [`RANKED`]
+/// isn't larger.
 const SPARE: usize = LANES;
-/// Maximum number of steps that narrow the search radius; equal distances can't be separated.
+/// Maximum number of bisection steps that narrow the search radius; equal distances can't be separated.
 const MOST_NARROWED: usize = 16;
-/// Maximum number of levels in the hierarchy of boxes, with [`FAN`] boxes per group.
+/// Maximum number of levels in the hierarchy of bounding boxes, with [`FAN`] boxes per group.
 const MOST_LEVELS: usize = 10;
-/// Largest number of neighbours of a query.
+/// Largest number of neighbours that a query can return.
 pub(crate) const MOST_NEIGHBOURS: usize = 128;
 
 /// Returns the squared distance between two points in squared grid steps. All searches use this function.
@@ -43,38 +44,40 @@ struct Candidates {
     count: usize,
 }
 
-/// Candidates within the search radius, in slot order.
+/// Candidates within the search radius of a query, in slot order.
 #[derive(Clone, Debug, Default)]
 struct Survivors {
     distances2: Vec<f32>,
-    /// Indices of the survivors among the candidates.
+    /// Index of each survivor among the candidates.
     places: Vec<u32>,
     ranks: Vec<u32>,
     keys: Vec<u64>,
 }
 
-/// Nearest-neighbour search with its buffers. Queries in the order of slots are the fastest.
+/// Search for the nearest neighbours of points, with buffers that are reused. Queries in the order of slots are the
+/// fastest.
 ///
 /// Results depend only on the points. Neighbours are ordered by squared distance in f32, and equal distances by slot.
 pub(crate) struct Search<'a> {
     points: &'a SortedPoints,
     level: Level,
     candidates: Candidates,
-    /// Leaf for which the candidates were gathered.
+    /// Index of the leaf for whose points the candidates were gathered.
     leaf: usize,
-    /// Squared distance from every point of the leaf within which the candidates are complete.
+    /// Squared distance from each of the leaf's points up to which the candidates include all points.
     complete2: f32,
-    /// Last query in this leaf: its position, the squared distance of its farthest neighbour, and the number of
-    /// neighbours.
+    /// Last query from this leaf: position, squared distance of its farthest neighbour, and number of neighbours.
     last: Option<([i32; 3], f32, usize)>,
-    /// Largest squared distance of a farthest neighbour, divided by the number of neighbours, in the previous leaf.
+    /// Largest ratio, over the queries from the previous leaf, of the farthest neighbour's squared distance to the
+    /// number of neighbours. It gives the distance within which candidates are gathered for the next leaf.
     typical2: f32,
-    /// Largest squared distance of a farthest neighbour, divided by the number of neighbours, in the current leaf.
+    /// Largest ratio, over the queries from the current leaf, of the farthest neighbour's squared distance to the
+    /// number of neighbours.
     largest2: f32,
     survivors: Survivors,
-    /// Slots of the neighbours found by the last query.
+    /// Slots of the neighbours that the last query found, nearest first.
     slots: [u32; MOST_NEIGHBOURS],
-    /// Squared distances of these neighbours.
+    /// Squared distances of the neighbours that the last query found.
     distances2: [f32; MOST_NEIGHBOURS],
 }
 
@@ -350,8 +353,9 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
-/// Selects the candidates within a squared distance. If far more than `count` are selected, the farthest are dropped;
-/// the rest is ranked unless still too many. Returns the number of selected and of remaining candidates.
+/// Selects the candidates within a squared distance `bound2` of `q`. If far more than `count` are selected, the
+/// farthest are dropped. The rest is ranked unless still too many. Returns the number of selected and of remaining
+/// candidates.
 #[inline(always)]
 fn scan_by<S: Simd>(
     simd: S,

@@ -7,17 +7,17 @@ use crate::progress::Progress;
 use crate::sorted::SortedPoints;
 use glam::DVec3;
 
-/// Number of points per task.
+/// Number of points per parallel task.
 const CHUNK: usize = 4096;
 
 /// Distinct points and their nearest neighbours, addressed by slot (the place in sorted order).
 #[derive(Debug)]
 pub(crate) struct Neighbours {
     pub(crate) points: SortedPoints,
-    /// Number of neighbours per point: fewer than requested if the cloud is too small.
+    /// Number of neighbours listed per point: fewer than requested if the cloud is too small.
     degree: usize,
     table: Vec<u32>,
-    /// Slot of each input point.
+    /// Slot of the distinct point to which each input point belongs.
     pub(crate) slot_of: Vec<u32>,
 }
 

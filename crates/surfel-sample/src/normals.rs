@@ -9,32 +9,34 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
 use glam::{DVec3, Vec3};
 
-/// Ratio of the middle to the largest variance of a neighbourhood below which its points count as collinear, such as a
-/// single scan line. A wider search then follows. A neighbourhood of 16 that touches the adjacent scan lines is above
+/// Largest ratio of the middle to the largest variance of a neighbourhood at which its points count as collinear, as on
+/// a single scan line. A wider search then follows. A neighbourhood of 16 that touches the adjacent scan lines is above
 /// 0.05.
 pub(crate) const COLLINEAR: f64 = 0.02;
 
-/// Number of neighbours in the second search, if the first ones are collinear. A circle of 48 points reaches the
-/// adjacent scan line up to a spacing ratio of 1:20.
+/// Number of neighbours in the second search for a normal, if the first neighbours are collinear. A circle of 48 points
+/// reaches the adjacent scan line up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
 
-/// Number of neighbours in the last search, if those of the second are collinear too. A circle of 128 points reaches
-/// the adjacent scan line up to a spacing ratio of 1:50.
+/// Number of neighbours in the last search for a normal, if those of the second search are collinear too. A circle of
+/// 128 points reaches the adjacent scan line up to a spacing ratio of 1:50.
 pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
 /// Largest ratio of the smallest to the middle variance at which neighbours form a plane that may override a stored
 /// normal. The first value is for neighbours on the point's side of the surface. The stricter second one is for all
-/// neighbours, used if few are on that side: the point may be in a corner.
+/// neighbours, used if fewer than [`FEWEST`] are on that side: the point may be in a corner.
 const PLANAR: [f64; 2] = [0.1, 0.01];
-/// Smallest cosine (20°) between a stored normal and the normal of the neighbours' plane at which the two agree.
+/// Smallest cosine (20°) between a stored normal and the normal of the neighbours' plane at which the stored normal
+/// fits.
 const FITS: f64 = 0.94;
-/// Smallest cosine between the stored normals of a neighbour and a point at which both are on the same side of the
-/// surface.
+/// Smallest cosine (60°) between the stored normals of a neighbour and a point at which both are on the same side of
+/// the surface.
 const SAME_SIDE: f32 = 0.5;
 /// Largest mean squared sine at which stored normals fit a curved surface. The angle is between the line to a neighbour
 /// and the plane perpendicular to the mean of both stored normals. Spheres and cylinders measure 0; a common tilt of
 /// 14° measures the limit.
 const CURVED: f32 = 0.03;
-/// Smallest number of neighbours on the point's side that determine the plane.
+/// Smallest number of neighbours on the point's side of the surface at which only they determine the plane
+/// ([`PLANAR`]).
 const FEWEST: usize = 6;
 
 /// Estimates the unit normal of a point, with arbitrary sign, from its nearest neighbours `near`. `farthest2` is the

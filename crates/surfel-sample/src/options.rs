@@ -8,7 +8,7 @@ use glam::DVec3;
 pub struct PointOptions {
     /// Factor for every radius; greater than 0, default 1.
     pub radius_scale: f64,
-    /// Number of neighbours for normals and spacing; 6 to 64, default 16.
+    /// Number of neighbours from which normals and spacing are estimated; 6 to 64, default 16.
     pub neighbours: usize,
     /// Position that estimated normals face, in world coordinates. `None` uses the scanner's position if the file
     /// states one; otherwise normals face outward, as far as the points allow to detect it.
@@ -61,16 +61,16 @@ impl PointOptions {
 pub struct PointReport {
     /// Number of splats made.
     pub splats: usize,
-    /// Number of points with a stored normal.
+    /// Number of points whose normal is stored in the file.
     pub normals_given: usize,
     /// Number of points whose normal was estimated.
     pub normals_estimated: usize,
-    /// Number of splats whose radius is stored in the file.
+    /// Number of splats that got a radius stored in the file.
     pub radii_given: usize,
-    /// Median of the stored radii, relative to the cloud's spacing, if the radii are too large for splats. Radii are
-    /// then estimated, and the stored ones become an extra column.
+    /// Median of the radii stored in the file, relative to the cloud's spacing, if it is too large for splats; else
+    /// `None`. Radii are then estimated, and the stored ones become an extra column.
     pub radii_too_large: Option<f64>,
-    /// Number of points that coincide with an earlier one.
+    /// Number of points at the position of an earlier one.
     pub duplicates: usize,
     /// Number of coincident points dropped because of [`PointOptions::coincident`]. Points coincide if their distance
     /// is below 2⁻³⁰ of half the cloud's extent.
@@ -87,8 +87,8 @@ pub struct PointReport {
     pub level: Vec<u32>,
     /// Number of splats that are ellipses with an axis ratio above 1.5; 0 if the cloud consists of disks.
     pub ellipses: usize,
-    /// Median of the larger semi-axes, in object units.
+    /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in the cloud; `None` unless it was estimated.
+    /// Interior weight of the cloud, as stored in it; `None` unless it was estimated.
     pub interior_weight: Option<f64>,
 }

@@ -19,27 +19,30 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Number of points per task; patches don't extend beyond a task's points.
+/// Number of points in a block, which one task divides into patches of consistent normals. Patches don't extend beyond
+/// a block.
 const BLOCK: usize = RUN;
-/// Absolute relation of an edge above which its two points are joined at once, in any order. With noise as large as one
-/// spacing, 0.75 turns 2 to 9 % of a torus's points the wrong way, and 0.95 turns 2 to 3.5 %.
+/// Smallest absolute relation of an edge (see [`relation`]) at which its two points are joined at once, in any order.
+/// With noise as large as one spacing, 0.95 turns 2 to 3.5 % of a torus's points the wrong way. A limit of 0.75 turns 2
+/// to 9 %.
 const STRONG: f32 = 0.95;
-/// Absolute mean relation of the edges between two patches below which the patches are joined only if one is small.
+/// Absolute mean relation of the edges between two patches below which the patches are joined only if one of them is
+/// small ([`SMALL`]).
 const WEAK: f32 = 0.25;
-/// Number of points below which a patch is small.
+/// Number of points below which a patch of consistent normals is small.
 const SMALL: u32 = 16;
-/// Ratio that marks a stray point: the distance to a neighbour over the neighbour's own farthest distance. Edges with a
-/// larger ratio are ignored at first.
+/// Ratio above which an edge may lead to a stray point and is ignored at first. It is the edge's length over the
+/// distance from the neighbour to its own farthest neighbour.
 const ALONE: f32 = 3.0;
-/// Number of nearest neighbours tested for strong edges, and compared for the coherence of normals.
+/// Number of nearest neighbours of a point that are tested for strong edges, and compared for the coherence of normals.
 pub(crate) const NEAREST: usize = 8;
 
 /// Normal of a point's disk, and the distance of the point's farthest neighbour.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Oriented {
-    /// Unit normal.
+    /// Unit normal of the point's disk.
     pub(crate) normal: Vec3,
-    /// Squared distance of the farthest neighbour, in squared steps; 0 if unknown.
+    /// Squared distance from the point to its farthest neighbour, in squared grid steps; 0 if unknown.
     pub(crate) farthest2: f32,
 }
 
@@ -50,16 +53,16 @@ impl Oriented {
     }
 }
 
-/// Rule that gives the side to which estimated normals point.
+/// Rule for the side of the surface to which estimated normals point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outside {
-    /// Toward this position, in grid steps from the centre of all points.
+    /// Toward a viewpoint, given in grid steps from the centre of all points.
     Toward(DVec3),
     /// Away from the volume that the points enclose; up if there is none.
     Outward {
-        /// Up axis, a unit vector.
+        /// Up axis of the cloud as a unit vector.
         up: DVec3,
-        /// True if the up axis is certain, so that ground faces up.
+        /// True if the up axis is certain. Surfaces that may be ground then face up.
         is_certain: bool,
     },
 }
@@ -147,7 +150,7 @@ pub(crate) fn normals(
     (all, level)
 }
 
-/// Input and output of one task: its points' normals, and their patches.
+/// Input and output of one task: its points' normals, and the patches that it finds among them.
 struct Block<'a> {
     oriented: &'a mut [Oriented],
     labels: &'a mut [u16],
@@ -175,8 +178,8 @@ fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) 
 }
 
 /// Returns the coherence of the normals around a point. It is the mean cosine between the point's normal and the
-/// normals of `near`, each mirrored to the point's place. A smooth surface measures 1, also around a thin limb; random
-/// normals measure about 0.
+/// normals of `near`, each mirrored across the plane halfway to the point. A smooth surface measures 1, also around a
+/// thin limb; random normals measure about 0.
 pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usize, near: &[u32]) -> f32 {
     let n = oriented[slot].normal;
     let mirrored = |j: &u32| {
@@ -186,17 +189,18 @@ pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usiz
     near.iter().map(mirrored).sum::<f32>() / near.len() as f32
 }
 
-/// True if all neighbours of point `b` are far nearer to `b` than `a` is; `a` may then be a stray point.
+/// True if point `a` may be a stray point next to `b`. All neighbours of `b` are then more than [`ALONE`] times nearer
+/// to `b` than `a` is.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
     offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
 }
 
-/// Union-find in which each element has a sign relative to the root of its set.
+/// Union-find over points or patches, in which each element has a sign relative to the root of its set.
 struct SignedSets {
     parent: Vec<u32>,
     flipped: Vec<bool>,
-    /// Number of elements in the set of each root.
+    /// Number of points in the set of each root.
     sizes: Vec<u32>,
     count: usize,
 }
@@ -242,9 +246,9 @@ impl SignedSets {
 #[derive(Clone, Copy, Debug)]
 struct Vote {
     patches: [u32; 2],
-    /// Sum of the edges' relations.
+    /// Sum of the relations of the edges between both patches.
     sum: f32,
-    /// Number of edges.
+    /// Number of edges between both patches.
     count: f32,
 }
 
@@ -306,13 +310,13 @@ fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &
     }
 }
 
-/// Patches of a block of points. Data per point or per edge is in columns shared by all blocks, because many small
-/// allocations would not be returned to the system when freed.
+/// Patches of consistent normals in a block of points. Data per point or per edge is in columns that all blocks share.
+/// Many small allocations would not be returned to the system when freed.
 #[derive(Clone, Debug, Default)]
 struct Patches {
     /// Number of points of each patch.
     sizes: Vec<u32>,
-    /// Votes between patches of the block.
+    /// Votes between the patches of this block.
     votes: Vec<Vote>,
     /// Range of this block's edges in the shared list of edges between blocks.
     edges: Range<usize>,
@@ -394,9 +398,9 @@ impl Patches {
 /// Patches of all blocks, numbered consecutively.
 struct Atlas {
     blocks: Vec<Patches>,
-    /// Patch of each point within its block, with the bit [`FLIPPED`].
+    /// Number of each point's patch within its block, with the bit [`FLIPPED`] if the point's normal is flipped.
     labels: Vec<u16>,
-    /// Number of the first patch of each block.
+    /// Number of the first patch of each block, counted over all blocks.
     first: Vec<u32>,
 }
 
@@ -493,8 +497,8 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// Number of outward votes below which a set counts as an open surface. A valley whose sides rise by 10° gets about as
-/// many votes from below.
+/// Number of outward votes below which a set of patches counts as an open surface. A valley whose sides rise by 10°
+/// gets about as many votes from below.
 const SHEET: f64 = 2.0;
 
 /// Evidence for the sign of a patch, or of a set of patches: given normals, upward parts, and extreme points.
@@ -503,7 +507,8 @@ struct Evidence {
     given: i64,
     up: f64,
     count: f64,
-    /// Extreme point in each direction, without stray points: the coordinate along the direction, and the slot.
+    /// Extreme point in each of the [`directions`], without stray points: its coordinate along the direction, and its
+    /// slot.
     extremes: [(f64, u32); 14],
 }
 
@@ -513,8 +518,8 @@ impl Default for Evidence {
     }
 }
 
-/// Returns a flag per root, true if its set must be flipped. The last argument is the up axis, and true if it is
-/// certain.
+/// Returns a flag per root, true if its set must be flipped so that normals point outward. The last argument is the up
+/// axis, and true if it is certain.
 fn signs(
     points: &SortedPoints,
     all: &[Oriented],

@@ -19,14 +19,14 @@ use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
 use surfel_model::PointCloud;
 
-/// Number of neighbours for a point's mean distance, as in PDAL's `filters.outlier`.
+/// Number of nearest neighbours in a point's mean distance, as in PDAL's `filters.outlier`.
 const NEIGHBOURS: usize = 8;
-/// Number of distinct points below which rules 1 and 2 of [`outliers`] find no outliers.
+/// Number of distinct points from which rules 1 and 2 of [`outliers`] apply; in smaller clouds they find no outliers.
 const LEAST_POINTS: usize = 2 * NEIGHBOURS;
-/// Distance from the cloud's centre beyond which a point is always an outlier, in units of the median distance. A grid
-/// that contained such a point would have all other points in one cell.
+/// Distance from the cloud's centre beyond which a point is always an outlier, in units of the points' median distance
+/// from it. A grid that contained such a point would have all other points in one cell.
 const FARTHEST: f64 = 1e4;
-/// Number of points in the sample from which the centre and the median distance are computed.
+/// Maximum number of points from which the cloud's centre and the median distance from it are computed.
 const SAMPLE: usize = 1 << 20;
 
 /// Finds the outliers of a point cloud: returns a flag per point, true for an outlier. Some points always remain.

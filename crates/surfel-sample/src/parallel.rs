@@ -7,7 +7,7 @@ use crate::progress::Progress;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Number of items in a task of [`map_each`]: small enough to balance the load, large enough to amortise a task's
+/// Number of indices in a task of [`map_each`]: small enough to balance the load, large enough to amortise a task's
 /// state.
 const CHUNK: usize = 512;
 

@@ -14,13 +14,14 @@ use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
-/// Radius of splats in a cloud without spacing (one point, or all points in one place), in object units.
+/// Radius of splats in a cloud that has no spacing (one point, or all points in one place), in object units.
 const LONE_RADIUS: f64 = 1.0;
 
 /// Comment of a cloud that was made of points. Detection of the up axis uses the comment.
 pub const OF_POINTS: &str = "made of points";
 
-/// Largest median of a file's radii, in units of the cloud's typical spacing, at which the radii are used for splats.
+/// Largest median of a file's stored radii, in units of the cloud's typical spacing, at which these radii are used for
+/// splats.
 pub const MOST_SPACINGS: f64 = 5.0;
 
 /// Converts a point cloud to splats, one per point, except for coincident points that the options drop.
@@ -284,10 +285,10 @@ fn face_outside(
     }
 }
 
-/// Results of the conversion from which the splats' columns are built, apart from the sizes.
+/// Results of the conversion, except for the sizes, from which the columns of the cloud are built.
 struct Made<'a> {
     slot_of: Vec<u32>,
-    /// Input index of each splat; `None` if both indices are the same.
+    /// Input index of each splat; `None` if every input point became a splat, so that both indices are the same.
     kept: Option<Vec<u32>>,
     layout: Layout,
     given: GivenNormals<'a>,

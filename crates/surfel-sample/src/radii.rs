@@ -24,21 +24,22 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use std::sync::{Mutex, PoisonError};
 
-/// Ratio of a point's spacing to the cloud's typical spacing above which the point is sparse.
+/// Ratio of a point's spacing to the cloud's typical spacing above which the point counts as sparse.
 const SPARSE: f64 = 2.0;
-/// Smallest number of sparse points around a sparse point in a surface. A point with fewer is isolated, like a few
-/// returns from a spire. In a sparse surface about 80 points are within [`FEW_REACH`], and at its border 40.
+/// Smallest number of sparse points within [`FEW_REACH`] of a sparse point, including itself, at which it can be in a
+/// surface. A point with fewer is isolated, like a few returns from a spire. In a sparse surface the number is about
+/// 80, and at its border 40.
 const FEW: usize = 24;
-/// Distance within which sparse points are counted, in units of the point's spacing.
+/// Distance from a sparse point within which other sparse points are counted, in units of the point's spacing.
 const FEW_REACH: f64 = 5.0;
-/// Radius above which a sparse point is tested for too few neighbours, in units of the cloud's density radius. Samples
-/// of a mesh on a line have at most this radius.
+/// Radius above which a sparse point in a surface is tested for too few neighbours, relative to the density radius for
+/// the cloud's typical spacing. Samples of a mesh on a line have at most this radius.
 const LARGE: f64 = 2.5;
-/// Fraction of surface points in a cloud above which the typical spacing is computed from these points alone.
+/// Smallest fraction of points in surfaces at which the cloud's typical spacing is computed from these points alone.
 const IN_SURFACES: f64 = 0.1;
 
-/// Fraction of stretched points in a cloud above which splats are ellipses. Random samplings have about 5 % stretched
-/// points by chance.
+/// Fraction of points with stretched cells in a cloud above which its splats are ellipses. Random samplings have about
+/// 5 % such points by chance.
 const STRETCHED_SHARE: f64 = 0.1;
 /// Number of points per task. A task also measures the points around its block, which belong to other tasks. For random
 /// points on a surface, these are about a tenth of a block.
@@ -48,13 +49,13 @@ const BLOCK: usize = 2 * RUN;
 #[derive(Debug)]
 pub(crate) struct Sizes {
     all: Vec<Size>,
-    /// One ellipse per slot, or empty if the sampling of the cloud isn't stretched.
+    /// Ellipse of each slot's splat; empty if the sampling of the cloud isn't stretched.
     ellipses: Vec<Ellipse>,
-    /// Typical spacing of the cloud, in grid steps.
+    /// Typical spacing of the cloud: a median over its points, in grid steps.
     pub(crate) typical: f64,
     /// Number of splats that are ellipses; 0 if the cloud isn't stretched.
     pub(crate) stretched: usize,
-    /// True if the spacing was given, not measured.
+    /// True if the caller gave the spacing, false if it was measured.
     is_known: bool,
 }
 
@@ -150,12 +151,12 @@ impl Sizes {
     }
 }
 
-/// Spacing of points in grid steps, either measured or given.
+/// Spacing of the points, in grid steps, with which sizes are computed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
-    /// The spacing is measured; the value is the fallback for a cloud without spacing (a single point).
+    /// Spacing is measured. The value is used for a cloud that has no spacing (a single point).
     Unknown(f64),
-    /// The spacing is given: the average spacing, the same everywhere, which the density rule uses.
+    /// Spacing is given: an average that is the same everywhere, by which the density rule computes radii.
     Known(f64),
 }
 

@@ -2,18 +2,18 @@
 
 use crate::class::Evidence;
 
-/// Axis ratio above which sampling counts as anisotropic.
+/// Axis ratio of a cell above which the sampling around its point counts as stretched, so that the splat is an ellipse.
 pub(crate) const STRETCHED: f64 = 1.5;
 
-/// Largest axis ratio of an ellipse.
+/// Largest axis ratio of a splat's ellipse; larger ones are limited to this value.
 pub(crate) const MOST_STRETCHED: f64 = 48.0;
 
 /// Size of one point's splat, estimated from the neighbourhood, and the evidence for the point's class.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Size {
-    /// Radius of the disk in grid steps; 0 if there are no neighbours.
+    /// Radius of the disk in grid steps; 0 if the point has no neighbours.
     pub(crate) radius: f32,
-    /// Square root of the area per point, in grid steps.
+    /// Square root of the surface area per point around the point, in grid steps.
     pub(crate) spacing: f32,
     pub(crate) evidence: Evidence,
 }
@@ -21,11 +21,11 @@ pub(crate) struct Size {
 /// Ellipse of a splat, in 64 bits. A ratio of 0 means that the splat is a disk.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ellipse {
-    /// Square root of the product of the half-axes, in grid steps.
+    /// Geometric mean of the half-axes, in grid steps.
     pub(crate) mean: f32,
-    /// Angle of the long axis in the normal's tangent frame, in units of half a turn / [`Self::STEPS`].
+    /// Angle of the long axis in the normal's tangent frame, as a multiple of π / [`Self::STEPS`].
     angle: u16,
-    /// Axis ratio (long to short), in units of [`MOST_STRETCHED`] / [`Self::STEPS`].
+    /// Ratio of the long to the short axis, as a multiple of [`MOST_STRETCHED`] / [`Self::STEPS`]; 0 for a disk.
     pub(crate) ratio: u16,
 }
 

@@ -10,16 +10,17 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Number of points per leaf: one SIMD step. On 1 M points, leaves of 32 are slower by 1/20, and leaves of 64 by 1/7.
 pub(crate) const LEAF: usize = 16;
-/// Number of points per run, which is a power of two of leaves.
+/// Number of points per run, the unit that is sorted in k-d order: a power of two of leaves.
 pub(crate) const RUN: usize = 256 * LEAF;
-/// Number of child boxes per box of the hierarchy.
+/// Number of child boxes per box in the hierarchy of bounding boxes.
 pub(crate) const FAN: usize = 8;
-/// Largest absolute coordinate, in grid steps from the centre. The difference of two coordinates fits an i32.
+/// Largest absolute coordinate of a point, in grid steps from the centre of all points. The difference of two
+/// coordinates fits an i32.
 const REACH: f64 = 1_073_741_823.0;
-/// Number of points per task.
+/// Number of points per parallel task.
 const CHUNK: usize = 1 << 15;
 
-/// Axis-aligned box, including its corners, in grid steps.
+/// Axis-aligned box including its boundary, in grid steps from the centre of all points.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     pub(crate) lo: [i32; 3],
@@ -114,7 +115,7 @@ pub(crate) struct SortedPoints {
     starts: Vec<u32>,
     /// Bounding boxes of leaves, of groups of [`FAN`] leaves, and so on, up to a level with a single group.
     levels: Vec<Vec<Boxes>>,
-    /// Centre of all points, in object coordinates.
+    /// Centre of all points' bounding box, in object coordinates.
     pub(crate) center: DVec3,
     /// Size of a grid step, in object units.
     pub(crate) step: f64,

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-/// Maximum number of points in a leaf. On 1 M points, 8 to 16 are within 5 % of each other.
+/// Maximum number of points in a leaf of the tree. On 1 M points, limits from 8 to 16 are within 5 % of each other.
 const LEAF: usize = 12;
-/// Number of points below which a subtree is built by one thread.
+/// Number of points below which one thread builds a whole subtree.
 const PARALLEL: usize = 8192;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -213,12 +213,12 @@ fn build(items: &mut [Item], nodes: &mut [Node]) {
     }
 }
 
-/// Nearest items found by a query, nearest first. The buffer is reused, so that no query allocates.
+/// Items that a query of a [`KdTree`] found, nearest first. The buffer is reused, so that no query allocates.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {
-    /// Maximum number of items; at least 1.
+    /// Maximum number of items that a query returns; at least 1.
     limit: usize,
-    /// Squared distance beyond which items are ignored.
+    /// Squared distance from the query beyond which items are ignored.
     bound: f64,
     items: Vec<(f64, u32)>,
 }

@@ -22,15 +22,16 @@ use surfel_sample::Progress;
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
 /// Fraction of an automatic image's width or height that the scene fills.
 const FILL: f64 = 0.9;
-/// Fraction like [`FILL`] for scenes on a ground, whose shadows need space around the scene.
+/// Fraction of an automatic image's width or height that the scene fills if it has a ground. Shadows on the ground need
+/// space around the scene.
 const FILL_ABOVE_GROUND: f64 = 0.8;
-/// Number of layers of transparent splats in automatic images. Two panes of glass have four surfaces. Surfaces behind
-/// the third are blended as one layer.
+/// Largest number of layers of transparent splats that a pixel of an automatic image shows. Two panes of glass have
+/// four surfaces. Surfaces behind the third are blended as one layer.
 const LAYERS: u32 = 4;
 /// Depth tolerance, in splat radii, for objects of flat parts and for sharp splats. Their splats lie exactly in the
 /// surface, so that a small tolerance suffices.
 const FLAT_TOLERANCE: f64 = 0.1;
-/// Depth tolerance, in splat radii, for splats as fine as the triangles of their mesh. With a larger tolerance,
+/// Depth tolerance, in splat radii, for splats of a mesh that are as small as its triangles. With a larger tolerance,
 /// surfaces close behind would shine through.
 const FINE_TOLERANCE: f64 = 0.3;
 /// Ambient light of automatic scenes in linear RGB, bright enough that details in shadow are visible.
@@ -47,16 +48,17 @@ pub struct AutoOptions {
     pub view: ViewChoice,
     /// Projection of the camera.
     pub projection: FrameProjection,
-    /// Image width and height in pixels.
+    /// Image width and height in pixels, used by the framed camera.
     pub size: [u32; 2],
-    /// Camera that replaces the framed one.
+    /// Camera that is used as it is, instead of one that is placed so that the scene fills the image.
     pub camera: Option<Camera>,
     /// Background in linear RGB and straight alpha in [0, 1]. `None` uses white, or grey if most of the scene is white
     /// and the shader is `unlit` or `edl`.
     pub background: Option<[f64; 4]>,
-    /// Settings of the renderer.
+    /// Settings of the renderer, which the scene file contains unchanged.
     pub settings: Settings,
-    /// True if the framed camera leaves enough space for the scene to turn about its up axis.
+    /// True if the framed camera leaves enough space for the scene to turn once about its up axis without leaving the
+    /// image.
     pub turning: bool,
     /// True if the framed camera leaves enough space for shadows on the ground.
     pub ground: bool,
@@ -163,7 +165,8 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     scene_by(&Estimates::default(), objects, loaded, options)
 }
 
-/// Creates a scene file like [`auto_scene`], using cached estimates about the loaded objects.
+/// Creates a scene file like [`auto_scene`], but reuses the estimates about the loaded objects that `estimates` already
+/// contains.
 pub fn scene_by(
     estimates: &Estimates,
     objects: Vec<ObjectFile>,
@@ -214,8 +217,8 @@ pub fn scene_by(
     })
 }
 
-/// True if the splats cover a watertight surface from outside. This is stated by the file, derived from the mesh, or
-/// estimated from the cloud.
+/// True if an object's splats cover a watertight surface from outside, so that its back faces may be culled. This is
+/// stated by the file, derived from the mesh, or estimated from the cloud ([`closed::is_closed`]).
 fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
@@ -223,12 +226,12 @@ fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     facts.closed || is_judged && looks_closed()
 }
 
-/// Returns an object's material. Objects with colours are shown at their brightness times `exposure`. Objects without
-/// colours appear as light grey clay, which leaves a range for highlights.
+/// Returns an object's material for an automatic scene. Objects with colours are shown at their brightness times
+/// `exposure`. Objects without colours appear as light grey clay, which leaves a range for highlights.
 ///
-/// The back faces of watertight objects are culled: their splats extend slightly beyond the silhouette and would form a
-/// fringe. Back faces are drawn only for thin sheets over other surfaces, which would otherwise shine through the
-/// sheets.
+/// If `hides_its_back`, back faces are culled: splats of a watertight object extend slightly beyond its silhouette, and
+/// their back faces would form a fringe. The caller passes false for watertight objects that have thin sheets over
+/// other surfaces, because these surfaces would otherwise shine through the sheets.
 fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
     let cull = if hides_its_back { Cull::Back } else { Cull::None };
     if facts.colored {

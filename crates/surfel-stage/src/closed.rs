@@ -7,19 +7,21 @@ use surfel_framing::ViewAxes;
 use surfel_framing::patches::{MOST, Patch, Patches};
 use surfel_framing::viewpoint::draw;
 
-/// Side of a test image in pixels. Holes as large as a pixel are detected, such as those in the web of a rocker arm of
-/// 10,000 points.
+/// Side in pixels of the small images that are drawn to test whether a cloud is watertight. Holes as large as a pixel
+/// are detected, such as those in the web of a rocker arm of 10,000 points.
 const SIDE: usize = 128;
-/// Largest fraction of a watertight surface's image that may face away. Disks of the far side extend beyond
-/// silhouettes: the fraction is 0.1 for a teapot and 0.125 for a wolf, each of 2,000 points. For an open surface, a
-/// third of the image faces away in some view.
+/// Largest fraction of a cloud's covered pixels that may show back-facing splats in any view if the cloud is
+/// watertight. Disks of the far side extend beyond silhouettes: the fraction is 0.1 for a teapot and 0.125 for a wolf,
+/// each of 2,000 points. An open surface has a view in which a third of the pixels show back faces.
 const RIMS: f64 = 0.15;
-/// Largest fraction of an image that may face away elsewhere than at silhouettes. Measured: 0.001 for a cat's thin
-/// tail, 0.0026 for visible holes in a rocker arm's web.
+/// Largest fraction of a cloud's covered pixels that may show back-facing splats away from silhouettes, in any view, if
+/// the cloud is watertight. Measured: 0.001 for a cat's thin tail, 0.0026 for visible holes in a rocker arm's web.
 const HOLES: f64 = 0.0012;
-/// Largest ratio of depth to lateral distance of a continuous surface. Steeper steps in depth are silhouettes.
+/// Largest slope, as depth divided by lateral distance, at which neighbouring pixels belong to one surface. Steeper
+/// steps in depth are silhouettes.
 const STEEPEST: f64 = 3.0;
-/// Growth factor of front-facing patches if they are only a sample of a cloud, so that they leave no gaps.
+/// Factor on the half-axes of front-facing patches if the patches are only a sample of a cloud. The enlarged patches
+/// leave no gaps through which back faces would be visible.
 const GROWN: f64 = 2.0;
 
 /// True if a cloud is watertight: in every view, its image is the same with and without back-facing splats, except at
@@ -36,9 +38,10 @@ pub(crate) fn is_closed(patches: &Patches) -> bool {
     })
 }
 
-/// Returns two fractions of the pixels that the cloud covers, seen along a direction. The first is that of pixels which
-/// face away and hide a front-facing surface, or nothing. The second is that of the same pixels without those at
-/// silhouettes. A pixel isn't at a silhouette if no pixel within the disk's reach is much farther away.
+/// Returns two fractions of the pixels that the cloud covers, seen along the unit vector `forward`. The first fraction
+/// counts pixels whose nearest patch is back-facing and has no front-facing patch close behind. The second fraction
+/// leaves out the pixels among these that are near a silhouette, where a pixel within the patch's reach is much farther
+/// away.
 fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let (right, up) = forward.any_orthonormal_pair();
     let axes = ViewAxes { right, up, forward };
@@ -63,10 +66,11 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     (share(away), share(holes))
 }
 
-/// Maximum depths over squares of an image whose sides are powers of two. Queries are fast even if a few splats cover
-/// the whole image.
+/// Table of maximum depths over squares of the test image, for each pixel and each power of two as the square's side.
+/// It answers a query in constant time, even if a few splats cover the whole image.
 struct Farthest {
-    /// Largest depth within the square that begins at each pixel, for each power of two as the square's side.
+    /// Largest depths, row by row: `levels[k][pixel]` is for the square of side 2ᵏ whose upper left corner is the
+    /// pixel.
     levels: Vec<Vec<f64>>,
 }
 
@@ -86,8 +90,8 @@ impl Farthest {
         Self { levels }
     }
 
-    /// Returns the largest depth within a square around a pixel, `reach_px` to each side; infinity if the square isn't
-    /// within the image.
+    /// Returns the largest depth within the square that extends `reach_px` pixels from a pixel to each side. Returns
+    /// infinity if the square extends beyond the image.
     fn around(&self, pixel: usize, reach_px: f64) -> f64 {
         let (x, y, reach) = (pixel % SIDE, pixel / SIDE, reach_px.ceil().min(SIDE as f64) as usize);
         if x.min(y) < reach || x.max(y) + reach >= SIDE {

@@ -9,7 +9,8 @@ use surfel_framing::strays::Sphere;
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Scene, Up};
 
-/// Cache of estimates about loaded objects. All requests that share it must have the same loaded objects.
+/// Cache of estimates about loaded objects, which are computed when first needed. All requests that share a cache must
+/// have the same loaded objects.
 #[derive(Debug, Default)]
 pub struct Estimates {
     framed: OnceLock<LoadedObjects>,
@@ -21,7 +22,8 @@ pub struct Estimates {
     camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
 }
 
-/// Returns the value for a key. The value is computed again only if the key differs from the last one.
+/// Returns the value for a key from a cache of one entry. The value is computed again only if the key differs from the
+/// cached one.
 fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: impl FnOnce(&K) -> V) -> V {
     let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
     match &*known {
@@ -35,14 +37,15 @@ fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: 
 }
 
 impl Estimates {
-    /// Returns the objects with only the splats that influence the camera ([`LoadedObjects::framed`]).
+    /// Returns the objects with only those splats that influence the camera ([`LoadedObjects::framed`]), and with
+    /// unchanged facts.
     pub fn framed(&self, loaded: &LoadedObjects) -> LoadedObjects {
         let framed = self.framed.get_or_init(|| loaded.framed()).clone();
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
     }
 
-    /// Returns the sphere that is framed, which excludes stray points. Returns `None` if all points are framed: there
-    /// are no stray points, or the options select all classes.
+    /// Returns a sphere around the scene without its stray points, for [`surfel_framing::frame_within`]. Returns `None`
+    /// if all points are framed: there are no stray points, or the options select all classes.
     pub fn kept(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<Sphere> {
         let find = || if loaded.frames_all() { None } else { surfel_framing::without_strays_of(scene) };
         *self.kept.get_or_init(find)
@@ -57,13 +60,14 @@ impl Estimates {
         self.whites.get_or_init(|| Whites::of(loaded))
     }
 
-    /// Returns one flag per object, true if it is watertight, so that its back faces are never visible. `estimate`
-    /// computes the flags on the first call.
+    /// Returns one flag per object, true if the object is watertight, so that its back faces are never visible. The
+    /// first call computes the flags with `estimate`; later calls return the same flags.
     pub fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
         self.closed.get_or_init(estimate)
     }
 
-    /// Returns the properties of the objects that determine their lights, for an up axis.
+    /// Returns the properties of the objects that determine their lights, for an up axis. The value for the last up
+    /// axis is cached.
     pub fn lighting(&self, loaded: &LoadedObjects, up: Up) -> Lighting {
         last(&self.lighting, up, |up| Lighting::of(loaded, *up))
     }

@@ -6,24 +6,26 @@ use surfel_framing::patches::Patches;
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Light, Up};
 
-/// Key light: direction toward it along the camera's right, up and backward axes, and its colour in linear RGB.
+/// Key light: its direction before normalisation, and its colour in linear RGB. The direction is toward the light, in
+/// coordinates along the camera's right, up and backward axes.
 const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]);
-/// Soft fill light, in the same form as [`KEY`].
+/// Soft fill light from the right, in the same form as [`KEY`]: direction and colour.
 const FILL: (DVec3, [f64; 3]) = (DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]);
-/// Rim light, in the same form as [`KEY`].
+/// Rim light from behind, in the same form as [`KEY`]: direction and colour.
 const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
-/// Range of the mean normal's length over which a surface counts increasingly as facing one direction, from not at all
-/// to fully. For normals spread over 30°, the length is 0.93.
+/// Range of the length of a surface's mean unit normal over which raking light increases from 0 to full strength. The
+/// length is 1 if the whole surface faces one direction, and 0.93 for normals spread over 30°.
 const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
-/// Cosine of the angle between the surface normal and a raking key light: 60°, so that the light is 30° above the
-/// surface.
+/// Cosine of the largest angle between a raking key light and the surface normal: 60°, which is 30° above the surface.
 const RAKING: f64 = 0.5;
 /// Range like [`FACES_ONE_WAY`] for scans around ground, such as aerial surveys and mobile scans. In woods and streets,
-/// their normals face up by 0.5 to 0.9 on average (or all face down); for bodies and rooms it is less.
+/// the mean normal points up (or down) with a length of 0.5 to 0.9. For bodies and rooms, it is shorter.
 const FACES_UP: (f64, f64) = (0.4, 0.55);
-/// Smallest cosine between the mean normal and the up axis for a scan that counts as taken around ground.
+/// Cosine of the angle between the mean normal and the up axis (either sign) above which point clouds count as scans
+/// around ground, and use [`FACES_UP`].
 const UP: f64 = 0.9;
-/// Largest factor by which a raking light is brightened.
+/// Largest factor on the colour of a raking light. The factor makes up for the light's slant, which darkens level
+/// areas.
 const STRONGEST: f64 = 1.4;
 
 /// Returns three lights that follow the camera:
@@ -37,14 +39,14 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
 /// Properties of objects that determine their lights for any camera.
 #[derive(Clone, Copy, Debug)]
 pub struct Lighting {
-    /// Mean facing direction of the objects: a unit vector, or zero.
+    /// Mean facing direction of the objects: a unit vector, or zero if the objects have colours or no mean direction.
     facing: DVec3,
     /// Strength of raking light, from 0 (key light from the front) to 1 (key light lowered to the raking angle).
     share: f64,
 }
 
 impl Lighting {
-    /// Estimates the properties of objects with the up axis `up`.
+    /// Estimates the lighting properties of loaded objects. `up` is their up axis.
     pub fn of(loaded: &LoadedObjects, up: Up) -> Self {
         if loaded.facts.iter().any(|facts| facts.colored) {
             return Self { facing: DVec3::ZERO, share: 0.0 };
@@ -55,17 +57,17 @@ impl Lighting {
         Self { facing: facing.normalize_or_zero(), share }
     }
 
-    /// Returns [`studio_lights`], whose key light is lowered to a raking angle for some objects without colours. These
-    /// are objects that face one direction as a whole, such as ground, walls and reliefs, and scans around ground. As
-    /// in hillshaded maps, raking light shows slopes, which hardly differ from level areas in frontal light. Coloured
-    /// objects get the normal key light, because their colours show the slopes, and often contain light already.
+    /// Returns [`studio_lights`], with the key light lowered to a raking angle for objects without colours that face
+    /// one direction as a whole. Examples are ground, walls, reliefs, and scans around ground. As in hillshaded maps,
+    /// raking light shows slopes, which hardly differ from level areas in frontal light. Coloured objects get the
+    /// normal key light: their colours show the slopes, and often contain light already.
     pub fn lights(self, camera: &Camera) -> Vec<Light> {
         lights(camera, |key| raking(key, self.facing, self.share))
     }
 }
 
 /// Returns the strength of raking light, 0 to 1, for a surface with the mean unit normal `facing`. `up` is the up axis
-/// of objects made from points.
+/// if all objects are point clouds, and `None` otherwise.
 fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     let ramp = |(from, to): (f64, f64)| ((facing.length() - from) / (to - from)).clamp(0.0, 1.0);
     match up {
@@ -74,8 +76,8 @@ fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     }
 }
 
-/// Returns the three lights. `key` maps the unit vector toward the key light to its new direction and a brightness
-/// factor.
+/// Returns the key, fill and rim lights for a camera. `key` maps the unit vector toward the key light to the vector
+/// that replaces it, and a factor on the light's colour.
 fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     let ViewAxes { right, up, forward } = ViewAxes::of(camera);
     let toward = |(from, _): (DVec3, [f64; 3])| (right * from.x + up * from.y - forward * from.z).normalize();
@@ -85,8 +87,9 @@ fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     vec![light(key, KEY.1.map(|c| c * strength)), light(toward(FILL), FILL.1), light(toward(RIM), RIM.1)]
 }
 
-/// Lowers a light toward a surface. Rotates the direction `toward` it by the fraction `share` of the way to the raking
-/// angle from the unit `normal`. Also returns a brightness factor that preserves most of the brightness of level areas.
+/// Rotates `toward`, the unit vector toward a light, away from the unit `normal` by the fraction `share` of the way to
+/// the raking angle ([`RAKING`]). Also returns a factor on the light's colour, which preserves most of the brightness
+/// of level areas.
 fn raking(toward: DVec3, normal: DVec3, share: f64) -> (DVec3, f64) {
     // A surface may be visible from either side; the light is on the visible side.
     let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };

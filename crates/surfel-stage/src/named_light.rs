@@ -11,22 +11,23 @@ pub enum NamedLight {
     Headlight,
     /// A sky, and a large soft light from the upper left in front.
     Studio,
-    /// An evenly bright sky.
+    /// A sky without an area light: soft light from all around, mostly from above.
     Sky,
     /// A sky, and a small strong light from the upper left.
     Sun,
 }
 
-/// Strength of constant ambient light. It lightens surfaces that no direction of the sky reaches: splats inside of a
-/// body that are visible through gaps, and the inside of foliage.
+/// Fraction of a named light that is constant everywhere, and doesn't come from its sky ([`Sky::even`]). It lightens
+/// surfaces that no light of the sky reaches: splats inside of a body that are visible through gaps, and the inside of
+/// foliage.
 const EVEN: f64 = 0.08;
 
-/// Strengths of a named light's sky, and its area light.
+/// Strengths of a named light's sky, and its area light: a round bright area in the sky.
 struct Parts {
     above: f64,
     below: f64,
-    /// Area light: its direction along the camera's right, the horizontal direction toward the camera, and up; its
-    /// half-angle in degrees; and its strength.
+    /// Area light, or `None`: its direction, its half-angle in degrees, and its strength. The direction's coordinates
+    /// are along the camera's right, the horizontal direction toward the camera, and the up axis.
     area: Option<(DVec3, f64, f64)>,
 }
 
@@ -52,8 +53,8 @@ impl NamedLight {
         }
     }
 
-    /// Returns the light's sky for a scene with the up axis `up`, oriented by the first `camera`. The sky stays fixed
-    /// when the camera moves. Returns `None` for lights that follow the camera.
+    /// Returns the light's sky for a scene with the up axis `up`. Its bright area is placed relative to `camera`, the
+    /// first one of a scene, and stays fixed when the camera moves. Returns `None` for lights that follow the camera.
     pub fn sky(self, up: DVec3, camera: &Camera) -> Option<Sky> {
         let Parts { above, below, area } = self.parts()?;
         let ViewAxes { right, .. } = ViewAxes::of(camera);

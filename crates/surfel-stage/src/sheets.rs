@@ -7,18 +7,21 @@ use surfel_framing::patches::{Patch, Patches};
 use surfel_model::Object;
 use surfel_render::View;
 
-/// Cosine of 60°. A surface whose normal is within 60° of the opposite of a patch's normal is the underside of a sheet.
+/// Cosine of the largest angle (60°) between the normal of an underside and the reversed normal of the patch above.
+/// Patches with a smaller angle are the back of a sheet; others belong to another surface.
 const ALIKE: f64 = 0.5;
-/// Minimum fraction of an object's patches, and minimum number of them, that lie on a sheet over another surface.
+/// Two limits from which an object counts as having a thin sheet, for its patches that lie over another surface. The
+/// first is their fraction of all patches, the second their number.
 const LEAST: (f64, usize) = (0.001, 4);
-/// Additional reach of the depth tolerance behind a surface, in pixels along its normal: the slope term at a grazing
-/// angle. It is added to the splat's radius.
+/// Distance, in pixels, by which the depth tolerance reaches farther behind a surface than a splat's radius. It is
+/// measured along the normal, and stands for the tolerance's slope term at a grazing angle (rendering model §5).
 const REACH_PX: f64 = 1.5;
-/// Relative difference of depths below which surfaces are in contact.
+/// Largest relative difference between the depths of a sheet's underside and of a surface at which the two count as
+/// touching.
 const CONTACT: f64 = 1e-3;
 
-/// True if an object has a thin sheet over another of its surfaces, within the reach of a view's depth tolerance.
-/// Without back faces, the surface would shine through the sheet.
+/// True if an object has a thin sheet over another of its surfaces, within the reach of a view's depth tolerance. If
+/// the sheet's back faces were culled, the other surface would shine through the sheet.
 pub(crate) fn covers_other_surfaces(object: &Object, view: &View) -> bool {
     let Some(patches) = Patches::of(std::slice::from_ref(object)) else { return false };
     let middle = view.view_from_world * (patches.middle - view.eye);
@@ -34,12 +37,12 @@ fn radius(patch: &Patch) -> f64 {
     patch.axes[0].length().max(patch.axes[1].length())
 }
 
-/// Returns the index of the grid cell that contains a position. `cell` is the side of a cell.
+/// Returns the indices along x, y and z of the grid cell that contains a position. `cell` is the side of a cell.
 fn cell_of(position: DVec3, cell: f64) -> [i32; 3] {
     (position / cell).floor().to_array().map(|index| index as i32)
 }
 
-/// Grid of patches, by cell.
+/// Patches of an object in a grid of cubic cells, for finding those close below a patch.
 struct Grid<'a> {
     cell: f64,
     cells: HashMap<[i32; 3], Vec<&'a Patch>>,
@@ -56,7 +59,8 @@ impl<'a> Grid<'a> {
         Self { cell, cells }
     }
 
-    /// True if there is first a back-facing and then a front-facing surface below a patch, within the depth `reach`.
+    /// True if, within the depth `reach` below a patch, there is the underside of its sheet and, at or below that,
+    /// another surface.
     fn lies_over_others(&self, patch: &Patch, reach: f64) -> bool {
         let lateral = radius(patch);
         let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);

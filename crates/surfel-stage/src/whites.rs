@@ -1,28 +1,31 @@
-//! Brightness statistics of loaded objects, from which exposure and background are derived.
+//! Brightness statistics of loaded objects, from which the exposure of their materials and the background are derived.
 
 use surfel_framing::patches::Patches;
 use surfel_load::LoadedObjects;
 use surfel_model::Shader;
 
-/// Largest linear light that a white surface with the factors of [`material`] reflects in an automatic scene, before
-/// exposure. It occurs between key light and fill light and includes the highlight.
+/// Largest linear light that a white surface reflects in an automatic scene if its exposure is 1. The value includes
+/// the highlight, and holds for coloured objects' [`material`] between key light and fill light.
 const BRIGHTEST: f64 = 1.04;
-/// Linear light to which exposure reduces the brightest surfaces, so that the shape of white objects is visible.
+/// Linear light to which the exposure reduces the brightest surfaces, so that they don't saturate and the shape of
+/// white objects is visible.
 const HEADROOM: f64 = 0.9;
-/// Fraction of the surface that counts as stray highlights, and is ignored when the brightest colour is estimated.
+/// Largest fraction of the surface, in order of brightness, that counts as stray highlights. They are ignored when the
+/// brightest colour is estimated.
 const HIGHLIGHTS: f64 = 0.02;
-/// Criteria for a grey background: smallest linear albedo of a white surface, and fraction of white surface above which
-/// the background becomes grey. Unlit white surfaces would blend into a white background.
+/// Two limits for a grey background. The first is the smallest linear albedo, in every channel, of a white surface. The
+/// second is the fraction of white surface above which the background is grey. Unlit white surfaces would blend into a
+/// white background.
 const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
-/// Linear grey that is perceptually halfway between black and white.
+/// Linear light of a grey background, perceptually halfway between black and white.
 const GREY: f64 = 0.18;
 
 /// Brightness statistics of objects.
 #[derive(Debug)]
 pub(crate) struct Whites {
-    /// Largest albedo of the surfaces, over all colour channels and without stray highlights.
+    /// Largest linear albedo of the surfaces, over all colour channels and without stray highlights ([`HIGHLIGHTS`]).
     brightest: f64,
-    /// Fraction of the surface that is white. Surfaces without colours count as white.
+    /// Fraction of the surface that is white ([`WHITE`]). Surfaces without colours count as white.
     share: f64,
 }
 
@@ -44,15 +47,15 @@ impl Whites {
         Self { brightest: brightest.map_or(1.0, |(albedo, _)| albedo), share: white / patches.area }
     }
 
-    /// Returns the exposure: a factor for the materials of coloured objects, at most 1. All objects share it, so that
-    /// their colours remain comparable.
+    /// Returns the exposure, at most 1: a factor on ambient, diffuse and specular light of coloured objects' materials.
+    /// All objects share it, so that their colours remain comparable.
     pub(crate) fn exposure(&self) -> f64 {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// Returns the background for a shader. Lit white surfaces are darker than a white background at their outlines,
-    /// which face away from the lights. Unlit surfaces aren't, and `edl` darkens only edges next to nearer surfaces, so
-    /// that they get a grey background.
+    /// Returns the background for a shader: white, or grey for mostly white scenes under `unlit` and `edl`. Lit white
+    /// surfaces are darker at their outlines, which face away from the lights, and stand out against white. Unlit
+    /// surfaces don't, and `edl` darkens only edges next to nearer surfaces.
     pub(crate) fn background(&self, shader: Shader) -> [f64; 4] {
         let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }

@@ -10,9 +10,9 @@ use surfel_app::wording::as_flags;
 use surfel_load::Error;
 use surfel_sample::Progress;
 
-/// Maximum number of requests that wait until the scene is loaded.
+/// Largest number of requests that wait until the scene is loaded. Further requests are dropped.
 const MAX_DEFERRED: usize = 64;
-/// Image size, in pixels, for which the camera frames the scene before a page has stated its size.
+/// Image size, in pixels, that is assumed while the scene is loaded first, before a page has stated its size.
 const FIRST_SIZE: [u32; 2] = [1024, 768];
 /// Minimum time between two messages about progress.
 const PROGRESS_TIME: Duration = Duration::from_millis(100);
@@ -57,11 +57,11 @@ impl Progress for Report<'_> {
     }
 }
 
-/// State of the drawing thread.
+/// State of the drawing thread: the scene, and the requests that still need it.
 pub(crate) struct Artist {
     hub: Arc<Hub>,
     desk: Desk,
-    /// Requests that wait until all points are loaded.
+    /// Requests that need all points, and wait until they are loaded.
     deferred: Vec<Job>,
 }
 
@@ -92,7 +92,7 @@ impl Artist {
         }
     }
 
-    /// Answers a request. If it fails, sends the error message to the page.
+    /// Answers a request. If it fails, sends the error message to the page instead.
     fn reply(&mut self, job: &Job) {
         if let Err(problem) = &self.answer(job) {
             let request = &job.request;
@@ -165,7 +165,8 @@ impl Artist {
         receiver.try_recv().map_err(|_| "the points could not be loaded".to_owned())
     }
 
-    /// Sends an image of the resident sample, drawn like an image of a moving camera.
+    /// Answers a request for an image by a preview, as if the camera were moving. Used while only a sample of the
+    /// points is loaded.
     fn answer_by_sample(&mut self, job: &Job) -> Result<(), String> {
         let mut request = job.request.clone();
         request["moving"] = true.into();

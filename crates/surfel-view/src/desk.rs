@@ -16,56 +16,59 @@ use surfel_render::clock::Instant;
 use surfel_render::{Frame, Planes, Renderer as _, Stats};
 use surfel_sample::Progress;
 
-/// Maximum number of pixels of an image on the page.
+/// Largest accepted number of pixels of an image on the page.
 const MAX_PIXELS: u64 = 1 << 24;
-/// Maximum number of pixels of a saved image.
+/// Largest accepted number of pixels of an image that the user saves.
 const MAX_SAVED_PIXELS: u64 = 1 << 25;
-/// Maximum number of pixels of an image by the backend `reference`, which is about a hundred times slower than others.
+/// Largest accepted number of pixels of an image by the backend `reference`, which is about a hundred times slower than
+/// others.
 const MAX_REFERENCE_PIXELS: u64 = 1 << 21;
-/// JPEG quality, 0 to 100, of images while the camera moves.
+/// Quality, 0 to 100, of the JPEG previews that are sent while the camera moves.
 const JPEG_QUALITY: u8 = 85;
-/// Error message for an input number that doesn't exist.
+/// Error message for a request that refers to an input by a number that doesn't exist.
 const OTHER_INPUT: &str = "input: expected the number of an input";
-/// Media type of an image without a file format: raw pixels in 8-bit sRGB and alpha, row by row.
+/// Media type of an image that is sent as raw pixels, in 8-bit sRGB and alpha, row by row.
 const PIXELS: &str = "image/x-rgba";
 
 /// Answer to a request.
 pub(crate) enum Answer {
     /// A JSON message without a file.
     Text(Value),
-    /// A layer's newest image, which replaces the layer's older images in the outbox.
+    /// A header and an image of one layer of the page. It replaces an older image of the layer that the client hasn't
+    /// read yet.
     Image(Vec<u8>),
-    /// A message with a file.
+    /// A header and a file, such as a saved image.
     File(Vec<u8>),
 }
 
-/// Options and identifiers of a client's request for an image.
+/// Parsed request of a client for an image: its options, and identifiers for the answer.
 pub(crate) struct Asked {
     id: Value,
     layer: usize,
     state: State,
     size: [u32; 2],
     pub(crate) key: Key,
-    /// Names of the inputs, for display and for copied commands.
+    /// Names of the inputs as shown on the page and in copied commands; they may differ from the paths.
     names: Vec<PathBuf>,
     pub(crate) options: Options,
 }
 
-/// Sessions of one scene, with the options that pages can't change.
+/// Answers to the requests of all pages: the sessions of one scene, and the options that pages can't change.
 pub(crate) struct Desk {
     pub(crate) fixed: Fixed,
     pub(crate) initial: Map<String, Value>,
     sessions: Sessions,
     /// True if images are sent as raw pixels instead of image files.
     sends_pixels: bool,
-    /// Scratch buffer for encoded images.
+    /// Scratch buffer for encoded images, reused between images.
     bytes: Vec<u8>,
-    /// Client and layer whose options each session shows, by the session's key. `None` if the options belong to no
-    /// client. A session has no entry while only a sample is loaded.
+    /// Client and layer of the page whose options each session shows, by the session's key. `None` if the options
+    /// belong to no client. A session has no entry while only a sample is loaded.
     shown_for: Vec<(Key, Option<Side>)>,
 }
 
-/// Identifier of a client, and number of one of its layers.
+/// Image on one client's page: identifier of the client, and number of the layer (0, or 1 for the second image of a
+/// comparison).
 type Side = (usize, usize);
 
 impl Desk {
@@ -105,7 +108,7 @@ impl Desk {
         state::welcome(&self.fixed, &self.initial)
     }
 
-    /// Answers a request of a client.
+    /// Answers a request of the client with the identifier `client`.
     pub(crate) fn answer(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         match request["do"].as_str() {
             Some("draw") if request["moving"] == true => self.glance(client, request, progress),
@@ -118,7 +121,8 @@ impl Desk {
         }
     }
 
-    /// Shows the options of a client's layer, if the session currently shows those of another client or layer.
+    /// Makes the session show the options of a client's layer, unless it does already. Sessions are shared by all
+    /// clients.
     fn show_for(&mut self, client: usize, asked: &Asked, progress: &dyn Progress) -> Result<(), String> {
         let side = (client, asked.layer);
         match self.shown_for.iter().find(|(key, _)| *key == asked.key) {
@@ -137,7 +141,7 @@ impl Desk {
         self.shown_for.truncate(MAX_SESSIONS);
     }
 
-    /// Parses a page's request for an image.
+    /// Parses a page's request for an image, of at most [`MAX_PIXELS`] pixels.
     #[cfg(feature = "server")]
     pub(crate) fn asked_by_page(&self, request: &Value) -> Result<Asked, String> {
         self.asked(request, MAX_PIXELS)
@@ -182,13 +186,13 @@ impl Desk {
         self.sessions.of(key)
     }
 
-    /// Loads and shows a scene.
+    /// Loads and shows a scene, without reporting progress or notes.
     #[cfg(feature = "export")]
     pub(crate) fn show_once(&mut self, asked: &Asked) -> Result<(), String> {
         self.show(asked, &surfel_sample::NoProgress).map(|_| ())
     }
 
-    /// Shows a scene, loading it if necessary. Returns the notes about it.
+    /// Makes a session show the scene of a request, loading it if necessary. Returns the notes about it.
     fn show(&mut self, asked: &Asked, progress: &dyn Progress) -> Result<Vec<String>, String> {
         let session = self.session(&asked.key)?;
         let mut notes = Vec::new();
@@ -199,7 +203,7 @@ impl Desk {
         Ok(notes)
     }
 
-    /// Draws an exact image of the requested options.
+    /// Draws the image of a request in full quality, as `surfel render` would.
     fn draw(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let start = Instant::now();
         let asked = self.asked(request, MAX_PIXELS)?;
@@ -219,7 +223,8 @@ impl Desk {
         Ok(Answer::Image(packed(&header, &file)))
     }
 
-    /// Draws the shown scene and encodes it as the file that `surfel render` writes.
+    /// Draws the shown scene and encodes it as the PNG file that `surfel render` writes. Returns the media type, the
+    /// file and the statistics.
     fn png(&mut self, asked: &Asked) -> Result<(&'static str, Vec<u8>, Stats), String> {
         let mut bytes = std::mem::take(&mut self.bytes);
         let stats = draw_png(self.session(&asked.key)?, &asked.options, &mut bytes)?;
@@ -228,7 +233,7 @@ impl Desk {
         Ok(("image/png", png, stats))
     }
 
-    /// Draws the shown scene as pixels.
+    /// Draws the shown scene as raw pixels. Returns the media type, the pixels and the statistics.
     fn pixels(&mut self, asked: &Asked) -> Result<(&'static str, Vec<u8>, Stats), String> {
         let session = self.session(&asked.key)?;
         let stats = session.draw(&asked.options.render, Planes::RGBA8).map_err(|e| e.to_string())?;
@@ -313,7 +318,7 @@ impl Desk {
         Ok(Answer::File(packed(&header, &png)))
     }
 
-    /// Draws two states of the page and measures their difference. The first is the reference.
+    /// Draws the images of two states of the page and measures their difference. The first image is the reference.
     fn compare(&mut self, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let mut sides: Vec<(Frame, f64)> = Vec::new();
         let first = self.asked(request, MAX_PIXELS)?;
@@ -333,7 +338,8 @@ impl Desk {
     }
 }
 
-/// Returns the layer of a request: 0, or 1 for the second image of a comparison.
+/// Returns the number of the layer, the image on the page, that a request is about: 0, or 1 for the second image of a
+/// comparison.
 pub(crate) fn layer_of(request: &Value) -> usize {
     usize::from(request["layer"].as_u64().is_some_and(|layer| layer > 0))
 }

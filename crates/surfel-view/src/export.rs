@@ -16,14 +16,15 @@ use surfel_io::{IoError, RegularFile, atomic};
 use surfel_load::paths::is_stdin;
 use surfel_load::scene::is_scene_file;
 
-/// Maximum size of an exported file, in bytes. A browser has several copies of it in memory.
+/// Largest accepted size of a file that is exported within the page, in bytes. A browser has several copies of it in
+/// memory.
 const MAX_BYTES: u64 = 512 << 20;
-/// File name of the page in a folder.
+/// File name of the page in an exported folder.
 const INDEX: &str = "index.html";
-/// Size of the image, in pixels, with which the export is tested.
+/// Image size, in pixels, for drawing the scene once before it is exported, to find out whether it can be drawn.
 const TRIED_SIZE: [u32; 2] = [64, 48];
 
-/// Options that concern the exporting machine, not the scene.
+/// Names of the options that concern the exporting machine, not the scene. They are left out of the exported page.
 const OF_MACHINE: [&str; 3] = ["backend", "adapter", "memory"];
 
 /// Returns the page's content security policy, by which the page runs only its own code. `connects` are the sources
@@ -136,19 +137,21 @@ fn try_once(config: &Config) -> Result<(), String> {
     Ok(())
 }
 
-/// Input file in the folder of an exported page.
+/// Input file that lies beside the page in an exported folder.
 struct Beside {
     name: String,
     file_bytes: u64,
-    /// True if the page reads the file in ranges instead of as a whole.
+    /// True if the page reads only the ranges of the file that a view needs, false if it reads the whole file.
     is_ranged: bool,
 }
 
-/// Description of the scene, which an exported page reads.
+/// Description of the scene, which an exported page reads instead of asking a server.
 struct About {
-    /// Name of the input in copied commands.
+    /// Name of the input, for display and for copied commands.
     name: String,
+    /// Names and texts of the options with which the page begins.
     flags: Vec<(String, String)>,
+    /// Input file beside the page; `None` if the page contains it.
     beside: Option<Beside>,
 }
 
@@ -195,12 +198,12 @@ fn exported(about: &About, file: &[u8]) -> Result<Vec<u8>, String> {
     page::with(&policy("data:"), &(before + &scripts())).map(String::into_bytes)
 }
 
-/// Returns the page for a folder, which reads the other files of the folder.
+/// Returns the page for an exported folder. The page reads the other files of the folder.
 fn beside_page(about: &About) -> Result<String, String> {
     page::with(&policy("'self'"), &(about.element() + &scripts()))
 }
 
-/// Returns the script elements of a page that draws by the WebAssembly module.
+/// Returns the script elements for a page that draws by the WebAssembly module, without a server.
 fn scripts() -> String {
     let script = |(id, script)| format!("<script type=\"text/plain\" id=\"{id}\">\n{script}</script>\n");
     WORKER.map(script).concat() + &page::script(include_str!("../page/export.js"))

@@ -4,13 +4,15 @@ use crate::http::Request;
 use std::net::IpAddr;
 use std::sync::{Mutex, PoisonError};
 
-/// Secrets and port of a server.
+/// Secrets by which a server recognises its own pages, and the name of its cookie.
 #[derive(Debug)]
 pub(crate) struct Guard {
+    /// Permanent secret, which a request must have in its address or cookie.
     token: String,
-    /// One-time token for the address on the browser's command line, which other users of this machine can read. `None`
-    /// after it was used.
+    /// Secret that is accepted only once. It is in the address on the browser's command line, which other users of this
+    /// machine can read. `None` after it was used.
     once: Mutex<Option<String>>,
+    /// Name of the cookie with the permanent token, different for each port.
     cookie: String,
 }
 
@@ -31,14 +33,14 @@ impl Guard {
         &self.token
     }
 
-    /// Returns the header line that stores the token in the browser. Scripts can't read the cookie, and browsers don't
-    /// send it with requests from other sites, except for links to this page. The WebSocket therefore checks its
-    /// origin.
+    /// Returns the header line that stores the permanent token in a cookie of the browser. Scripts can't read the
+    /// cookie, and browsers don't send it with requests from other sites, except for links to this page. The WebSocket
+    /// therefore checks its origin.
     pub(crate) fn set_cookie(&self) -> String {
         format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Lax\r\n", self.cookie, self.token)
     }
 
-    /// True if the address of the request contains the token or the one-time token, which becomes invalid.
+    /// True if the address of the request contains the permanent token, or the one-time token, which becomes invalid.
     pub(crate) fn has_token(&self, request: &Request) -> bool {
         let mut given = request.query.split('&').filter_map(|pair| pair.strip_prefix("token="));
         given.any(|given| self.is_token(given) || self.uses_once(given))
@@ -59,7 +61,7 @@ impl Guard {
     }
 }
 
-/// Returns a random token of 128 bits.
+/// Returns a random token of 128 bits, as hexadecimal text.
 fn random_token() -> Result<String, String> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).map_err(|e| format!("can't get random numbers for the token: {e}"))?;
@@ -73,7 +75,8 @@ fn are_equal(given: &str, token: &str) -> bool {
     given.len() == token.len() && differences == 0
 }
 
-/// True if the request names this machine as its host. A foreign host name that resolves to this machine is refused.
+/// True if the request's `Host` header names this machine. A foreign host name that resolves to this machine is
+/// refused, which prevents DNS rebinding.
 pub(crate) fn has_own_host(request: &Request) -> bool {
     request.header("host").is_some_and(is_loopback_host)
 }
@@ -84,8 +87,8 @@ pub(crate) fn has_own_origin(request: &Request) -> bool {
     host.zip(origin).is_some_and(|(host, origin)| origin.strip_prefix("http://") == Some(host))
 }
 
-/// True for `localhost`, `127.0.0.1` and `[::1]`, with or without a port. The port needn't be the server's: it may be
-/// that of a tunnel.
+/// True for the host names of this machine (`localhost`, and loopback addresses such as `127.0.0.1` and `[::1]`), with
+/// or without a port. The port needn't be the server's: it may be that of a tunnel.
 fn is_loopback_host(host: &str) -> bool {
     let name = match host.rsplit_once(':') {
         Some((name, port)) if !port.is_empty() && port.bytes().all(|b| b.is_ascii_digit()) => name,

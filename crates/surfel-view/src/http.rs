@@ -4,11 +4,11 @@ use std::io::{self, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// Maximum size of a request's head, in bytes.
+/// Largest accepted size of a request's head, in bytes.
 pub(crate) const MAX_HEAD: usize = 16 << 10;
-/// Maximum number of headers of a request.
+/// Largest accepted number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Maximum time in which a client has to send a request's head.
+/// Largest accepted time in which a client sends a request's head.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// A request for a page or for a WebSocket.
@@ -20,7 +20,7 @@ pub(crate) struct Request {
     pub(crate) query: String,
     /// Headers: names in lower case, and values.
     headers: Vec<(String, String)>,
-    /// Bytes received after the head.
+    /// Bytes that were received after the head: the beginning of the WebSocket's messages.
     pub(crate) rest: Vec<u8>,
 }
 
@@ -112,7 +112,8 @@ const SAFETY: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff
                       img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'\r\n";
 
-/// Writes a response and closes the connection. `more` contains additional header lines.
+/// Writes a response and closes the connection. `kind` is the body's media type, and `more` has additional header
+/// lines.
 pub(crate) fn respond(stream: &mut TcpStream, status: &str, kind: &str, more: &str, body: &[u8]) -> io::Result<()> {
     let length = body.len();
     let head = format!(

@@ -5,16 +5,16 @@ use serde_json::Value;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Maximum number of clients.
+/// Largest number of clients that are connected at the same time.
 pub(crate) const MAX_CLIENTS: usize = 16;
-/// Maximum number of a client's waiting requests other than requests for images.
+/// Largest number of a client's waiting requests, apart from requests for images. Further ones are refused.
 const MAX_TASKS: usize = 16;
-/// Maximum number of messages that wait for a client; a slower client is disconnected.
+/// Largest number of messages that wait for a client; a slower client is disconnected.
 const MAX_TEXTS: usize = 64;
-/// Maximum size in bytes of the messages that wait for a client. A client that doesn't read its saved images is thus
-/// disconnected.
+/// Largest total size, in bytes, of the messages that wait for a client. A client that doesn't read its saved images is
+/// thus disconnected.
 const MAX_WAITING_BYTES: usize = 256 << 20;
-/// Number of images that a page can show at once: the two of a comparison.
+/// Number of layers, which are images that a page shows at once: the two of a comparison.
 pub(crate) const LAYERS: usize = 2;
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -24,11 +24,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// A message to a client.
 #[derive(Clone, Debug)]
 pub(crate) enum Outgoing {
-    /// JSON.
+    /// Text message, in JSON.
     Text(String),
-    /// A header in JSON, preceded by its length, and followed by a file.
+    /// Binary message: the length of a header, the header in JSON, and a file.
     Binary(Vec<u8>),
-    /// Answer to a ping.
+    /// Answer to a WebSocket ping, with the ping's bytes.
     Pong(Vec<u8>),
 }
 
@@ -41,7 +41,8 @@ impl Outgoing {
     }
 }
 
-/// Queue of messages to a client. Texts are sent in order. Of each layer's images, only the newest is sent.
+/// Queue of messages to a client. Texts are sent in order. Of each layer (image on the page), only the newest image is
+/// sent.
 #[derive(Debug, Default)]
 pub(crate) struct Outbox {
     waiting: Mutex<Waiting>,
@@ -68,7 +69,7 @@ impl Outbox {
         self.changed.notify_all();
     }
 
-    /// Puts an image in the queue, in place of the layer's waiting image.
+    /// Adds an image of a layer to the queue. It replaces an older image of the layer that waits.
     pub(crate) fn put_image(&self, layer: usize, image: Vec<u8>) {
         let mut waiting = lock(&self.waiting);
         if let Some(slot) = waiting.images.get_mut(layer) {
@@ -101,7 +102,7 @@ impl Outbox {
     }
 }
 
-/// Reason for waking the drawing thread.
+/// Reason for which the drawing thread continues.
 #[derive(Debug)]
 pub(crate) enum Next {
     /// A request of a client.
@@ -110,7 +111,7 @@ pub(crate) enum Next {
     Loaded,
 }
 
-/// A request of a client, with the client's outbox.
+/// A request of a client, with the client's outbox for the answer.
 #[derive(Clone, Debug)]
 pub(crate) struct Job {
     pub(crate) outbox: Arc<Outbox>,
@@ -122,7 +123,8 @@ struct Client {
     outbox: Arc<Outbox>,
     draws: [Option<Value>; LAYERS],
     tasks: VecDeque<Value>,
-    /// True if the client's last answered request was a request for an image.
+    /// True if the client's last answered request was one for an image. The next one is then another request, if one
+    /// waits.
     drew: bool,
 }
 
@@ -145,7 +147,7 @@ impl Client {
 #[derive(Default)]
 struct Clients {
     all: Vec<Client>,
-    /// Index of the client whose request is answered next.
+    /// Index, among all clients, of the client whose request is answered next.
     turn: usize,
     last_id: u64,
     is_loaded: bool,
@@ -221,7 +223,7 @@ impl Hub {
         }
     }
 
-    /// Returns a waiting request for an image of the first layer, and leaves it in the queue.
+    /// Returns a waiting request of some client for an image of the first layer, without removing it from the queue.
     pub(crate) fn waiting_draw(&self) -> Option<Value> {
         lock(&self.clients).all.iter().find_map(|client| client.draws[0].clone())
     }

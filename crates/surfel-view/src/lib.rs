@@ -80,7 +80,7 @@ pub struct Config {
     pub inputs: Vec<PathBuf>,
     /// Names of the inputs for display and for copied commands; `None` if they are the paths.
     pub names: Option<Vec<PathBuf>>,
-    /// Content of the input `-`.
+    /// Content of stdin, for the input named `-`; `None` if no input has this name.
     pub stdin: Option<Arc<[u8]>>,
     /// Options as pairs of long name and text. The page can change the options that open no file.
     pub flags: Vec<(String, String)>,

@@ -1,4 +1,4 @@
-//! The page as one HTML file, which gets its images from another source than the server.
+//! The page as one HTML file, for uses in which no server sends its parts and images.
 
 use data_encoding::BASE64;
 

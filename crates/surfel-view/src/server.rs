@@ -13,15 +13,15 @@ use std::time::{Duration, Instant};
 use tungstenite::Message;
 use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 
-/// Maximum number of simultaneous connections; further ones are refused.
+/// Largest number of simultaneous connections; further ones are refused.
 const MAX_CONNECTIONS: usize = 48;
-/// Maximum size of a client's message, in bytes.
+/// Largest accepted size of a client's message, in bytes.
 const MAX_MESSAGE: usize = 64 << 10;
-/// Maximum number of messages of a client per second; further ones are read later.
+/// Number of messages of one client per second above which the server waits before it reads more.
 const MAX_MESSAGES: u32 = 240;
-/// Maximum number of accepted connections per second; further ones are accepted later.
+/// Number of connections per second above which the server waits before it accepts more.
 const MAX_ACCEPTED: u32 = 2000;
-/// Time after which a client that doesn't read is disconnected.
+/// Time that a client may take to read a message before it is disconnected.
 const WRITE_TIME: Duration = Duration::from_secs(20);
 /// Constant with which a WebSocket's key is hashed (RFC 6455, 1.3).
 const WEBSOCKET_GUID: &[u8] = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
@@ -44,8 +44,9 @@ const CLOSED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><
 pub(crate) struct Shared {
     pub(crate) hub: Arc<Hub>,
     pub(crate) guard: Guard,
-    /// First message to each page.
+    /// First message to each page: the options and the initial state, in JSON.
     welcome: String,
+    /// Number of open connections.
     connections: AtomicUsize,
 }
 
@@ -138,7 +139,7 @@ fn answer(mut stream: TcpStream, shared: &Arc<Shared>) {
     }
 }
 
-/// Returns the key that accepts a WebSocket (RFC 6455, 4.2.2); `None` if the request isn't for a WebSocket.
+/// Returns the response key that accepts a WebSocket (RFC 6455, 4.2.2); `None` if the request isn't for a WebSocket.
 fn accept_key(request: &Request) -> Option<String> {
     use sha1::Digest as _;
     let is_asked = request.lists("connection", "upgrade")

@@ -13,10 +13,10 @@ use surfel_load::Error;
 use surfel_metrics::{CompareOptions, Comparison, Image};
 use surfel_render::{Frame, Planes, Renderer as _, Stats};
 
-/// Maximum number of sessions: the two sides of a comparison may have different backends or inputs.
+/// Largest number of sessions in memory: the two sides of a comparison may have different backends or inputs.
 pub(crate) const MAX_SESSIONS: usize = 2;
 
-/// Key of a session: its backend and inputs.
+/// Key of a session. Requests with the same backend and inputs share a session.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Key {
     pub(crate) backend: String,
@@ -102,7 +102,7 @@ fn image_of(frame: &Frame) -> Result<Image<'_>, String> {
 /// Measured difference between two frames.
 pub(crate) struct Difference {
     comparison: Comparison,
-    /// Error map of FLIP, as a PNG.
+    /// Error map of FLIP (the difference that a person sees, per pixel), encoded as a PNG.
     pub(crate) map: Vec<u8>,
 }
 

@@ -7,18 +7,18 @@ use surfel_app::options::{Audience, Commands, Options, Row, Setter, table};
 /// State of a page: options by their long names.
 pub(crate) type State = Map<String, Value>;
 
-/// Options that a client may not set, because they open files, or lift limits that the server's owner set.
+/// Names of the options that a client may not set, because they open files, or lift limits that the server's owner set.
 const OWNERS: [&str; 8] =
     ["memory", "storage", "adapter", "no-metadata", "planes", "label", "columns", "allow-outside"];
 
-/// Inputs and options that the page can't change.
+/// Inputs and options of a page that its clients can't change.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Fixed {
     /// Paths of the input files, as given.
     pub(crate) inputs: Vec<PathBuf>,
-    /// Names of the input files, for display and for copied commands.
+    /// Names of the input files as shown on the page and in copied commands.
     pub(crate) names: Vec<PathBuf>,
-    /// Names and values of options.
+    /// Long names and texts of the options that pages can't change.
     pub(crate) flags: Vec<(String, String)>,
 }
 
@@ -27,8 +27,8 @@ pub(crate) fn is_for_clients(row: &Row) -> bool {
     (row.is_image || row.name == "backend") && !OWNERS.contains(&row.name) && row.name != "size"
 }
 
-/// Returns the table's entry of an option, if clients may set the option to this value. No such value names a file of
-/// the server.
+/// Returns the table's entry of an option, if clients may set the option to this value. Values that name a file of the
+/// server are refused.
 fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     let row = table().find(Commands::VIEW, name).filter(|row| is_for_clients(row));
     let row = row.ok_or_else(|| format!("{name}: there is no such option of the page"))?;
@@ -39,7 +39,8 @@ fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     Ok(row)
 }
 
-/// Returns the texts of a flag for a value of the state.
+/// Returns the option texts that a JSON value of the state stands for: one, or several for an option that may be
+/// repeated.
 fn text_of(value: &Value) -> Result<Vec<String>, String> {
     let single = |value: &Value| match value {
         Value::String(text) => Ok(text.clone()),

@@ -10,7 +10,7 @@ use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::thread;
 
-/// Server that listens on a port but doesn't draw yet.
+/// Server that listens on a port, but doesn't load or draw before [`Viewer::run`].
 pub struct Viewer {
     listener: TcpListener,
     address: SocketAddr,

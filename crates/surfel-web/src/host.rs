@@ -5,10 +5,10 @@ use std::io;
 use std::sync::{Mutex, PoisonError};
 use surfel_io::HostFile;
 
-/// Size of a block, in bytes. Headers and hierarchies of files are read in small parts; reading whole blocks limits the
-/// number of requests.
+/// Size in bytes of the blocks in which the file is read and cached. Headers and hierarchies of files are read in small
+/// parts; reading whole blocks limits the number of requests.
 const BLOCK_BYTES: u64 = 1 << 16;
-/// Maximum number of blocks in memory.
+/// Maximum number of blocks that are cached in memory.
 const MAX_BLOCKS: usize = 64;
 
 /// Function that fills a buffer from a byte offset of the host's file.
@@ -19,7 +19,7 @@ type ReadAt = fn(u64, &mut [u8]) -> io::Result<()>;
 pub(crate) struct RangeFile {
     file_bytes: u64,
     read: ReadAt,
-    /// Cached blocks with their numbers, the oldest first.
+    /// Cached blocks with their numbers, the least recently used first.
     blocks: Mutex<VecDeque<(u64, Vec<u8>)>>,
 }
 

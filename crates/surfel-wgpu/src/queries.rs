@@ -6,20 +6,23 @@ use surfel_render::{PassTime, Stats};
 /// measured.
 const MOST_PASSES: u32 = 512;
 
-/// Shader stages whose invocations are counted, in the order of the bits.
+/// Shader stages whose invocations are counted, in the order of the flags' bits, in which wgpu writes the counts.
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VERTEX_SHADER_INVOCATIONS
     .union(wgpu::PipelineStatisticsTypes::FRAGMENT_SHADER_INVOCATIONS)
     .union(wgpu::PipelineStatisticsTypes::COMPUTE_SHADER_INVOCATIONS);
+/// Names of the counts of [`COUNTED`] in the statistics, in the same order.
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
 /// Queries of the passes of a tile.
 pub(crate) struct Queries {
-    /// Query set of timestamps, and the duration of a tick in nanoseconds.
+    /// Query set of timestamps, and the duration of a timestamp tick in nanoseconds. `None` if the device has no
+    /// timestamps.
     times: Option<(wgpu::QuerySet, f64)>,
+    /// Query set of the shader stages in [`COUNTED`]; `None` if the device can't count invocations.
     invocations: Option<wgpu::QuerySet>,
     /// Names of the passes measured so far.
     names: Vec<&'static str>,
-    /// Name that replaces the names of the following passes.
+    /// Name that replaces the names of all following passes; `None` if they have their own names.
     label: Option<&'static str>,
 }
 

@@ -5,6 +5,7 @@ use crate::scene::empty;
 use std::collections::HashMap;
 use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 
+/// Textures and buffers that a tile's passes write, for one [`TargetKey`].
 pub(crate) struct Targets {
     pub key: TargetKey,
     views: HashMap<Target, wgpu::TextureView>,

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{CloudData, Column3, Geometry, Material, OnInvalid, Settings, SplatCloud};
 
-/// Maximum number of scenes that are tried.
+/// Maximum number of scenes that are drawn to shrink one failing scene.
 const MAX_TRIES: usize = 400;
 
 /// Returns the smallest case found for which `fails` is true. It must be true for `case`.

@@ -50,7 +50,7 @@ fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static st
     })
 }
 
-/// Returns the sort key of a scene on the page; failures have the smallest.
+/// Returns the key by which the page sorts scenes; failures have the smallest, so that they come first.
 fn severity(report: &Report) -> u8 {
     match report.verdict {
         Verdict::Failed(_) => 0,

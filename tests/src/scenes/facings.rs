@@ -72,7 +72,9 @@ fn sheet_cases() -> Vec<Case> {
     cases
 }
 
+/// Linear colour of front sides.
 const FRONT: [f32; 3] = [0.9, 0.5, 0.1];
+/// Linear colour of back sides.
 const BACK: [f32; 3] = [0.1, 0.3, 0.9];
 
 fn oriented(mut object: Object, interior_weight: f64) -> Object {

@@ -256,7 +256,7 @@ fn uneven_sheets() -> Vec<Disk> {
         .collect()
 }
 
-/// Computes the interior weight of disks by the definition in §5.
+/// Computes the interior weight of disks by the definition in the rendering model (§5).
 fn interior_weight(disks: &[Disk]) -> f64 {
     // Clouds store radii in f32.
     let stored = |d: &Disk| Disk { normal: d.normal.normalize(), radius: f64::from(d.radius as f32), ..*d };

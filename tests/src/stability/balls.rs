@@ -6,7 +6,7 @@ use crate::scenes::ball_cloud;
 use glam::DVec3;
 use surfel_model::{Camera, Projection, Scene, Settings, Shader};
 
-/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
+/// Largest error of a value of 1 that the conformance harness allows: 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 /// Side of the images in pixels.
 const SIDE: u32 = 24;

@@ -12,7 +12,7 @@ pub type Draw<'a> = dyn FnMut(&Image) -> Result<Frame, RenderError> + 'a;
 /// Precision of a backend's arithmetic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Precision {
-    /// Largest relative error of one operation.
+    /// Largest relative rounding error of one operation.
     pub roundoff: f64,
     /// Additional error of a weight or a colour, from the kernel's approximation and the rounding of planes to f32.
     pub fixed: f64,
@@ -36,7 +36,7 @@ pub struct Point {
     pub value: f64,
     /// Largest error of all images at the value; NaN if no pixel could be compared.
     pub error: f64,
-    /// Error bound by the law, for the image whose error is closest to its bound.
+    /// Largest error that the sweep's law allows, for the image whose error is closest to this bound.
     pub bound: f64,
     /// Number of pixels outside of decision margins that only one of the two images hits.
     pub stray: usize,
@@ -80,7 +80,7 @@ pub fn first_break(outcome: &Outcome) -> Option<&Point> {
     outcome.points.iter().find(|point| point.fault().is_some())
 }
 
-/// Expected image.
+/// Image with which a backend's image is compared, plane by plane, and the reference's plane of decision margins.
 struct Want {
     weight: Vec<f64>,
     depth: Vec<f64>,
@@ -163,7 +163,7 @@ fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
         weight.push(hit.map_or(0.0, |h| f64::from(*count) * of_one(h.rho_squared)));
         depth.push(hit.map_or(f64::INFINITY, |h| h.z));
     }
-    // No pass draws an edge-on splat, whatever its exact forms are (§2).
+    // No pass draws an edge-on splat, whatever its exact forms are (rendering model §2).
     if frame.weight().iter().all(|&w| w == 0.0) && is_edge_on(splat) {
         weight.fill(0.0);
     }

@@ -42,10 +42,13 @@ pub struct Exact {
     rows: [[BigInt; 3]; 3],
     /// Determinant of [s t p], multiplied by both focal lengths.
     determinant: BigInt,
-    /// Power of two by which lengths of the scene are multiplied.
+    /// Power of two by which lengths of the scene were multiplied to make them integers.
     scene_scale: BigInt,
+    /// Depth of the near plane, in scaled lengths of the scene.
     near: BigInt,
+    /// Focal lengths, in scaled lengths of the image.
     focal: [BigInt; 2],
+    /// Position of the principal point, in scaled lengths of the image.
     principal: [BigInt; 2],
     /// Half the width of a pixel, in scaled lengths of the image.
     half_pixel: BigInt,

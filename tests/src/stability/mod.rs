@@ -48,7 +48,7 @@ impl Image {
 /// Source of the expected image.
 #[derive(Clone, Debug)]
 pub enum Truth {
-    /// One unfiltered splat in exact arithmetic. The number is that of its copies in the image.
+    /// One unfiltered splat in exact arithmetic, and the number of its copies in the image.
     Exact(ViewSplat<f64>, u32),
     /// Image that the f64 reference draws.
     Reference,
@@ -87,7 +87,7 @@ pub struct Probe {
     pub naive: Naive,
 }
 
-/// Published formula that Surfel replaces, evaluated in f32.
+/// Published formula that Surfel replaces, evaluated in f32 to compare its error.
 #[derive(Clone, Debug)]
 pub enum Naive {
     /// No published formula.

@@ -8,7 +8,7 @@ use surfel_math::V3;
 use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Column3, Filter, GaussianKind, Settings, Sort};
 
-/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
+/// Largest error of a value of 1 that the conformance harness allows: 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 
 pub(super) fn sweeps() -> Vec<Sweep> {

@@ -6,15 +6,16 @@ use crate::build::{Splat, camera, cloud, object, scene, sheet};
 use glam::DVec3;
 use surfel_model::{Camera, Filter, Projection, Settings};
 
-/// Relative tolerance: that of the conformance harness, 2e-4 + 1e-3 of the value.
+/// Largest error of a value of 1 that the conformance harness allows: 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 /// Colour of the sheet's top, linear.
 const TOP: [f32; 3] = [0.9, 0.5, 0.1];
-/// Radius of the disks of a sheet with half size 1.
+/// Radius of the disks, in units of the sheet's half size.
 const RADIUS: f64 = 0.07;
-/// Distance between the top and the underside, and between the underside and the floor.
+/// Distance between the sheet's top and its underside, and between the underside and the floor, in units of the sheet's
+/// half size.
 const THICKNESS: f64 = 0.02;
-/// Half the height of the view at the middle of the sheet.
+/// Half the height of the view at the middle of the sheet, in units of the sheet's half size.
 const HALF_VIEW: f64 = 0.2;
 
 /// Parameters of a view of the sheet.
@@ -26,6 +27,7 @@ struct Seen {
     thickness: f64,
 }
 
+/// View from which each sweep varies one parameter.
 const USUAL: Seen = Seen { unit: 1.0, elevation_deg: 30.0, distance: 3.0, thickness: THICKNESS };
 
 pub(super) fn sweeps() -> Vec<Sweep> {

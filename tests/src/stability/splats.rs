@@ -15,30 +15,39 @@ use surfel_model::{
 };
 use surfel_render::Region;
 
-/// Largest absolute slope of exp(−2ρ²).
+/// Largest absolute slope of the kernel exp(−2ρ²) over ρ.
 const STEEPEST: f64 = 1.213;
 /// Number of roundings in the f32 setup between a splat's coordinates and a pixel's offset in units of its axes. There
 /// are three each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
 const ROUNDINGS: f64 = 16.0;
-/// Focal length, size and principal point of the 4K camera, in pixels.
+/// Focal length of the 4K camera, in pixels.
 const FOCAL_PX: f64 = 2000.0;
+/// Width and height of the 4K camera's image, in pixels.
 const SIZE: [u32; 2] = [3840, 2160];
+/// Principal point of the 4K camera, in pixels.
 const PRINCIPAL_PX: [f64; 2] = [1920.25, 1080.5];
 /// Distance of splats from the eye, in world units.
 const Z: f64 = 4.0;
+/// Linear colour of the splats.
 const COLOR: [f32; 3] = [0.7, 0.4, 0.2];
 
+/// Error bound of the weight of one splat, with its derivation, for reports.
 const LAW: &str = "|Δw| ≤ 1.213·δ/r_minor: 1.213 is the kernel's steepest slope, r_minor the projected minor radius in \
                    pixels (at least h under a filter, whose factor ℓ/h adds as much again), δ = 16·(r_major + 1)·unit \
                    roundoff pixels for 16 roundings between a coordinate and an offset; besides, the kernel \
                    polynomial's 1.3e-6 and the planes' rounding to f32";
+/// Error bound of the weight of a splat smaller than the filter, with its derivation.
 const SHARE_LAW: &str = "as before, in units of the splat's own weight ℓ/h, and 16·unit roundoff·r_major/ℓ for ℓ, \
                          which has the same 16 roundings";
+/// Error bound of the weight of a splat with nearly parallel half-axes, with its derivation.
 const SKEW_LAW: &str = "as elevation-filtered, in units of the splat's own weight ℓ/h, and 32·unit roundoff for ℓ: \
                         principal axes are stored, so that nearly parallel ones add nothing";
+/// Error bound of the weight of a splat near the eye, with its derivation.
 const NEAR_LAW: &str = "|Δw| ≤ 1.213·4·(|U| + |V| + ρ|W|)/W·unit roundoff, the forms by the sizes of their terms about \
                         the image's middle: the image need not be an ellipse";
+/// Description of the published matrix form of a splat, with which Surfel's is compared.
 const MATRIX: &str = "adj[s t p]/det as printed (G06 eq. 5-6), constant terms at pixel (0, 0), in f32";
+/// Description of the published filter by a covariance matrix, with which Surfel's is compared.
 const COVARIANCE: &str = "the filter of Z01 eq. 6-9 as printed, its covariance matrix inverted by its determinant and \
                           the weight the root of two determinants' quotient, in f32; held against the same filter in \
                           f64, since it is another than ours";
@@ -250,7 +259,7 @@ fn lengths(splat: &ViewSplat<f64>, projection: &Projection) -> [f64; 2] {
     [svd.major, svd.minor]
 }
 
-/// Returns the amplification of rounding errors by the law (see [`LAW`]).
+/// Returns the factor of the unit roundoff in the error bound [`LAW`] of a splat.
 fn amplification(splat: &ViewSplat<f64>, projection: &Projection, h_px: f64) -> f64 {
     let [major, minor] = lengths(splat, projection);
     // With a filter, the weight's factor ℓ/h adds the rounding error of ℓ.

@@ -3,10 +3,13 @@
 use super::ply::{Cloud, Disk};
 use super::scan::SplitMix;
 
-/// Number of squares along a side of the checkerboard, and of disks along a side of a square.
+/// Number of squares along a side of the checkerboard.
 const SQUARES: usize = 40;
+/// Number of disks along a side of a square of the checkerboard.
 const DISKS_A_SQUARE: usize = 10;
+/// Number of disks of the sphere with bands of colour.
 const SPHERE_DISKS: usize = 20_000;
+/// Number of disks of each glass sphere.
 const GLASS_DISKS: usize = 2_000;
 
 /// Scene file of the checkerboard, on which filters are measured (rendering model §5).

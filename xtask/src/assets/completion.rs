@@ -4,15 +4,16 @@
 use super::scan::SplitMix;
 use std::fmt::Write as _;
 
+/// Number of points of a whole shape.
 const POINTS: usize = 2048;
 
 /// Description of a file of a shape.
 struct File {
     /// Suffix of the file's name.
     name: &'static str,
-    /// Noise of the points that aren't in the visible part.
+    /// Standard deviation of the noise along each axis, for points that aren't in the visible part.
     far: f64,
-    /// Noise of the points that are in the visible part.
+    /// Standard deviation of the noise along each axis, for points in the visible part.
     near: f64,
     /// Side of a grid of cells. Points that aren't in the visible part are moved to the centres of their cells; 0 for
     /// no grid.
@@ -21,6 +22,7 @@ struct File {
     has_labels: bool,
 }
 
+/// File of a whole shape without noise, from which the other files differ.
 const EXACT: File = File { name: "truth.xyz", far: 0.0, near: 0.0, cell: 0.0, has_labels: false };
 
 /// Files of each shape: the whole shape, its visible part, four completions, and the whole shape with labels.
@@ -39,9 +41,11 @@ type Point = [f64; 3];
 /// Axis-aligned box as a part of a shape: centre, size and label; z is up.
 struct Part(Point, Point, u8);
 
-/// Labels of parts, with the names that assets/gallery/parts.txt gives them.
+/// Label of seats, table tops and boards; assets/gallery/parts.txt has the names of labels.
 const SEAT: u8 = 1;
+/// Label of backs and of the sides of the shelf.
 const BACK: u8 = 2;
+/// Label of legs.
 const LEG: u8 = 3;
 
 fn chair() -> Vec<Part> {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 /// Path of the model, relative to the workspace.
 pub(super) const MODEL: &str = "assets/spot/spot.obj";
+/// Names of the model's other files, in the same folder: materials and texture.
 pub(super) const MATERIALS: [&str; 2] = ["spot.mtl", "spot_texture.png"];
 
 /// Returns two OBJ files: the faces whose centroids have negative x, and all other faces. Both contain all vertices of

@@ -4,11 +4,15 @@ use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
-/// Number of segments of a quarter circle, and of a side of the block's square cells.
+/// Number of segments of a quarter of a circle. Each side of the block's square cells has as many.
 const QUARTER: usize = 16;
+/// Radius of the hole, in units of half a cell's side.
 const HOLE_RADIUS: f64 = 0.5;
+/// Radius of the boss, in units of half a cell's side.
 const BOSS_RADIUS: f64 = 0.6;
+/// Height of the boss above the block, in units of half a cell's side.
 const BOSS_HEIGHT: f64 = 0.7;
+/// Height of the block, in units of half a cell's side.
 const BLOCK_HEIGHT: f64 = 1.0;
 
 type Point = [f64; 3];

@@ -8,6 +8,7 @@ pub(super) struct Disk {
     pub(super) position: [f64; 3],
     /// Unit normal.
     pub(super) normal: [f64; 3],
+    /// Radius, in the units of the file.
     pub(super) radius: f64,
     /// Colour as sRGB-encoded red, green, blue, and alpha.
     pub(super) color: [u8; 4],

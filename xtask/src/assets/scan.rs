@@ -5,8 +5,9 @@ use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
-/// Number of points.
+/// Number of points of the scan.
 const POINTS: f64 = 120_000.0;
+/// Largest displacement of a point by noise along each axis, in the units of the model.
 const NOISE: f64 = 0.003;
 
 /// Returns the points as text, one per line.

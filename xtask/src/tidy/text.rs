@@ -24,6 +24,7 @@ pub(super) const MACHINE_FOLDERS: [&str; 6] = [
 
 /// Path of the data beside the checkout.
 pub(super) const BESIDE_THE_CHECKOUT: &str = concat!("../sha", "red");
+/// The only file that may contain [`BESIDE_THE_CHECKOUT`].
 const TEST_DATA: &str = "tests/src/test_data.rs";
 
 /// Returns the problems in a file's lines. `name` is its path relative to the root, with slashes.

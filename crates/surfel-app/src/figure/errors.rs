@@ -15,19 +15,20 @@ use surfel_render::View;
 use surfel_sample::Distances;
 use surfel_sample::Progress;
 
-/// Ambient fraction of the light in panels coloured by values. The rest depends on the surface's direction.
+/// Fraction of the light that is ambient in panels coloured by values, so that colours can be compared with the colour
+/// bar. The rest depends on the surface's direction.
 const EVEN_LIGHT: f64 = 0.68;
-/// Quantile of all distances that gets the last colour of the colour map.
+/// Quantile of all distances at which the colour map of the error row ends. Its value is rounded up to a tick.
 const PERCENTILE: f64 = 0.98;
-/// Number of ticks of a colour bar to which the end of its range is rounded.
+/// Number of ticks of the error row's colour bar, to which the end of its range is rounded up.
 const TICKS: usize = 5;
 
-/// Distances between the points of a panel and the reference.
+/// Distances between the points of a panel and the reference, which is the first file.
 pub(super) struct PanelErrors {
-    /// Distance of each point to the reference.
+    /// Distance of each of the panel's points to the nearest point or surface of the reference.
     pub(super) distances: Vec<f64>,
-    /// Mean distance of the reference's points to the nearest points of the panel; `None` for a mesh, which has no
-    /// points.
+    /// Mean distance of the reference's points to the nearest points of the panel. `None` if the reference is a mesh,
+    /// which has no points.
     pub(super) mean_from_reference: Option<f64>,
 }
 
@@ -115,7 +116,8 @@ pub(super) fn measure(
     Ok(errors.collect())
 }
 
-/// Returns the end of the colour map for distances: the 98th percentile, rounded up to a tick of the colour bar.
+/// Returns the distance at which the colour map ends: the 98th percentile of all distances, rounded up to a tick of the
+/// colour bar.
 pub(super) fn end_of_range<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
     let mut values: Vec<f64> = all.flatten().copied().filter(|value| value.is_finite()).collect();
     let Some(last) = values.len().checked_sub(1) else { return 1.0 };
@@ -134,8 +136,8 @@ pub(super) fn mean(distances: &[f64]) -> f64 {
     finite().sum::<f64>() / finite().count().max(1) as f64
 }
 
-/// Returns a copy of an object whose splats are coloured by their distances. The distance `end` gets the last colour of
-/// `map`.
+/// Returns a copy of an object whose splats are coloured by their distances to the reference. The distance `end` gets
+/// the last colour of `map`.
 pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f64) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object.clone()) };
     let mut cloud = SplatCloud::clone(cloud);
@@ -144,8 +146,9 @@ pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f
     Ok(Object { geometry: Geometry::Splats(Arc::new(cloud)), ..object.clone() })
 }
 
-/// Changes a scene and its settings so that light changes the lightness of colours a little and never their hue. Lights
-/// become white and mostly ambient, and highlights are removed. Unlit scenes without a sky aren't changed.
+/// Changes a scene and its settings so that colours can be read against a colour bar: light changes their lightness a
+/// little, and never their hue. Lights become white and mostly ambient, and highlights are removed. Unlit scenes
+/// without a sky aren't changed.
 pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &View) {
     if let Some(sky) = &mut scene.sky {
         sky.even = EVEN_LIGHT;

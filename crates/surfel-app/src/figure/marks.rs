@@ -10,23 +10,25 @@ use surfel_model::Camera;
 use surfel_model::Projection;
 use surfel_render::View;
 
-/// Largest length of a scale bar as a fraction of the panel's width.
+/// Largest length of a scale bar, as a fraction of the panel's width.
 const SCALE_SHARE: f64 = 0.25;
-/// Length of a drawn frustum as a fraction of the distance between eye and target.
+/// Length of the pyramid that is drawn for a camera, as a fraction of the distance between the panel camera's eye and
+/// target.
 const FRUSTUM_SHARE: f64 = 0.08;
-/// Names, directions and sRGB colours of the axes x, y and z.
+/// Name, direction and 8-bit sRGB colour of each axis arrow: x, y and z.
 const AXES: [(&str, DVec3, [u8; 3]); 3] =
     [("x", DVec3::X, [196, 48, 43]), ("y", DVec3::Y, [44, 140, 60]), ("z", DVec3::Z, [38, 92, 178])];
-/// sRGB colour of frusta.
+/// 8-bit sRGB colour of the lines of frusta, which show cameras as pyramids.
 const FRUSTUM: [u8; 3] = [200, 70, 20];
-/// Fraction of a panel's half-width and half-height within which frusta must fit.
+/// Fraction of a panel's half-width and half-height within which frusta must fit after the camera has moved back.
 const FRUSTA_FILL: f64 = 0.95;
-/// Largest number of steps by which the camera moves away from frusta. Their drawn length grows with its distance, so
-/// that one step isn't enough.
+/// Largest number of times that the camera moves back so that frusta fit. The frusta's drawn length grows with the
+/// camera's distance, so that one step isn't enough.
 const STEPS: u32 = 8;
-/// Number of segments of a frustum's edge, each of which is tested for visibility.
+/// Number of segments into which an edge of a frustum is divided. Each is tested for visibility, and hidden ones aren't
+/// drawn.
 const PARTS: u32 = 48;
-/// Tolerance of the depth test, relative to the depth.
+/// Relative distance behind the panel's surface up to which a point of a frustum still counts as visible.
 const DEPTH_SLACK: f64 = 1e-3;
 
 /// Returns the position of a world-space point in view space.
@@ -67,7 +69,8 @@ pub(super) fn of_panel(
     marks
 }
 
-/// Returns a scale bar of a round length. In perspective, it is true at the distance of the camera's target.
+/// Returns a scale bar of a round length. In perspective, its length is true for objects at the distance of the
+/// camera's target.
 fn scale(camera: &Camera, view: &View, unit: Option<&str>) -> Option<Mark> {
     let depth = in_view(view, DVec3::from(camera.target)).z.max(view.projection.near);
     let per_unit = view.projection.focal_px[0] / if view.projection.is_perspective() { depth } else { 1.0 };

@@ -39,12 +39,12 @@ use surfel_load::coloring::{ColorMap, ColorScale, Coloring, confusions};
 use surfel_model::Camera;
 use surfel_sample::Progress;
 
-/// Default resolution of figures, in pixels per inch.
+/// Default resolution of figures, in pixels per inch, by which lengths on paper are converted to pixels.
 const DPI: f64 = 300.0;
 /// Default width and height of a panel, in pixels.
 const PANEL: [u32; 2] = [720, 720];
 
-/// Attributes that are coordinates along an axis, whose unit is that of the coordinates.
+/// Names of the attributes that are coordinates along an axis, whose unit is that of the coordinates.
 const HEIGHTS: [&str; 4] = ["height", "x", "y", "z"];
 
 /// A figure that has been drawn and laid out.
@@ -52,7 +52,7 @@ const HEIGHTS: [&str; 4] = ["height", "x", "y", "z"];
 pub struct FigureImage {
     /// Images, lines and words at fixed positions.
     pub drawing: Drawing,
-    /// Pixels per inch.
+    /// Resolution of the figure in pixels per inch.
     pub dpi: f64,
 }
 
@@ -108,29 +108,29 @@ impl FigureImage {
     }
 }
 
-/// Files and options of a figure.
+/// Request for a figure, made from files and options.
 pub struct FigureRequest<'a> {
     /// A scene file, or files that get one panel each.
     pub inputs: &'a [PathBuf],
     /// Options for drawing the panels. The size is that of one panel.
     pub render: &'a RenderOptions,
-    /// Panels and words.
+    /// Options for the arrangement of panels, their titles and marks.
     pub figure: &'a FigureOptions,
     /// Content of the input named `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
-/// Group of files that show the same subject, with one camera and one light.
+/// Group of files that show the same subject. Their panels have one camera and one light.
 struct Subject<'a> {
     paths: &'a [PathBuf],
     resolved: Resolved,
-    /// True if the first file contains points.
+    /// True if the first file contains points, to which distances are then measured instead of to a surface.
     is_of_points: bool,
     /// True if each object has its own panel; false if one panel shows the whole scene.
     is_split: bool,
     /// True if the camera was framed automatically, so that it may move back to include frusta.
     is_framed: bool,
-    /// Distances between the points of all panels but the first and the first file.
+    /// Distances to the first file, for each panel but the first; empty without an error row.
     errors: Vec<PanelErrors>,
 }
 
@@ -140,11 +140,11 @@ impl Subject<'_> {
     }
 }
 
-/// Colour scale of the error row.
+/// Colour scale of the error row, the additional row of panels that shows distances to the first file.
 struct ErrorColors {
     map: ColorMap,
     end: f64,
-    /// True if some distances are larger than `end`.
+    /// True if some distances are larger than `end`, so that the colour bar is marked as open.
     is_exceeded: bool,
 }
 
@@ -301,7 +301,7 @@ impl FigureRequest<'_> {
         }
     }
 
-    /// Returns the colour bars and legends of the figure.
+    /// Returns the colour bars and legends of the figure: of values, and of the error row.
     fn keys(&self, coloring: Option<&Coloring>, errors: Option<&ErrorColors>) -> Vec<Key> {
         let is_one_row = self.subjects() == 1 && self.columns() == self.inputs.len();
         let has_two_rows = is_one_row && errors.is_some() && !self.has_errors_beside();
@@ -316,7 +316,8 @@ impl FigureRequest<'_> {
     }
 }
 
-/// Returns the first colouring of the subjects that shows values.
+/// Returns the first colouring of a subject that shows values, from which the figure's colour bar is made; `None` if
+/// there is none.
 fn coloring_of(subjects: &[Subject<'_>]) -> Option<Coloring> {
     let mut all = subjects.iter().flat_map(|subject| subject.resolved.colorings.iter());
     all.find(|(_, coloring)| coloring.scale != ColorScale::Direct).map(|(_, coloring)| coloring.clone())

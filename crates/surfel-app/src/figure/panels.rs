@@ -13,34 +13,34 @@ use surfel_model::{Camera, Scene};
 use surfel_model::{MAX_IMAGE_SIDE, Settings};
 use surfel_render::{Frame, Planes, Renderer as _, View};
 
-/// Font size in points of figures whose width is a length on paper.
+/// Default font size, in points, of figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
-/// Font size of figures whose width is in pixels, as a fraction of the width.
+/// Default font size of figures whose width is in pixels, as a fraction of the figure's width.
 const FONT_OF_WIDTH: f64 = 1.0 / 46.0;
-/// Font size of figures without a fixed width, as a fraction of a panel's shorter side.
+/// Default font size of figures without a fixed width, as a fraction of a panel's shorter side.
 const FONT_OF_PANEL: f64 = 0.032;
-/// Minimum font size in pixels, if the options state no font size.
+/// Smallest default font size, in pixels. Font sizes that the options state may be smaller.
 const LEAST_FONT: f64 = 9.0;
-/// Fraction of a figure's width that panels are assumed to fill, before the layout is computed.
+/// Fraction of a figure's fixed width that panels are assumed to fill, before the layout is computed.
 const PANELS_SHARE: f64 = 0.85;
-/// Smallest width of a panel in pixels.
+/// Smallest accepted width of a panel in pixels. If less is left beside words and margins, an error is reported.
 const LEAST_WIDTH: f64 = 16.0;
 /// Number of typographic points per inch.
 const POINTS: f64 = 72.0;
 /// Margin above and below the content of cropped panels, in ems.
 const CROP_MARGIN: f64 = 0.4;
 
-/// One panel: its position in the grid, and the file it shows.
+/// Panel of a figure: its position in the grid, and the file that it shows.
 pub(super) struct Cell {
     /// Row and column in the figure.
     place: [usize; 2],
     subject: usize,
-    /// Index of the file within its subject.
+    /// Index, within its subject (a group of files), of the file that the panel shows.
     member: usize,
     is_error: bool,
 }
 
-/// Figure whose panels are being drawn.
+/// Figure whose panels are being drawn, with the file and the grid position of each panel.
 pub(super) struct Panels<'a> {
     request: &'a FigureRequest<'a>,
     pub(super) figure: Figure,
@@ -48,7 +48,7 @@ pub(super) struct Panels<'a> {
     size: [u32; 2],
 }
 
-/// Returns the width of the figure in pixels, if it is fixed.
+/// Returns the width of the whole figure in pixels, if the options state it.
 fn fixed_width(request: &FigureRequest<'_>) -> Option<f64> {
     Some(match request.figure.width? {
         Length::Pixels(pixels) => pixels,
@@ -257,7 +257,7 @@ impl<'a> Panels<'a> {
     }
 }
 
-/// Returns the font size in pixels.
+/// Returns the font size of a figure's words in pixels. `[width, height]` is the size of a panel.
 fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     let is_on_paper = matches!(request.figure.width, Some(Length::Inches(_)));
     let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));

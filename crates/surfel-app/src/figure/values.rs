@@ -10,11 +10,11 @@ use surfel_load::coloring::{ColorMap, ColorScale, recolor};
 use surfel_model::Scene;
 use surfel_model::{Geometry, GroundStyle, Object, Settings, Shader, SplatCloud};
 
-/// The two scenes from which a panel coloured by values is composed.
+/// Two scenes from which the image of a panel coloured by values is composed.
 pub(super) struct ValuePanel {
-    /// The objects in white, with the scene's light.
+    /// The objects in white, with the scene's light. Their image gives the shade of each pixel.
     pub(super) white: Scene,
-    /// The objects without light, with values as greys from 0 to 1.
+    /// The objects without light, with values as greys from 0 to 1. Their image gives the mean value of each pixel.
     pub(super) values: Scene,
 }
 
@@ -42,13 +42,13 @@ pub(super) fn split(scene: &Scene, values: &[f64], end: f64) -> Result<Option<Va
     Ok(Some(ValuePanel { white, values: Scene { objects, sky: None, ground: None, lights: None, ..bare } }))
 }
 
-/// Returns the settings for drawing the scene of values.
+/// Returns the settings for drawing the scene of values: unlit, so that greys remain values.
 pub(super) fn of_values(settings: &Settings) -> Settings {
     settings.with_shader(Shader::Unlit)
 }
 
-/// Multiplies a white frame by the colours of another frame's values, and composites it over the background. Pixels are
-/// premultiplied.
+/// Colours the pixels of a white frame by the values of another frame, and composites the result over the background.
+/// Pixels are premultiplied RGBA.
 pub(super) fn color(frame: &mut [[f32; 4]], values: &[[f32; 4]], map: &ColorMap, background: [f64; 4]) {
     let scale = ColorScale::Range { map: map.clone(), range: [0.0, 1.0] };
     let painter = scale.painter();

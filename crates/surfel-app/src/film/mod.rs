@@ -40,7 +40,7 @@ pub use path::CameraPath;
 pub use sequence::Sequence;
 pub use surfel_io::film::{FilmEncoder, FilmFormat, FilmOptions, FilmWriter, FrameRate};
 
-/// Duration in seconds of a turntable if no number of frames is given.
+/// Duration, in seconds, of a turntable movie if no number of frames is given.
 const TURN_SECONDS: f64 = 4.0;
 /// Duration in seconds between two successive keys of a camera path, if the keys have no times and no number of frames
 /// is given.
@@ -62,5 +62,5 @@ impl CameraPath {
     }
 }
 
-/// Largest number of frames of a film.
+/// Largest accepted number of frames of a film.
 const MOST_FRAMES: u32 = 1_000_000;

@@ -18,23 +18,26 @@ use surfel_io::camera_path::CameraKeys;
 use surfel_load::Error;
 use surfel_model::{Camera, Projection};
 
-/// Shortest interval between keys, relative to the mean interval. At two equal keys, the camera pauses for this long.
+/// Shortest interval between two keys, as a fraction of the mean interval. Two keys at the same position get this
+/// interval, so that the camera hardly pauses there.
 const SHORTEST: f64 = 1e-3;
 
 /// A camera path through keys, prepared for sampling at any time.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     cameras: Vec<Camera>,
-    /// Times of the keys. For a closed path, an additional last time is that of the return to the first key.
+    /// Time of each key, in ascending order. For a closed path, one more time is that of the return to the first key.
     times: Vec<f64>,
     /// True if times are in seconds, as the keys state them; false if times are derived from distances.
     is_timed: bool,
     is_closed: bool,
-    /// True if the target has its own spline and the eye is computed from it; false for the reverse.
+    /// True if the camera circles its target: the target follows a spline, and the eye is computed from it. False for
+    /// the reverse.
     circles: bool,
 }
 
-/// Position between two successive keys: the index of the first key, and the fraction (0 to 1) of the interval.
+/// Position in time between two successive keys of a camera path. `key` is the index of the earlier one, and `fraction`
+/// (0 to 1) the part of the interval that has passed.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     key: usize,
@@ -129,7 +132,7 @@ impl CameraPath {
         (0..frames).map(|frame| self.at(time(frame))).collect()
     }
 
-    /// Returns the camera at a time.
+    /// Returns the interpolated camera at a time, in the units of [`Self::times`].
     fn at(&self, time: f64) -> Result<Camera, Error> {
         let place = self.place(time);
         let [from, to] = [place.key, place.key + 1].map(|key| self.camera(key as isize));
@@ -179,15 +182,16 @@ impl CameraPath {
         &self.cameras[at as usize]
     }
 
-    /// Returns the length of the interval that begins at a key; 0 for an index outside of an open path.
+    /// Returns the length of the time interval that begins at a key; 0 for an index outside of an open path.
     fn interval(&self, key: isize) -> f64 {
         let count = self.times.len() as isize - 1;
         let at = if self.is_closed { key.rem_euclid(count) } else { key };
         usize::try_from(at).ok().and_then(|at| Some(self.times.get(at + 1)? - self.times[at])).unwrap_or(0.0)
     }
 
-    /// Evaluates a spline through a property of the cameras, `of`, at a place between two keys. `mix` interpolates
-    /// between two values, and extrapolates for fractions outside of 0 to 1.
+    /// Evaluates a spline through the keys at a place between two of them. `of` returns the property of a camera that
+    /// is interpolated, such as its eye. `mix` interpolates between two values, and extrapolates for fractions outside
+    /// of 0 to 1.
     fn spline(&self, place: Place, mix: Mix, of: impl Fn(&Camera) -> DVec3) -> DVec3 {
         let key = place.key as isize;
         let mut values = [key - 1, key, key + 1, key + 2].map(|key| of(self.camera(key)));
@@ -213,7 +217,7 @@ impl CameraPath {
     }
 }
 
-/// Function that interpolates between two values, by a fraction.
+/// Function that interpolates between two values: from the first at 0 to the second at 1.
 type Mix = fn(DVec3, DVec3, f64) -> DVec3;
 
 fn linear(a: DVec3, b: DVec3, t: f64) -> DVec3 {
@@ -261,8 +265,8 @@ fn between(from: Projection, to: Projection, t: f64) -> Projection {
     }
 }
 
-/// Returns times whose differences are proportional to the square roots of the distances between keys. The mean
-/// difference is 1.
+/// Returns times for keys that state none. Their differences are proportional to the square roots of the distances
+/// between keys, with a mean of 1.
 fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     let next = cameras.iter().cycle().skip(1);
     let pairs = cameras.iter().zip(next).take(cameras.len() - usize::from(!closed));
@@ -277,7 +281,8 @@ fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     times
 }
 
-/// Appends the time at which a closed path returns to its first key. The additional interval is the mean of the others.
+/// Appends the time at which a closed path returns to its first key. The interval for the return is the mean of the
+/// others.
 fn with_return(mut times: Vec<f64>) -> Vec<f64> {
     if let (Some(first), Some(last)) = (times.first().copied(), times.last().copied()) {
         times.push(last + (last - first) / (times.len() - 1).max(1) as f64);

@@ -28,20 +28,21 @@ use surfel_sample::Progress;
 use surfel_stage::Lighting;
 use surfel_stage::auto_up;
 
-/// Largest number of files in the sample from which camera, light and colours are chosen.
+/// Largest number of files that are sampled to choose camera, light and colours for all frames.
 const SAMPLE: usize = 12;
-/// Largest number of splats of each sampled file; larger files are thinned to it.
+/// Largest number of splats of each sampled file that are kept in memory; larger files are thinned to it.
 const KEPT: usize = 100_000;
-/// Factor on the near distance of the sample's camera, since surfaces of other files may be nearer.
+/// Factor on the near distance of the camera that was framed on the sample, since surfaces of other files may be
+/// nearer.
 const NEAR: f64 = 0.1;
 
-/// Movement of the camera in the course of a sequence.
+/// Movement of the camera in the course of a film whose frames are files.
 #[derive(Clone, Debug)]
 enum Motion {
     Still,
-    /// One turn about the up axis.
+    /// One turn about the scene's up axis.
     Turn,
-    /// A camera for each frame.
+    /// A separate camera for each frame.
     Path(Vec<Camera>),
 }
 
@@ -50,11 +51,12 @@ enum Motion {
 pub struct Sequence {
     inputs: Vec<PathBuf>,
     options: RenderOptions,
-    /// Scene that all frames share. Its file, camera and lights are replaced for each frame.
+    /// Scene that all frames share, with a single object. For each frame, the object's file, the camera and the lights
+    /// are replaced.
     scene: SceneFile,
     motion: Motion,
     turntable: Turntable,
-    /// Lights that follow a camera on a path; `None` if the options state lights.
+    /// Properties from which lights that follow a camera on a path are derived; `None` if the options state lights.
     lighting: Option<Lighting>,
 }
 
@@ -163,7 +165,7 @@ impl Sequence {
     }
 }
 
-/// Checks that no input is a scene file or stdin, and that the motion has one frame for each input.
+/// Checks that no input is a scene file or stdin, and that the number of cameras, if any, is the number of inputs.
 fn check(inputs: &[PathBuf], motion: &Pictures) -> Result<(), Error> {
     let usage = |text: String| Err(Error::Usage(text));
     if inputs.is_empty() {
@@ -190,12 +192,12 @@ fn picked(count: usize) -> impl Iterator<Item = usize> {
     (0..picked).map(move |i| i * (count - 1) / (picked - 1).max(1))
 }
 
-/// Objects of the sampled files, thinned, with estimates for each file.
+/// Objects of the sampled files, thinned, with estimates for each file, from which the choices for all frames are made.
 struct Survey {
     loaded: LoadedObjects,
     /// Typical spacing of the points of each point file, in world units.
     spacings: Vec<f64>,
-    /// Interior weight of each point file that has one.
+    /// Interior weight (rendering model §5) of each point file that has one.
     weights: Vec<f64>,
     /// Estimated up axis of each file; empty if the options state the axis.
     uprights: Vec<Upright>,
@@ -322,7 +324,8 @@ fn most_frequent<T: PartialEq + Clone>(values: &[T]) -> Option<T> {
     values.iter().rev().max_by_key(count).cloned()
 }
 
-/// Moves the near plane of a camera that was framed on the sample closer, and an orthographic camera's far plane away.
+/// Moves the near plane of the camera that was framed on the sample closer, and an orthographic camera's far plane
+/// away. Files outside of the sample may extend farther.
 fn make_room(camera: &mut Camera) {
     camera.near *= NEAR;
     if matches!(camera.projection, Projection::Orthographic { .. }) {
@@ -330,7 +333,7 @@ fn make_room(camera: &mut Camera) {
     }
 }
 
-/// Returns the options for loading a frame: only the ones that a scene file doesn't contain.
+/// Returns the options for loading a frame: only those that the frame's scene file doesn't contain.
 fn of_frame(options: &RenderOptions) -> RenderOptions {
     let splats = SplatOptions { memory: options.splats.memory, ..SplatOptions::default() };
     RenderOptions {
@@ -344,7 +347,7 @@ fn of_frame(options: &RenderOptions) -> RenderOptions {
     }
 }
 
-/// Filter for notes: passes on each text once, ignoring the name of the file at its beginning.
+/// Filter for notes about frames. It passes on each text once, ignoring the name of the file at its beginning.
 struct Told {
     names: Vec<String>,
     known: HashSet<String>,

@@ -44,7 +44,7 @@ use std::sync::LazyLock;
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Input files.
+    /// Paths of the input files; `-` stands for stdin.
     pub inputs: Vec<PathBuf>,
     /// True if the output's name is derived from the input's, when no output is given (`surfel INPUT`).
     pub names_output: bool,
@@ -54,9 +54,9 @@ pub struct Options {
     pub output: Option<PathBuf>,
     /// True if existing files are overwritten.
     pub force: bool,
-    /// True if the colour bar's name is derived from the output's.
+    /// True if the colour bar is written to a file whose name is derived from the output's.
     pub names_colorbar: bool,
-    /// True if the resolved scene file is printed.
+    /// True if the scene file with all choices filled in is printed on stdout.
     pub print_scene: bool,
     /// True if colours of EXR files are 32-bit floats.
     pub exr_f32: bool,
@@ -64,35 +64,36 @@ pub struct Options {
     pub png16: bool,
     /// True if images get no metadata.
     pub no_metadata: bool,
-    /// True if a coarse image is written before the final one.
+    /// True if coarse images of some of the points are written first, and then replaced by finer ones up to the full
+    /// image.
     pub progressive: bool,
-    /// True if timings and counts are printed.
+    /// True if timings and counts of the rendering are printed as JSON.
     pub stats: bool,
-    /// Number of renders for timing, after a warm-up.
+    /// Number of timed renders of each image, after one for warming up; `None` renders once, without warming up.
     pub repeat: Option<u32>,
-    /// True if output is printed as JSON.
+    /// True if results are printed as JSON instead of text.
     pub json: bool,
     /// True if `surfel convert` writes an octree.
     pub hybrid: bool,
     /// True if PLY files are written as text.
     pub ascii: bool,
-    /// File or folder of cameras.
+    /// File or folder with the cameras of another program, from each of which an image is drawn.
     pub cameras: Option<PathBuf>,
     /// Number of frames of a turntable or of a camera path.
     pub frames: Option<u32>,
-    /// File of a camera path.
+    /// JSON file with the keys of a path along which the camera of a film moves.
     pub path: Option<PathBuf>,
-    /// True if the inputs are frames of a film.
+    /// True if each input is a frame of one film, instead of an object of one scene.
     pub sequence: bool,
     /// Frame rate of films, in frames per second.
     pub fps: Option<FrameRate>,
-    /// Subset of frames or cameras that is drawn.
+    /// Range of the frames or cameras that are drawn; `None` draws all.
     pub frame_range: Option<FrameRange>,
-    /// Shard of the job that this process draws.
+    /// Shard of the job: the part of all images, or of all points, that this process works on.
     pub shard: Option<Part>,
-    /// True if existing images are skipped.
+    /// True if images whose files exist aren't drawn again.
     pub skip_existing: bool,
-    /// True if an interrupted conversion is continued.
+    /// True if a conversion to COPC saves its progress in a folder, and continues an interrupted run.
     pub resume: bool,
     /// Name of the backend; `None`: selected automatically.
     pub backend: Option<String>,
@@ -106,15 +107,15 @@ pub struct Options {
     pub quiet: bool,
     /// True if additional information is printed.
     pub verbose: bool,
-    /// True if no browser is opened.
+    /// True if `surfel view` opens no browser.
     pub no_open: bool,
     /// TCP port on which `surfel view` serves its page.
     pub port: Option<u16>,
-    /// Address on which the page is served.
+    /// Address of this machine at which `surfel view` serves its page; `None` for 127.0.0.1.
     pub host: Option<String>,
-    /// HTML file that is written instead of serving the page.
+    /// HTML file, or folder for a web server, to which `surfel view` writes the page instead of serving it.
     pub export: Option<PathBuf>,
-    /// File from which options are read.
+    /// TOML file from which options are read that the command line doesn't state.
     pub config: Option<PathBuf>,
     /// Ground sampling distance: side of an orthoimage's pixel, in the units of x and y.
     pub gsd: Option<f64>,
@@ -126,12 +127,12 @@ pub struct Options {
     pub bounds: Option<[f64; 4]>,
     /// Point (x, y) with which a corner of the pixel grid of an orthoimage coincides.
     pub origin: Option<[f64; 2]>,
-    /// Limit on the gaps that are filled: no circle of this radius, in the units of x and y, fits into them. `None`
-    /// fills no gaps.
+    /// Largest radius of a circle that fits into a gap that is filled, in the units of x and y. Larger gaps remain.
+    /// `None` fills no gaps.
     pub fill: Option<f64>,
     /// EPSG code of an orthoimage's coordinate reference system.
     pub crs: Option<u16>,
-    /// Panels and words of a figure.
+    /// Options of `surfel figure` for the arrangement of panels, their titles and marks.
     pub figure: FigureOptions,
 }
 
@@ -142,7 +143,7 @@ impl Options {
     }
 }
 
-/// Table of the options of all commands.
+/// Table of the options of all commands, in the order in which help lists them.
 #[derive(Clone, Debug)]
 pub struct Table {
     rows: Vec<Row>,

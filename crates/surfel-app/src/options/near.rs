@@ -2,12 +2,12 @@
 
 use super::{Commands, Row, Table};
 
-/// Suggestion for an option that doesn't exist.
+/// Suggestion for a name that isn't an option of the command.
 #[derive(Clone, Copy, Debug)]
 pub enum Near<'a> {
-    /// An option of the same command with a similar meaning or spelling.
+    /// Another option of the same command, with a similar meaning or spelling.
     Here(&'a Row),
-    /// An option of this name, or with this letter, that only other commands have.
+    /// An option with this name or letter that the command doesn't have, but others do.
     Elsewhere(&'a Row),
 }
 
@@ -33,7 +33,8 @@ impl Table {
     }
 }
 
-/// Returns the row that has `name` among its synonyms, or else the row of the most similar spelling.
+/// Returns the row that has `name` among its synonyms, or else the row of the most similar spelling; `None` if none is
+/// similar.
 fn nearest<'a>(rows: impl Iterator<Item = &'a Row>, name: &str) -> Option<&'a Row> {
     let name = name.to_ascii_lowercase();
     let rows: Vec<&Row> = rows.filter(|row| row.is_built).collect();

@@ -85,16 +85,16 @@ impl Commands {
     }
 }
 
-/// Task that an option belongs to. Help lists the tasks in the order of the variants.
+/// Group of options with a common task. Help lists the groups in the order of the variants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Group {
     /// Images and files that are written.
     Output,
-    /// Panels and words of a figure.
+    /// Panels of a figure, with their titles and marks.
     Figure,
-    /// Grid of an orthoimage.
+    /// Pixel grid of an orthoimage.
     Grid,
-    /// Camera.
+    /// Camera: its position, direction and projection.
     Camera,
     /// Shading, light and background of an image.
     Appearance,
@@ -106,11 +106,11 @@ pub enum Group {
     Splats,
     /// Reading of input files.
     Files,
-    /// Several images of a scene.
+    /// Several images of a scene: turntables, camera paths and sequences.
     Series,
-    /// Shards of a job.
+    /// Division of a job into shards for several machines.
     Jobs,
-    /// Rendering backend.
+    /// Selection of the rendering backend and its device.
     Backend,
     /// Behaviour of the program itself, such as its messages.
     Program,
@@ -168,14 +168,14 @@ pub enum Audience {
 /// Heading of the section with the experts' options.
 pub const EXPERT: &str = "For experts";
 
-/// Function that parses an option's value and stores it.
+/// Function that stores an option's value, by the form of the value on the command line.
 #[derive(Clone, Copy, Debug)]
 pub enum Setter {
-    /// Switch without a value.
+    /// Function for a switch, which has no value. The argument is true if the switch is on.
     Switch(fn(&mut Options, bool)),
-    /// Value that is text.
+    /// Function that parses a value from text.
     Text(fn(&mut Options, &str) -> Result<(), String>),
-    /// Value that is a path. An empty path is accepted only if [`Row::missing`] is empty text.
+    /// Function for a value that is a path. An empty path is accepted only if [`Row::missing`] is empty text.
     Path(fn(&mut Options, PathBuf) -> Result<(), String>),
 }
 
@@ -189,7 +189,7 @@ pub struct Row {
     pub short: Option<char>,
     /// Placeholder for the value in help, such as `WxH`; empty for switches.
     pub value: &'static str,
-    /// Parser and destination of the value.
+    /// Function that parses the value and stores it in [`Options`].
     pub set: Setter,
     /// Default value as help shows it; `None` if the default isn't a fixed text.
     pub default: Option<&'static str>,
@@ -197,7 +197,7 @@ pub struct Row {
     pub missing: Option<&'static str>,
     /// Function that returns the names that are valid values; `None` if the value isn't a name.
     pub names: Option<fn() -> Vec<&'static str>>,
-    /// True if values other than [`Self::names`] are valid, too.
+    /// True if values other than those in [`Self::names`] are valid, too.
     pub is_open: bool,
     /// True if the option may be given several times.
     pub is_repeated: bool,
@@ -209,7 +209,7 @@ pub struct Row {
     pub help: &'static str,
     /// Details that follow the purpose in the long help; empty if there are none.
     pub more: &'static str,
-    /// Task under which help lists the option.
+    /// Group of options, by task, under which help lists the option.
     pub group: Group,
     /// Users for whom the option is meant.
     pub audience: Audience,
@@ -220,9 +220,9 @@ pub struct Row {
     /// Type in Python's stubs, such as `float`. If empty, the type is derived: `bool` for switches, a `Literal` for
     /// names, otherwise `str`.
     pub python: &'static str,
-    /// Separator with which the values of a Python sequence are joined to the option's text.
+    /// Separator with which the values of a Python sequence are joined to form the option's text.
     pub separator: &'static str,
-    /// True if the option is part of [`crate::request::RenderOptions`].
+    /// True if the option is part of [`crate::request::RenderOptions`], the options of an image.
     pub is_image: bool,
     /// True if an image's metadata store the value in addition to the scene, so that `surfel again` can restore it.
     pub is_drawn: bool,

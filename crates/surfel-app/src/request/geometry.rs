@@ -19,7 +19,8 @@ use surfel_stage::{
 };
 
 impl Request {
-    /// Builds the scene from loaded objects, if no scene file is given.
+    /// Builds the scene from loaded objects for a request without a scene file: chooses up axis, view, camera, lights
+    /// and settings. Passes notes for the user to `note`.
     pub(super) fn scene_of_geometry(
         mut self,
         loaded: LoadedObjects,

@@ -5,8 +5,9 @@ use super::record::{Device, Record, Writer};
 use crate::Failure;
 use crate::machine::Machine;
 
-/// Exit codes for the kit's script: 3 if all devices compute on the CPU, 4 if there is no device.
+/// Exit code for the kit's script if all devices compute on the CPU.
 const SOFTWARE_ALONE: i32 = 3;
+/// Exit code for the kit's script if there is no device.
 const NO_DEVICE: i32 = 4;
 
 /// Appends the machine and its devices to the records. Exits with a code that describes the result.

@@ -19,22 +19,27 @@ use crate::{Failure, machine};
 
 /// Sizes of the images, in pixels.
 const SIZES: [[u32; 2]; 2] = [[1024, 1024], [1920, 1080]];
-/// Divisors with `--small`: of the side of images in pixels, and of the number of splats of scenes.
+/// Divisor of the sides of images with `--small`.
 const SMALL_SIDE: u32 = 8;
+/// Divisor of the numbers of splats of scenes with `--small`.
 const SMALL_SPLATS: usize = 100;
 
-/// Bounds of the number of timed frames per scene and size. Within the bounds, as many frames are timed as fit into
-/// [`TIME`].
+/// Smallest and largest number of timed frames per scene and size. Between them, frames are timed until [`TIME`] has
+/// passed.
 const FRAMES: std::ops::RangeInclusive<usize> = 5..=30;
+/// Smallest and largest number of timed frames per scene and size with `--small`.
 const SMALL_FRAMES: std::ops::RangeInclusive<usize> = 3..=5;
+/// Time after which no further frames of a scene are timed, once the smallest number of [`FRAMES`] is reached.
 const TIME: Duration = Duration::from_millis(500);
 
-/// Time of drawing before frames are timed. A GPU that idled while a scene was loaded needs tens of milliseconds to
-/// raise its clock rate. Without this warm-up, times of equal frames on an H100 differed by a factor of 2 to 3.
+/// Shortest time of drawing before frames are timed. A GPU that idled while a scene was loaded needs tens of
+/// milliseconds to raise its clock rate. Without this warm-up, times of equal frames on an H100 differed by a factor of
+/// 2 to 3.
 const WARM_UP: Duration = Duration::from_millis(150);
 
-/// Number of frames per scene that are hashed.
+/// Number of frames per scene and size whose planes are hashed, to find out whether repeated frames are identical.
 const HASHED: usize = 5;
+/// Number of frames per scene and size whose planes are hashed with `--small`.
 const SMALL_HASHED: usize = 2;
 
 /// Times frames of every scene of the kit.

@@ -32,7 +32,8 @@ const FACTS: [&str; 12] = [
     "max_buffer_size",
 ];
 
-/// Scenes whose passes the page shows, at the first size. The records contain all scenes.
+/// Names of the scenes whose passes the page lists, for the first image size. The records contain the passes of all
+/// scenes.
 const SHOWN: [&str; 5] = ["igea-like", "igea-like-unlit", "igea-like-edges", "5M", "far"];
 
 /// Writes the page about the records in `out` to a file, or prints it.

@@ -22,23 +22,28 @@ const READS: u64 = 64;
 const ARITHMETIC_FLOPS: f64 = 256.0 * 16.0 * 2.0;
 /// Size of a vector of four f32, in bytes.
 const VECTOR: u64 = 16;
-/// Number of words that atomics modify, one per pixel.
+/// Number of words that the probe `atomic maxima` modifies: one per pixel of the render target.
 const COUNTERS: u64 = SIDE_PX as u64 * SIDE_PX as u64;
 
-/// Size of each of the two buffers in bytes; larger than any cache.
+/// Size in bytes of each of the two buffers of the memory probes; larger than any cache.
 const BYTES: u64 = 512 << 20;
+/// Size in bytes of each of the two buffers of the memory probes with `--small`.
 const SMALL_BYTES: u64 = 8 << 20;
-/// Number of invocations of an arithmetic kernel.
+/// Number of invocations in a run of the arithmetic probe in compute shaders, and of the probe of atomics.
 const INVOCATIONS: u64 = 8 << 20;
+/// Number of invocations in a run of the arithmetic probe in compute shaders, and of the probe of atomics, with
+/// `--small`.
 const SMALL_INVOCATIONS: u64 = 16 << 10;
-/// Numbers of full-screen triangles in the probe of fragment arithmetic, and of quads in the probe of small quads.
+/// Number of full-screen triangles that a run of the probe of fragment arithmetic draws.
 const LAYERS: u32 = 2;
+/// Number of quads, each a pixel large, that a run of the probes of small quads draws.
 const QUADS: u32 = 4 << 20;
+/// Number of quads that a run of the probes of small quads draws with `--small`.
 const SMALL_QUADS: u32 = 64 << 10;
 /// Side of the target of fragment arithmetic with `--small`, in pixels.
 const SMALL_SIDE_PX: u32 = 64;
 
-/// Number of runs of each probe, of which the best counts.
+/// Number of runs of each probe, of which the fastest counts.
 const RUNS: usize = 5;
 
 /// Commands that a run of a probe records.

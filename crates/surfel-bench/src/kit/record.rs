@@ -75,10 +75,12 @@ pub(crate) struct Frame {
     pub upload_ms: f64,
     /// Time of the first frame, in milliseconds. It includes the compilation of pipelines.
     pub first_ms: f64,
-    /// Hashes of each plane in repeated frames, by the plane's name; empty if frames weren't repeated.
+    /// Hashes of each plane, one per repeated frame, by the plane's name. They differ if frames aren't reproducible.
+    /// Empty if frames weren't repeated.
     pub hashes: BTreeMap<String, Vec<String>>,
     /// Estimated work of each pass.
     pub work: Vec<Work>,
+    /// Measured times and counts of the scene.
     pub row: Row,
 }
 
@@ -109,7 +111,7 @@ pub struct Conformance {
     pub forgiven: u64,
     /// Names of the frame's passes.
     pub passes: Vec<String>,
-    /// Hashes of each plane in repeated frames, by the plane's name.
+    /// Hashes of each plane, one per repeated frame, by the plane's name. They differ if frames aren't reproducible.
     pub hashes: BTreeMap<String, Vec<String>>,
     /// Drawing time including repeated frames, in milliseconds.
     pub ms: f64,
@@ -124,6 +126,7 @@ pub(crate) struct Probe {
     pub name: String,
     /// Unit in which the rate counts: `byte`, `flop`, `fragment`, `quad` or `atomic`.
     pub unit: String,
+    /// Largest measured rate, as the amount of `unit` per second.
     pub per_s: f64,
 }
 

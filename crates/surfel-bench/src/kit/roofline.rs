@@ -5,12 +5,14 @@ use std::collections::BTreeMap;
 use super::record::{Frame, Probe};
 use super::work::Work;
 
-/// Smallest fraction of a frame's pass time at which a pass is compared. Below it, the fixed cost of a pass dominates.
+/// Smallest fraction of the time of a frame's passes from which on a pass is compared with its bound. In shorter
+/// passes, the fixed cost of a pass dominates.
 const LEAST_SHARE: f64 = 0.02;
-/// Number of passes that the page lists.
+/// Number of passes that the page lists as farthest above their bounds.
 const NAMED: usize = 3;
 
-/// Peak rates of the device per second, by the name of the probe; the better one of both backends.
+/// Peak rates of the device per second, by the name of the probe. A rate that both backends measured is the larger of
+/// both.
 pub(super) struct Roofline<'a>(BTreeMap<&'a str, f64>);
 
 /// Lower bound of a pass's time, and the resource that limits it.

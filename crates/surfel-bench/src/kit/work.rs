@@ -9,24 +9,26 @@ use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
 use surfel_model::Shader;
 use surfel_render::{FramePlan, Pass};
 
-/// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
+/// Number of floating-point operations to set up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
 /// Bytes that sorting moves per pair of a splat and a cell. Each pair is emitted once, read twice and written once for
 /// each of two digits, and read once more (`cells.wgsl`).
 const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
-/// Bytes of a record that the two loops over a cell's records read (`cell_raster.wgsl`).
+/// Bytes that the two loops over a cell's records read per pair of a record and a cell (`cell_raster.wgsl`).
 const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
-/// Operations of a fragment of the visibility pass (`visibility.wgsl`).
+/// Number of floating-point operations per fragment of the visibility pass (`visibility.wgsl`).
 const VISIBILITY_FLOPS: f64 = 35.0;
-/// Operations of a fragment of the attribute pass (`attributes.wgsl`).
+/// Number of floating-point operations per fragment of the attribute pass (`attributes.wgsl`).
 const ATTRIBUTE_FLOPS: f64 = 55.0;
-/// Bytes of a pixel's edge data. The cells write them, and the pass over edges reads them (`cell_neighbours.wgsl`).
+/// Bytes of the edge data of a pixel. The cells write them, and the pass over edges reads them
+/// (`cell_neighbours.wgsl`).
 const EDGE_DATA_BYTES: f64 = 16.0;
-/// Operations of edge detection per pixel, over its eight neighbours (`edges.wgsl`).
+/// Number of floating-point operations of edge detection per pixel, over its eight neighbours (`edges.wgsl`).
 const EDGE_FLOPS: f64 = 60.0;
-/// Operations of dividing and encoding a pixel, without lighting (`shade.wgsl`).
+/// Number of floating-point operations to divide a pixel's sums by the weight and encode it, without lighting
+/// (`shade.wgsl`).
 const RESOLVE_FLOPS: f64 = 30.0;
-/// Operations of lighting a pixel with the default lights (`lighting.wgsl`).
+/// Number of floating-point operations to light a pixel with the default lights (`lighting.wgsl`).
 const LIGHT_FLOPS: f64 = 150.0;
 
 /// Measured counts of a frame, from which work is estimated.
@@ -38,6 +40,7 @@ pub(crate) struct Counts {
     pub drawn: f64,
     /// Number of fragments that contribute to a pixel.
     pub fragments: f64,
+    /// Number of pixels of the image.
     pub pixels: f64,
     /// Resident bytes per splat.
     pub bytes_per_splat: f64,
@@ -58,7 +61,7 @@ pub(crate) struct Work {
     pub fragment_flops: f64,
     /// Number of quads that are rasterised.
     pub quads: f64,
-    /// Numbers of fragments, with the name of the fill-rate probe that writes the same targets.
+    /// Number of fragments per set of targets, each with the name of the fill-rate probe that writes the same targets.
     pub fill: Vec<(String, f64)>,
 }
 

@@ -19,8 +19,9 @@ use super::subjects::{Approximates, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// Values of `--lod-error` in pixels; the first is the default.
+/// Measured values of `--lod-error` for the octree, in pixels; the first is the default.
 const ERRORS_PX: [f64; 6] = [1.0, 0.5, 1.5, 2.0, 4.0, 8.0];
+/// Measured values of `--lod-error` for the point cloud, in pixels; the first is the default.
 const POINT_ERRORS_PX: [f64; 4] = [1.0, 0.5, 2.0, 4.0];
 
 /// Measures a bumpy ball as polygons and as an octree.
@@ -122,9 +123,10 @@ fn variant(knob: &'static str, error_px: f64) -> Variant {
     }
 }
 
-/// Names and descriptions of the subjects.
+/// Name and description of the subject that is drawn as an octree.
 const OCTREE: (&str, &str) =
     ("octree", "a bumpy ball as an octree of splats and polygons, by the size of the splats that may stand for them");
+/// Name and description of the subject that is drawn as points with levels of detail.
 const POINTS: (&str, &str) =
     ("points by levels", "points of a bumpy ball as a COPC file, by the size of the splats that may stand for them");
 

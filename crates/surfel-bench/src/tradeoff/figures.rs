@@ -45,8 +45,9 @@ pub(crate) struct SubjectFacts {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Error {
     pub max_abs: f64,
-    /// The 99.9 % quantile of the errors of pixels.
+    /// The 99.9 % quantile of the pixels' errors; the error of a pixel is the largest difference of a channel.
     pub p999: f64,
+    /// Root mean square of the differences of colour channels.
     pub rmse: f64,
     /// PSNR in dB; `None` for equal images.
     pub psnr_db: Option<f64>,
@@ -64,7 +65,9 @@ pub(crate) struct Row {
     pub ms: Option<f64>,
     /// Number of splats of the scene divided by `ms`.
     pub splats_per_s: Option<f64>,
+    /// Resident bytes per splat.
     pub bytes_per_splat: Option<f64>,
+    /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
     /// Difference between the backend's image and the reference's with the same settings, outside of decision margins.
     pub fidelity: Option<Error>,
@@ -73,12 +76,14 @@ pub(crate) struct Row {
     /// Model error without silhouettes: only in pixels that the ideal image covers completely, together with their
     /// neighbours. `None` if there are no such pixels.
     pub model_inside: Option<Error>,
+    /// Mean FLIP of the image against the subject's ideal image.
     pub model_flip: Option<f64>,
     /// Relative RMS difference of depth `Z` in pixels where both images have a depth.
     pub model_depth: Option<f64>,
     /// RMS angle between normals, in degrees, in pixels where both images have a normal.
     pub model_normal_deg: Option<f64>,
-    /// PSNR against the reference's image with the preset `reference`, in dB; `None` for equal images.
+    /// PSNR of the image against the reference backend's image with the preset `reference`, in dB; `None` for equal
+    /// images.
     pub from_reference_preset_db: Option<f64>,
 }
 

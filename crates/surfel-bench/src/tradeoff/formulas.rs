@@ -16,13 +16,14 @@ const PASSES: usize = 40;
 /// Number of measurements of time.
 const RUNS: usize = 15;
 
+/// Formula that is measured, with its inputs and exact values.
 struct Case {
     name: &'static str,
     formula: Formula,
     inputs: Vec<f32>,
     exact: fn(f64) -> f64,
-    /// Largest error of a weight divided by the error of the formula. e^(−2ρ²) changes by at most 2/e times a relative
-    /// error of 1/w.
+    /// Largest error of a splat's weight per unit of error of the formula. A relative error of 1/w changes e^(−2ρ²) by
+    /// at most 2/e times this error.
     per_error: f64,
     /// Reason for or against using the formula.
     verdict: &'static str,

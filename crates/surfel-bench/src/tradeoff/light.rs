@@ -23,12 +23,12 @@ const LEVELS: [(u32, u32); 10] = [
     (128, 512),
     (128, 1024),
 ];
-/// Half-width of the floor in radii of the ball, and spacing of the floor's splats.
+/// Half-width of the floor, and distance between its neighbouring splats, both in radii of the ball.
 const FLOOR: (f32, f32) = (3.0, 0.05);
 /// Number of splats of the ball.
 const BALL: u32 = 6000;
-/// Distance from the point of contact within which points aren't compared. The gap there is too narrow for the offset
-/// of lookups.
+/// Distance from the point where the ball touches the floor, in radii of the ball, within which the floor's light isn't
+/// compared. Near that point, the gap becomes narrower than the offset from the floor at which its light is looked up.
 const CONTACT: f64 = 0.5;
 
 /// Measures the stored light on a floor below a ball of disks, against the closed form: the form factor of a sphere.

@@ -48,7 +48,9 @@ struct Ready {
     scene: usize,
     frame: Frame,
     stats: Stats,
+    /// Reason why the backend can't draw the variant; `None` if it draws it.
     not_drawn: Option<String>,
+    /// Time of each frame, in milliseconds.
     ms: Vec<f64>,
 }
 

@@ -91,10 +91,13 @@ impl Which {
     }
 }
 
+/// Number of frames per variant with the first backend.
 const RUNS: usize = 15;
+/// Number of frames per variant with the first backend and `--quick`.
 const QUICK_RUNS: usize = 5;
-/// Number of runs of the backends after the first one, which are measured mainly for their fidelity.
+/// Number of frames per variant with the backends after the first one, which are measured mainly for their fidelity.
 const OTHERS_RUNS: usize = 3;
+/// Width and height, in pixels, of the images that the backends after the first one draw.
 const OTHERS_SIZE: u32 = 128;
 
 /// Results of all measurements, for printing and for the page.

@@ -6,9 +6,10 @@ use crate::page::Table;
 use glam::DVec3;
 use surfel_math::{V3, quantise};
 
-/// Number of evenly distributed directions, over which the largest error is determined.
+/// Number of evenly distributed directions over which the largest error of each way is determined.
 const DIRECTIONS: u32 = 40_000;
 
+/// Way to store a normal: its size, the rounding of a normal by it, and the reason for or against using it.
 struct Way {
     name: &'static str,
     bytes: u32,
@@ -16,6 +17,7 @@ struct Way {
     verdict: &'static str,
 }
 
+/// All ways to store a normal that are compared.
 const WAYS: [Way; 5] = [
     Way { name: "three f32", bytes: 12, keep: |n| n.as_vec3().as_dvec3(), verdict: "used: storage of 32 bits" },
     Way {

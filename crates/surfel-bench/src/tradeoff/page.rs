@@ -188,8 +188,8 @@ fn errors(page: &mut Page, figures: &Figures) {
 /// Index of black in the palette.
 const BLACK: usize = 7;
 
-/// Largest error in a chart, relative to the smallest nonzero one. Without a limit, a nearly perfect variant would
-/// compress the range of all others.
+/// Largest ratio of a chart's largest error to the smallest error that its axis shows. Without this limit, a nearly
+/// perfect variant would compress the range of all others.
 const MOST_RANGE: f64 = 100.0;
 
 /// Returns a chart of time against model error, with a point per variant, and with the Pareto front.

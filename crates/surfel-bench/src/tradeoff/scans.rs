@@ -15,19 +15,23 @@ use crate::{Failure, clouds};
 
 /// Number of points of the ball.
 const POINTS: usize = 200_000;
-/// Ratio of all points to outliers. Outliers are anywhere in a box around the ball.
+/// Ratio of the number of all points to the number of outliers. Outliers are anywhere in a box around the ball.
 const STRAY: usize = 500;
 /// Standard deviation of the noise perpendicular to the surface, relative to the spacing of points.
 const NOISE: f64 = 0.2;
 
+/// Options of making splats from points that are measured together.
 struct Row {
     option: &'static str,
-    /// Fraction of the points that are selected.
+    /// Fraction of the points from which splats are made, as `--max-points` selects them.
     share: f64,
+    /// Factor by which the estimated radii are multiplied (`--radius-scale`).
     radius_scale: f64,
+    /// True if outliers are dropped (`--outliers drop`).
     drops: bool,
 }
 
+/// Measured options, the default first.
 const ROWS: [Row; 8] = [
     row("none", 1.0, 1.0, false),
     row("--outliers drop", 1.0, 1.0, true),

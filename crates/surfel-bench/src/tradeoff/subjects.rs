@@ -23,8 +23,11 @@ pub(crate) struct Subject {
     pub scene: Scene,
     pub camera: Camera,
     pub settings: Settings,
+    /// Ideal image, against which model errors are measured.
     pub truth: Approximates,
+    /// True if splats have clips, so that variants for clips are measured.
     pub clips: bool,
+    /// True if splats are transparent, so that variants for transparency are measured.
     pub transparent: bool,
     /// True if the subject is generated; false if it is read from a file.
     pub is_made: bool,

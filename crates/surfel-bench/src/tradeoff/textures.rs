@@ -17,12 +17,14 @@ use crate::{Failure, clouds};
 
 /// Number of splats of the ball.
 const SPLATS: usize = 40_000;
-/// Factor by which the image of polygons is enlarged before it is averaged, along each side.
+/// Factor by which the image of polygons is larger than the ideal image along each side, before its pixels are
+/// averaged.
 const SAMPLES: u32 = 4;
 
 /// Colour as a function of the position on the ball.
 type Paint = fn(Vec3) -> [f32; 3];
 
+/// Names and functions of the painted textures.
 const PAINTS: [(&str, Paint); 3] = [("smooth", smooth), ("as in a photo", fractal), ("black and white", squares)];
 
 fn smooth(p: Vec3) -> [f32; 3] {

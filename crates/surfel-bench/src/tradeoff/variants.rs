@@ -4,7 +4,7 @@ use surfel_model::Settings;
 use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
 use surfel_render::Preset;
 
-/// Name of the variant that changes nothing.
+/// Name of the setting and of the value of the variant that changes nothing.
 pub(crate) const DEFAULT: &str = "default";
 
 /// Variant with one changed setting. All other settings are the subject's.
@@ -14,22 +14,27 @@ pub(crate) struct Variant {
     pub value: String,
     /// True if splats are stored in 16 bits.
     pub quantised: bool,
-    /// Subjects to which the variant applies.
+    /// Property that a subject or backend needs for the variant to be measured.
     pub only: Only,
     change: Change,
 }
 
-/// Property that a subject needs for a setting to matter.
+/// Property that a subject or a backend needs for a setting to have an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Only {
+    /// No property: the setting is measured on every subject and backend.
     Everything,
+    /// Only subjects whose splats have clips.
     Clips,
+    /// Only subjects with transparent splats.
     Transparent,
+    /// Only subjects with the shader `phong`.
     Lit,
     /// Only backends that use a GPU API.
     Graphics,
 }
 
+/// Change of the subject's settings by a variant.
 #[derive(Clone, Copy)]
 enum Change {
     Nothing,
@@ -44,9 +49,9 @@ enum Change {
     Transparency(Transparency),
     Shader(Shader),
     Preset(Preset),
-    /// Filter of a paper, with the paper's cutoff and filter radius h.
+    /// Filter of a paper, with the cutoff and the filter radius h of the papers: c = 1, h = √2 pixels.
     Paper(Filter),
-    /// Edge antialiasing, with this cutoff and filter radius h.
+    /// Edge antialiasing by samples, with this cutoff and this filter radius h in pixels.
     Edges(f64, f64),
     /// Simplest drawing: no filter, and the affine mapping.
     Plainest,
@@ -131,7 +136,7 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
             Transparency::Peel { layers, drop_last: true },
             Transparency::ABuffer { layers },
         ];
-        // The image of an A-buffer doesn't depend on its number of layers (§8).
+        // The image of an A-buffer doesn't depend on its number of layers (rendering model §8).
         let of_interest = kinds.into_iter().filter(|t| match t {
             Transparency::ABuffer { .. } => layers == 8,
             Transparency::Peel { drop_last, .. } => !drop_last || layers == 4,

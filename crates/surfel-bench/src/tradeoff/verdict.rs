@@ -8,28 +8,32 @@ use surfel_render::Preset;
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};
 
-/// Cost and error of a setting's value relative to the default, as geometric means over subjects.
+/// Cost and error of a setting's value. Fields without units are ratios to the default value, as geometric means over
+/// subjects.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Value {
     pub knob: String,
     pub value: String,
     pub cost: Option<f64>,
     pub error: Option<f64>,
-    /// Relative model error without silhouettes.
+    /// Ratio of the model error inside silhouettes to that of the default.
     pub inside: Option<f64>,
+    /// Ratio of the number of fragments to that of the default.
     pub fragments: Option<f64>,
+    /// Ratio of the bytes per splat to those of the default.
     pub bytes: Option<f64>,
-    /// Worst fidelity of all subjects, in dB.
+    /// Smallest PSNR of all subjects against the reference's image with the same settings, in dB; `None` if all images
+    /// are equal.
     pub fidelity_db: Option<f64>,
-    /// Largest error relative to the default, with the name of its subject.
+    /// Largest ratio of a subject's model error to that of the default, with the name of the subject.
     pub worst: Option<(f64, String)>,
     /// Value of the same setting that dominates this one: at least equal in everything, and clearly better in
     /// something.
     pub dominated_by: Option<String>,
 }
 
-/// Relative difference below which times count as equal. It is the noise of medians of alternating runs on a shared
-/// machine.
+/// Relative difference up to which two times count as equal: the noise of medians of alternating runs on a shared
+/// machine. A larger difference of times or errors counts as clear.
 const NOISE: f64 = 0.03;
 
 /// Returns all values of all settings except presets, grouped by setting, the default first.

@@ -14,7 +14,8 @@ use surfel_load::Error;
 use surfel_render::{Planes, Renderer as _};
 use surfel_sample::{NoProgress, Progress as _};
 
-/// A loaded frame with the notes on its file, or the error of loading it.
+/// A loaded frame with the notes on its file, or the error of loading it. The loading thread sends it to the drawing
+/// thread.
 type Loaded = Result<(Resolved, Vec<String>), Error>;
 
 impl Session<'_> {

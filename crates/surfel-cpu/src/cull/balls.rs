@@ -1,38 +1,40 @@
-//! Balls in a view: their object transform, and culling of their chunks.
+//! Objects of balls in a view: their transform to view space, and the chunks of their balls that may be visible.
 
 use crate::cull::object::pixels_of_box;
 use crate::scene::balls::{BallChunk, StoredBalls};
 use glam::{DMat3, DVec3};
 use surfel_render::{BallPixelForm, FramePlan, View};
 
-/// A chunk of an object of balls that may be visible.
+/// A chunk of balls that may be visible.
 #[derive(Clone, Copy)]
 pub(crate) struct BallPart {
     /// Index of the object among the scene's objects of balls.
     pub object: u32,
+    /// Index of the chunk in the object.
     pub chunk: u32,
 }
 
-/// Values shared by all balls of an object in a view.
+/// An object of balls in a view: the values that all of its balls share.
 pub(crate) struct BallView<'a> {
     pub balls: &'a StoredBalls,
     /// Index of the object among the scene's objects of balls.
     pub index: u32,
-    /// Number of the object's first slot, if the frame outputs the nearest splat.
+    /// Number of the object's first ball in the plane of the nearest splat, if the frame outputs that plane.
     pub first_number: u32,
     pub view: &'a View,
-    /// Map of directions from object to view space, and the view position of the object's origin.
+    /// Linear map of directions from object to view space.
     linear: DMat3,
+    /// View position of the object's origin.
     origin: DVec3,
-    /// World length of a pixel of the image, if radii are in pixels.
+    /// Side of an image pixel in world units, as a function of the position, if the balls' radii are in pixels.
     pixel: Option<BallPixelForm>,
-    /// Minimum radius of a ball, in pixels of the view.
+    /// Smallest radius with which a ball is drawn, in pixels of the view; 0 unless the view is a shadow map's.
     pub least_px: f64,
 }
 
 impl<'a> BallView<'a> {
-    /// Returns the objects of balls in a view of the image, or in the view of a shadow map if `least_px` is greater
-    /// than 0.
+    /// Returns a scene's objects of balls in a view. `least_px` is the smallest radius of a ball in pixels: 0 in a view
+    /// of the image, larger in the view of a shadow map.
     pub(crate) fn all(balls: &'a [StoredBalls], view: &'a View, plan: &FramePlan, least_px: f64) -> Vec<Self> {
         let of_object = |(index, balls): (usize, &'a StoredBalls)| {
             let m = balls.world_from_object;
@@ -51,18 +53,19 @@ impl<'a> BallView<'a> {
         balls.iter().enumerate().map(of_object).collect()
     }
 
-    /// Returns a chunk's map of directions to view space, and the view position of its origin.
+    /// Returns the linear map of a chunk's directions to view space, and the view position of the chunk's origin.
     pub(crate) fn placement(&self, chunk: &BallChunk) -> (DMat3, DVec3) {
         (self.linear, self.origin + self.linear * chunk.origin)
     }
 
-    /// Returns the length of a pixel of the image at points relative to the chunk's origin, if radii are in pixels.
+    /// Returns the side of an image pixel in world units at points relative to the chunk's origin, if radii are in
+    /// pixels.
     pub(crate) fn pixel(&self, chunk: &BallChunk) -> Option<BallPixelForm> {
         self.pixel.map(|pixel| pixel.about(chunk.origin))
     }
 
-    /// Returns the largest radius of a chunk's balls in the view, in world units. The balls' centres are within `reach`
-    /// of the chunk's origin, which is at depth `z`.
+    /// Returns an upper bound of the radii of a chunk's balls in the view, in world units. The balls' centres are
+    /// within `reach` of the chunk's origin, which is at depth `z`.
     fn largest(&self, chunk: &BallChunk, z: f64, reach: f64) -> f64 {
         let pixel = self.pixel(chunk);
         let longest = |p: BallPixelForm| (p.constant + p.slope.length() * chunk.centers).max(p.least);

@@ -1,4 +1,5 @@
-//! Division of a view into cells: parts that one thread sets up and draws alone, and whose records fit its cache.
+//! Division of a view into cells, the parts of an image that one thread sets up and draws alone. A cell's records
+//! (projected splats) fit the thread's cache.
 //!
 //! A record is written once and read once or twice. If all splats were set up before any is drawn, the records of a
 //! million splats would no longer be in the caches. Waiting for memory would then cost a third of a frame.
@@ -10,44 +11,45 @@ use crate::scene::mesh::StoredMesh;
 use crate::tiles::grid::Grid;
 use surfel_render::{ChosenParts, Region, View};
 
-/// A cell of a view: whole tiles, clipped to the frame's region.
+/// A cell of a view: a rectangle of whole tiles, clipped to the frame's region, that one thread sets up and draws
+/// alone.
 pub(crate) struct Cell {
     pub region: Region,
     /// Chunks that may touch the cell, from near to far.
     pub chunks: Vec<VisibleChunk>,
-    /// Number of leading chunks that are set up before the others are tested for occlusion. All chunks, if the test
-    /// would cost more than it saves.
+    /// Number of chunks, the nearest ones, that are set up before the others are tested for occlusion. All chunks, if
+    /// the test would cost more than it saves.
     pub first: usize,
-    /// Mesh parts that may touch the cell.
+    /// Parts of meshes that may touch the cell.
     pub mesh_parts: Vec<MeshPart>,
     /// Chunks of balls that may touch the cell, from near to far.
     pub ball_parts: Vec<BallPart>,
-    /// Estimated cost of the cell, in splats.
+    /// Estimated time to draw the cell, as a number of splats that take as long.
     cost: f64,
 }
 
-/// Cost of a covered pixel, in splats.
+/// Estimated time to draw a covered pixel, relative to the time to draw a splat.
 const SPLATS_PER_PIXEL: f64 = 0.3;
 
-/// Minimum number of cells per thread if a frame is divided at all, so that no thread waits long for the last cell.
+/// Smallest number of cells per thread if a frame is divided at all, so that no thread waits long for the last cell.
 const CELLS_PER_THREAD: usize = 8;
 
-/// Approximate number of tiles per cell if screen-space passes need the cell's G-buffer: at 16 KiB each, the tiles
-/// should about fit a thread's cache.
+/// Approximate number of tiles per cell if screen-space passes need a G-buffer of the cell. At 16 KiB per tile, the
+/// G-buffer should about fit a thread's cache.
 const TILES_OF_GBUFFER: usize = 128;
 
-/// Mean number of splats over each pixel of a cell that are set up first: about three surfaces, of three or four splats
-/// each.
+/// Number of splats per pixel of a cell that are set up before the others are tested for occlusion. They are about
+/// three surfaces, of three or four splats each.
 const LAYERS: f64 = 10.0;
 
-/// Minimum fraction of a cell's splats behind the first layers for which occlusion culling pays.
+/// Smallest fraction of a cell's splats that must be behind the first layers for occlusion culling to pay.
 const WORTHWHILE: f64 = 0.3;
 
-/// Minimum number of splats in a cell for which occlusion is tested, as a fraction of the cell's maximum. Drawing fewer
-/// splats takes no longer than finding what they occlude.
+/// Smallest number of splats in a cell for which occlusion is tested, as a fraction of the largest number in a cell.
+/// Drawing fewer splats takes no longer than finding what they occlude.
 const ENOUGH: f64 = 0.5;
 
-/// One element of a cell's content.
+/// One element of a view's content that is assigned to cells.
 #[derive(Clone, Copy)]
 enum Part {
     Chunk(VisibleChunk),
@@ -55,24 +57,25 @@ enum Part {
     Balls(BallPart),
 }
 
-/// A part and the bounds of the pixels it may touch, clipped to the region: minimum x and y, maximum x and y.
+/// A chunk of splats or balls, or a part of a mesh, with what the division into cells needs to know of it.
 #[derive(Clone, Copy)]
 struct PartInView {
     part: Part,
-    /// Number of splats or triangles; both cost about the same.
+    /// Number of splats or triangles in the part; both cost about the same time.
     splats: f64,
-    /// Memory that the part's records and their tile entries need, as a number of records of splats that touch one tile
-    /// each.
+    /// Memory of the part's records and their entries in tiles' lists. The unit is the memory of a record with one
+    /// entry.
     load: f64,
-    /// Total area of the part's splats, in pixels.
+    /// Total area of the part's opaque splats, in square pixels; 0 if they may occlude nothing.
     area_px: f64,
     /// Nearest and farthest planar depth of the part, in world units.
     depths: [f64; 2],
+    /// Bounds of the pixels that the part may touch, clipped to the frame's region: minimum x and y, maximum x and y.
     pixels: [f64; 4],
 }
 
 impl PartInView {
-    /// Returns the fraction of the part's splats that fall on these pixels.
+    /// Returns the estimated fraction of the part's splats that are on these pixels (minimum x and y, maximum x and y).
     fn share(&self, pixels: &[f64; 4]) -> f64 {
         let side = |axis: usize| {
             let length = self.pixels[axis + 2] - self.pixels[axis];
@@ -82,25 +85,28 @@ impl PartInView {
         side(0) * side(1)
     }
 
-    /// True if the part may touch these pixels or a margin of `reach` pixels around them.
+    /// True if the part may touch these pixels (minimum x and y, maximum x and y), or a margin of `reach` pixels around
+    /// them.
     fn touches(&self, pixels: &[f64; 4], reach: f64) -> bool {
         (0..2)
             .all(|axis| self.pixels[axis] <= pixels[axis + 2] + reach && self.pixels[axis + 2] >= pixels[axis] - reach)
     }
 }
 
-/// Limits on the size of cells.
+/// Limits on the size of cells ([`Cell`]), from the caller of [`divide`].
 #[derive(Clone, Copy)]
 pub(crate) struct CellLimits {
-    /// Maximum number of splats and triangles; those that cover many tiles count for more. At 140 bytes each they
-    /// should about fit a cache.
+    /// Largest number of splats and triangles in a cell; splats that cover many tiles count for more. At 140 bytes each
+    /// they should about fit a thread's cache.
     pub splats: usize,
-    /// Number of pixels around a cell that the cell's own pixels depend on.
+    /// Width of the margin around a cell, in pixels, whose pixels the screen-space passes read for the cell's own
+    /// pixels.
+    /// Number of threads that draw the frame.
     pub reach_px: u32,
     pub threads: usize,
 }
 
-/// Content of a view besides chunks of splats.
+/// Content of a view in addition to chunks of splats.
 #[derive(Clone, Copy)]
 pub(crate) struct OtherParts<'a> {
     pub meshes: &'a [StoredMesh],
@@ -108,7 +114,8 @@ pub(crate) struct OtherParts<'a> {
     pub balls: &'a [BallView<'a>],
 }
 
-/// Divides the grid's region into cells within the limits, as far as whole tiles allow, the costliest first.
+/// Divides the grid's region into cells and assigns the view's content to them. Cells obey the limits as far as whole
+/// tiles allow, and are sorted by cost, the largest first.
 pub(crate) fn divide(
     objects: &[ObjectView<'_>],
     chunks: &[VisibleChunk],
@@ -159,12 +166,14 @@ pub(crate) fn divide(
     cells
 }
 
-/// Limits below which a cell is not divided further.
+/// Largest load and cost of a cell. A cell that exceeds neither, or has only one tile, isn't divided further.
 struct Limits {
-    /// Maximum memory of a cell, as a number of records.
+    /// Largest memory of a cell's records; the unit is the memory of a record with one tile entry.
     load: f64,
+    /// Largest estimated time to draw a cell, as a number of splats that take as long.
     cost: f64,
-    /// Number of pixels around a cell that the cell's own pixels depend on.
+    /// Width of the margin around a cell, in pixels, whose pixels the screen-space passes read for the cell's own
+    /// pixels.
     reach: f64,
 }
 
@@ -209,8 +218,9 @@ impl Limits {
     }
 }
 
-/// Returns the number of a cell's nearest chunks that are set up before occlusion is tested: the first layers, or all
-/// chunks. `chunks` are sorted from near to far. `most` is the maximum number of splats of a cell.
+/// Returns the number of a cell's nearest chunks that are set up before occlusion is tested. They have about [`LAYERS`]
+/// splats per pixel. Returns the number of all chunks if the test doesn't pay. `chunks` are sorted from near to far.
+/// `most` is the largest number of splats in a cell.
 fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     let enough = LAYERS * (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
     let (mut area, mut farthest) = (0.0, 0.0f64);
@@ -229,7 +239,8 @@ fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { chunks.len() }
 }
 
-/// Returns the bounds of these tiles' pixels within the grid's region: minimum x and y, maximum x and y.
+/// Returns the bounds of the pixels of a rectangle of tiles, clipped to the grid's region: minimum x and y, maximum x
+/// and y.
 fn bounds(grid: &Grid, [x0, x1, y0, y1]: [u32; 4]) -> [f64; 4] {
     let (r, size) = (grid.region, grid.tile_px());
     let x = |column: u32| (grid.origin[0] + column * size).clamp(r.x, r.x + r.width);

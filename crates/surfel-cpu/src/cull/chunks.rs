@@ -8,34 +8,38 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use surfel_render::{ChosenParts, View};
 
-/// A chunk that may be visible.
+/// A chunk of splats that may be visible.
 #[derive(Clone, Copy)]
+/// Index of the object among the scene's clouds.
 pub(crate) struct VisibleChunk {
+    /// Index of the chunk in the object.
     pub object: u32,
     pub chunk: u32,
-    /// Depth of the chunk's centre. Near chunks are drawn first, so that their occlusion of others is found early.
+    /// Planar depth of the chunk's origin. Chunks are sorted by this depth, so that near ones, which may occlude
+    /// others, are drawn first.
     z: f64,
 }
 
 impl VisibleChunk {
-    /// Returns the object that the chunk belongs to, and the chunk.
+    /// Returns the object in view that the chunk belongs to, and the chunk itself.
     pub(crate) fn of<'a, 's>(&self, objects: &'a [ObjectView<'s>]) -> (&'a ObjectView<'s>, &'s Chunk) {
         let object = &objects[self.object as usize];
         (object, &object.object.chunks[self.chunk as usize])
     }
 }
 
-/// Chunks that may be visible, from near to far, and the number of splats culled.
+/// Chunks that may be visible, and the number of splats in culled chunks.
 #[derive(Default)]
 pub(crate) struct VisibleChunks {
+    /// Chunks that may be visible, from near to far.
     pub chunks: Vec<VisibleChunk>,
-    /// Number of splats in chunks that are wholly outside the view.
+    /// Number of splats that were culled because their whole chunk is outside the view.
     pub outside: u64,
-    /// Number of splats in chunks that are wholly back-facing.
+    /// Number of splats that were culled because their whole chunk is back-facing.
     pub back_facing: u64,
 }
 
-/// Returns the chunks that are neither outside the view nor back-facing, from near to far.
+/// Returns the chunks of all clouds that are neither outside the view nor back-facing, from near to far.
 pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     let [outside, back_facing] = [const { AtomicU64::new(0) }; 2];
     let (out, back) = (&outside, &back_facing);
@@ -67,9 +71,10 @@ pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     VisibleChunks { chunks, outside: outside.into_inner(), back_facing: back_facing.into_inner() }
 }
 
-/// A part of a mesh's triangles that is within a view's depth range.
+/// A part of a mesh, neighbouring triangles that may be within a view's depth range.
 #[derive(Clone, Copy)]
 pub(crate) struct MeshPart {
+    /// Index of the mesh in the scene's list of meshes.
     pub mesh: u32,
     /// Index of the part in the mesh's list of parts.
     pub part: u32,

@@ -12,7 +12,8 @@ use glam::DVec3;
 use surfel_math::{Real, V3};
 use surfel_model::Cull;
 
-/// Returns the groups that may be visible, one bit per group, given the chunk's centre in view space.
+/// Returns the groups (of 16 splats) of a chunk that may be visible in a region, one bit per group. `center` is the
+/// chunk's origin in view space.
 #[inline(always)]
 pub(crate) fn visible<S: Simd>(
     simd: S,
@@ -46,7 +47,8 @@ pub(crate) fn visible<S: Simd>(
     }
 }
 
-/// Returns the groups, given by spheres in view space, that may touch a block of `set`, one bit per group.
+/// Returns the groups that may touch a block of `set`, one bit per group. `p` and `radius` are the groups' bounding
+/// spheres in view space, and `groups` the bits of the groups to test.
 #[inline(never)]
 fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, radius: Lanes<S>, groups: u64) -> u64 {
     let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
@@ -62,8 +64,8 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     touching
 }
 
-/// Returns a mask of the spheres that are outside a region's side planes. Sphere centres are in view space, radii in
-/// the object's units.
+/// Returns a mask of the bounding spheres that are outside a region's side planes. Centres `p` are in view space, radii
+/// in the object's units.
 #[inline(always)]
 fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {
     let k = |v: f64| radius.constant(v);

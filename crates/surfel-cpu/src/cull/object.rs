@@ -7,33 +7,34 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Cull, Filter, Material};
 use surfel_render::{FramePlan, Region, View};
 
-/// Memory of a tile entry, as a fraction of the memory of a record with one entry.
+/// Ratio of the memory of an entry in a tile's list to the memory of a record with one entry.
 const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (RECORD_BYTES + size_of::<Entry>()) as f64;
 
-/// Values shared by all splats of an object in a view.
+/// A cloud in a view: the values that all of its splats share.
 pub(crate) struct ObjectView<'a> {
     pub object: &'a StoredObject,
+    /// Index of the object among the scene's clouds.
     pub index: u32,
-    /// Number of the object's first slot, among the slots of all objects. Records store slot numbers if the frame
-    /// outputs the nearest splat.
+    /// Number of the object's first slot, if the frame outputs the nearest splat. Slots are numbered through all
+    /// objects, and records then store these numbers instead of the object's index.
     pub first_number: Option<u32>,
     /// The object's material; its `cull` is [`Cull::None`] if the caller disables back-face culling.
     pub material: Material,
     /// Linear map of directions from object to view space.
     pub linear: DMat3,
-    /// View position of the object's origin.
+    /// Position of the object's origin in view space.
     pub origin: DVec3,
-    /// Map of normals from object to world space, up to scale: cofactors with the sign of the determinant.
+    /// Map of normals from object to world space, up to a positive scale. Normals of a mirrored object stay outward.
     pub normals: DMat3,
-    /// Map of normals from object to view space. If `scale` is given, this map and `normals` are orthogonal.
+    /// Map of normals from object to view space, up to the same scale. If `scale` is given, both maps preserve lengths.
     pub view_normals: DMat3,
-    /// Scale factor of all lengths, if the object's transform is a similarity.
+    /// Factor by which the object's matrix scales lengths, if the factor is the same in all directions.
     pub scale: Option<f64>,
-    /// −1 if the object's transform mirrors it, else 1.
+    /// −1 if the object's matrix mirrors it, else 1.
     pub handedness: f64,
-    /// Upper bound of the factor by which the transform stretches lengths.
+    /// Upper bound of the factor by which the object's matrix lengthens vectors.
     stretch: f64,
-    /// Eye position in object space; in an orthographic view, the unit view direction.
+    /// Eye position in object space; in an orthographic view, the unit viewing direction instead.
     pub eye_in_object: DVec3,
     pub view: &'a View,
     pub plan: &'a FramePlan,
@@ -87,12 +88,13 @@ impl<'a> ObjectView<'a> {
         self.plan.separates_transparent && self.object.alphas.is_some()
     }
 
-    /// True if front- and back-facing splats of the object are accumulated separately.
+    /// True if front- and back-facing splats of the object are accumulated separately, so that each pixel shows one
+    /// side.
     pub(crate) fn keeps_facings(&self) -> bool {
         self.plan.keeps_facings && self.object.oriented
     }
 
-    /// Returns the view position of a chunk's origin.
+    /// Returns the position of a chunk's origin in view space.
     pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
         self.origin + self.linear * chunk.space.origin
     }
@@ -127,27 +129,29 @@ impl<'a> ObjectView<'a> {
     }
 
     /// Returns the bounds of the pixels that a chunk may touch: minimum x and y, maximum x and y. The bounds are
-    /// infinite if the chunk surrounds the eye.
+    /// infinite if the chunk surrounds the eye. `center` is the view position of the chunk's origin.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
         let half = self.half(chunk) * self.leaving();
         pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
     }
 
-    /// Returns the nearest and farthest depth of a chunk's splats.
+    /// Returns the nearest and farthest planar depth of a chunk's splats, in world units. `center` is the view position
+    /// of the chunk's origin.
     pub(crate) fn depths(&self, center: DVec3, chunk: &Chunk) -> [f64; 2] {
         let half = self.half(chunk);
         [center.z - half.z, center.z + half.z]
     }
 
-    /// Returns the half extents, along the view's axes, of a box around a chunk's origin that contains its splats.
+    /// Returns half the size of a box around a chunk's origin that contains the chunk's splats. The box is aligned with
+    /// the view's axes.
     fn half(&self, chunk: &Chunk) -> DVec3 {
         let (m, half) = (&self.linear, chunk.half);
         let side = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
         side.min(DVec3::splat(chunk.radius * self.stretch))
     }
 
-    /// Returns the maximum ratio of the drawn extent of a splat to the splat's own extent, both measured from its
-    /// centre.
+    /// Returns the largest ratio of a drawn footprint's extent to its splat's own extent, both measured from the
+    /// splat's centre.
     fn leaving(&self) -> f64 {
         // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
         // 3/2 on its far side). Three times the bounding sphere is ample.
@@ -155,7 +159,7 @@ impl<'a> ObjectView<'a> {
         if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
     }
 
-    /// Returns the region's four side planes through the eye.
+    /// Returns the planes through the eye and the region's four sides, for testing bounding spheres.
     pub(crate) fn sides(&self, region: Region) -> RegionSides {
         let projection = &self.view.projection;
         let margin = self.plan.splat_filter.reach_px();
@@ -173,7 +177,7 @@ impl<'a> ObjectView<'a> {
         }
     }
 
-    /// True if no splat of the chunk can touch the region.
+    /// True if no splat of the chunk can touch the region. `center` is the view position of the chunk's origin.
     pub(crate) fn is_outside(&self, center: DVec3, chunk: &Chunk, region: Region) -> bool {
         let projection = &self.view.projection;
         let [nearest, farthest] = self.depths(center, chunk);
@@ -188,8 +192,9 @@ impl<'a> ObjectView<'a> {
             || y0 > end_y
     }
 
-    /// Returns the memory that a chunk's splats within these pixels need, as a number of records of splats that touch
-    /// one tile each. A large splat has one entry for every tile of `tile_px`² pixels that it touches.
+    /// Returns the memory of the records and tile entries of a chunk's splats within these pixels (minimum x and y,
+    /// maximum x and y). The unit is the memory of a record with one entry. A large splat has one entry for every tile,
+    /// of `tile_px`² pixels, that it touches.
     pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
         let count = chunk.count as f64;
         let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();
@@ -198,7 +203,7 @@ impl<'a> ObjectView<'a> {
         count * (1.0 + ENTRY_SHARE * (tiles(x1 - x0) * tiles(y1 - y0) - 1.0))
     }
 
-    /// Returns the total area in pixels of a chunk's splats as if all of them faced the eye.
+    /// Returns the total area of a chunk's splats as if all of them faced the eye, in square pixels.
     pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
@@ -206,7 +211,7 @@ impl<'a> ObjectView<'a> {
     }
 }
 
-/// Clips a box of pixels to a region: minimum x and y, maximum x and y.
+/// Clips a box of pixels (minimum x and y, maximum x and y) to a region.
 pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
     let [x, y, end_x, end_y] = [r.x, r.y, r.x + r.width, r.y + r.height].map(f64::from);
     [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
@@ -236,14 +241,17 @@ pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3,
     [x0, y0, x1, y1]
 }
 
-/// Planes through the eye and a region's sides, moved outwards by the filter's reach.
+/// Planes through the eye and a region's sides, for culling bounding spheres. The planes are moved outwards by the
+/// distance that a filter extends splats.
 pub(crate) struct RegionSides {
-    /// Slopes of the left and right, and the top and bottom planes; in an orthographic view, coordinates.
+    /// Slopes x/z of the left and the right plane, and y/z of the top and the bottom plane. In an orthographic view,
+    /// their coordinates x and y.
     pub slopes: [[f64; 2]; 2],
-    /// Lengths of the planes' normals, in the order of `slopes`; 1 in an orthographic view.
+    /// Lengths of the planes' normals (1, −slope), in the order of `slopes`; 1 in an orthographic view.
     pub lengths: [[f64; 2]; 2],
     pub perspective: bool,
-    /// Ratio of the largest length drawn in view space to the length in object space.
+    /// Factor from a length in object space to the largest extent, in view space, to which a splat of that size is
+    /// drawn.
     pub reach: f64,
 }
 

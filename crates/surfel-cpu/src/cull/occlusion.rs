@@ -9,21 +9,24 @@ use crate::cull::object::{ObjectView, inside};
 use crate::tiles::grid::{BLOCK, Grid};
 use surfel_render::Region;
 
-/// Slack of a chunk's nearest depth, relative to its farthest depth: far above the rounding of setup.
+/// Amount by which a chunk's nearest depth is reduced in the test of occlusion, as a fraction of its farthest depth. It
+/// is far above the rounding of setup.
 const DEPTH_SLACK: f64 = 1e-5;
 
-/// The farthest depth threshold of each block of a cell: no splat behind the threshold is visible in the block.
+/// The farthest depth threshold of each block (4×4 pixels) of a cell. No splat behind the threshold is visible in the
+/// block.
 pub(crate) struct OcclusionMap {
     region: Region,
-    /// Column and row of the first block, and number of blocks per row.
+    /// Column and row of the first block, counted from the image's corner.
     first: [u32; 2],
+    /// Number of blocks per row.
     columns: usize,
-    /// Farthest depths in row order; +∞ if some pixel of the block is empty.
+    /// Farthest depth threshold of each block, row by row; +∞ if some pixel of the block is empty.
     farthest: Vec<f32>,
 }
 
 impl OcclusionMap {
-    /// Returns a map in which nothing is occluded.
+    /// Returns a map of a grid's blocks in which nothing is occluded.
     pub(crate) fn new(grid: &Grid) -> Self {
         let side = grid.tile_blocks;
         let columns = (grid.columns * side) as usize;
@@ -35,7 +38,7 @@ impl OcclusionMap {
         }
     }
 
-    /// Sets the farthest threshold of the block whose first pixel is given.
+    /// Sets the farthest depth threshold of the block whose first pixel is given.
     pub(crate) fn set(&mut self, (x, y): (i32, i32), farthest: f32) {
         let (column, row) = (x as u32 / BLOCK - self.first[0], y as u32 / BLOCK - self.first[1]);
         self.farthest[row as usize * self.columns + column as usize] = farthest;

@@ -1,5 +1,5 @@
-//! Drawing of the samples at a cell's edges: splats around sampled pixels are set up again, in a view whose pixels are
-//! samples.
+//! Drawing of the samples of a cell's edge pixels. Splats around these pixels are set up again, in a view whose pixels
+//! are samples.
 
 use crate::cull::balls::BallView;
 use crate::cull::cells::Cell;
@@ -22,7 +22,8 @@ use crate::tiles::target::Target;
 use surfel_model::Cull;
 use surfel_render::{Pass, View};
 
-/// The view whose pixels are samples, and the objects, raster and lighting data for it.
+/// The view whose pixels are the samples of the image's pixels, and the objects, raster inputs and lighting for this
+/// view.
 pub(super) struct SampleView<'a> {
     pub view: &'a View,
     pub objects: Vec<ObjectView<'a>>,
@@ -32,7 +33,7 @@ pub(super) struct SampleView<'a> {
 }
 
 impl SampleView<'_> {
-    /// Returns the chunks of a cell, in their order, that may touch a sampled pixel.
+    /// Returns the chunks of a cell, from near to far, that may touch a sampled pixel.
     fn chunks(&self, cell: &Cell, sampled: &BlockSet) -> Vec<VisibleChunk> {
         let touches = |visible: &&VisibleChunk| {
             let (object, chunk) = visible.of(&self.objects);
@@ -43,7 +44,7 @@ impl SampleView<'_> {
 }
 
 impl Drawing<'_> {
-    /// Draws the sampled pixels of a cell and returns the number of bytes used.
+    /// Draws the sampled pixels of a cell, and returns the number of bytes of memory that this used.
     pub(super) fn draw_samples(
         &self,
         samples: &SampleView<'_>,

@@ -8,45 +8,47 @@ use surfel_render::{FramePlan, Pass, PassTime, Stats};
 
 /// Times and counts of a frame, or of the cells that one thread draws.
 #[derive(Default)]
+/// Wall time of drawing shadow maps, in milliseconds.
 pub(crate) struct Totals {
+    /// Wall time of culling and of the division into cells, in milliseconds.
     pub shadows_ms: f64,
     pub cull_ms: f64,
-    /// Time of setup, including sorting into tiles.
+    /// Time of setup, including the sorting of records into tiles, in milliseconds.
     setup_ms: f64,
     binning_ms: f64,
     pub tiles_ms: f64,
     pub screen_ms: f64,
-    /// Number of cells that aren't empty.
+    /// Number of cells with content.
     cells: usize,
-    /// Number of splats in chunks that are outside the view.
+    /// Number of splats in chunks that were culled because they are outside the view.
     pub outside: u64,
-    /// Number of splats in chunks that are back-facing.
+    /// Number of splats in chunks that were culled because they are back-facing.
     pub back_facing: u64,
-    /// Number of splats in chunks that are occluded in their cell.
+    /// Number of splats in chunks that were not set up in a cell because they are occluded there.
     pub occluded: u64,
     set_up: u64,
     drawn: u64,
-    /// Number of clips of splats that were set up, counted in each cell that they touch.
+    /// Number of clips over pixels that were set up. A clipped splat counts in each cell that it touches.
     clips: u64,
     tile_pairs: u64,
-    /// Largest memory of a cell, in bytes; in a frame's totals, summed over threads.
+    /// Largest memory that a cell needed, in bytes; in a frame's totals, the sum of the threads' largest.
     cell_bytes: usize,
     /// Memory of shadow maps, in bytes.
     pub shadow_bytes: usize,
-    /// Memory of records and lists of all cells, in bytes.
+    /// Memory of the records and tile lists of all cells together, in bytes.
     bytes: u64,
     pub counters: Counters,
 }
 
 impl Totals {
-    /// Adds the time of a cell's setup.
+    /// Adds the time of setting up a cell.
     pub(crate) fn set_up_in(&mut self, time: Duration, splats: &CellSplats) {
         let ms = time.as_secs_f64() * 1e3;
         self.setup_ms += ms;
         self.binning_ms += ms * splats.sort_share();
     }
 
-    /// Counts a cell and the memory that it used besides its splats.
+    /// Counts a cell, its splats, and `bytes` of memory that the cell needed besides its splats.
     pub(crate) fn add_cell(&mut self, splats: &CellSplats, bytes: usize) {
         self.cells += 1;
         self.set_up += splats.set_up();
@@ -57,7 +59,7 @@ impl Totals {
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
     }
 
-    /// Counts a cell's balls. `drawn` is the number of balls that are counted in no other cell.
+    /// Counts a cell's balls. `drawn` is the number of balls that no other cell counts.
     pub(crate) fn add_balls(&mut self, balls: &BallSegment, drawn: usize) {
         self.set_up += balls.set_up as u64;
         self.drawn += drawn as u64;
@@ -65,8 +67,8 @@ impl Totals {
         self.bytes += balls.bytes() as u64;
     }
 
-    /// Adds the totals of all threads over this wall time. Threads set up and draw cells concurrently, so each stage
-    /// gets its fraction of the wall time.
+    /// Adds the totals of all threads, which together took `wall_ms` milliseconds of wall time. Threads set up and draw
+    /// cells concurrently, so each stage gets its fraction of the wall time.
     pub(crate) fn add_threads(&mut self, threads: &[Self], wall_ms: f64) {
         let busy: f64 = threads.iter().map(|t| t.setup_ms + t.tiles_ms + t.screen_ms).sum();
         let wall = wall_ms / busy.max(f64::MIN_POSITIVE);

@@ -1,11 +1,11 @@
-//! Tiles of 16×16 pixels.
+//! Division of an image of Gaussians into tiles of 16×16 pixels.
 
 use surfel_render::Region;
 
-/// Side of a tile, in pixels.
+/// Side, in pixels, of the tiles in which Gaussians are drawn.
 pub(super) const TILE_PX: u32 = 16;
 
-/// Grid of tiles over a region, from the region's first pixel.
+/// Grid of tiles over a region of the image. The first tile begins at the region's first pixel.
 pub(super) struct TileGrid {
     pub region: Region,
     pub columns: usize,
@@ -22,7 +22,7 @@ impl TileGrid {
         self.columns * self.rows
     }
 
-    /// Returns the pixels of a tile.
+    /// Returns the pixels of a tile, clipped to the region.
     pub(super) fn pixels(&self, tile: usize) -> Region {
         let [x, y] = [tile % self.columns, tile / self.columns].map(|at| at as u32 * TILE_PX);
         let Region { width, height, .. } = self.region;

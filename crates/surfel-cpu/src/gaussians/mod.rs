@@ -24,7 +24,8 @@ use surfel_render::clock::Instant;
 use surfel_render::{Frame, FramePlan, GaussianColors, Identity, PassTime, Stats, View};
 use tile::{Tile, TileInputs};
 
-/// Maximum number of entries in tiles' lists that are in memory at once, unless a single tile has more.
+/// Largest number of entries in tiles' lists that are in memory at once. If a frame has more, its tiles are listed and
+/// drawn in batches. A single tile with more is one batch.
 const MOST_ENTRIES: u64 = 1 << 24;
 
 /// Draws a frame of Gaussians on the current thread pool.

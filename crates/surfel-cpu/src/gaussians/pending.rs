@@ -2,43 +2,45 @@
 //!
 //! A tile's records are sorted by their minimum depth. A fragment nearer than the minimum depth of the next record is
 //! in its final place. Once a fragment makes its pixel opaque, fragments behind it are dropped, because nearer
-//! fragments can't change this. A pixel therefore stores few more fragments than are visible in it.
+//! fragments can't make the pixel less opaque. A pixel therefore stores few more fragments than are visible in it.
 
 use crate::gaussians::records::Record;
 use crate::gaussians::tile::{BLOCKS, Block};
 use crate::simd::lanes::LANES;
 use surfel_math::gaussian::{MIN_TRANSMITTANCE, depth_step_f32};
 
-/// Number of Gaussians that a block collects between sorts.
+/// Smallest number of Gaussians that are added to a block of pixels between two sorts of its fragments.
 const SORT_EVERY: usize = 32;
 
-/// A fragment: one Gaussian at one pixel.
+/// A fragment: the contribution of one Gaussian to one pixel.
 pub(super) struct Fragment<'a> {
+    /// Sort key, as returned by [`key`].
     key: u64,
     pub alpha: f32,
     pub z: f32,
     pub record: &'a Record,
 }
 
-/// Returns the sort key of a fragment: first the depth step, then the Gaussian's number in the scene.
+/// Returns the sort key of a fragment: its depth, rounded to a depth step, and among equal steps the Gaussian's number
+/// in the scene.
 #[inline(always)]
 pub(super) fn key(z: f32, number: u32) -> u64 {
     u64::from(depth_step_f32(z)) << 32 | u64::from(number)
 }
 
-/// The fragments of a tile that wait to be blended.
+/// The fragments of a tile that wait to be blended, because nearer ones may follow.
 #[derive(Default)]
 pub(super) struct Pending<'a> {
-    /// Fragments per pixel; pixels are in blocks of [`LANES`].
+    /// Waiting fragments of each pixel. The pixels of a block are consecutive, [`LANES`] of them.
     pub fragments: Vec<Vec<Fragment<'a>>>,
-    /// Sort key from which on fragments are invisible, per pixel.
+    /// Smallest sort key, per pixel, at which a fragment is invisible because nearer ones make the pixel opaque.
     ends: Vec<u64>,
-    /// Number of Gaussians per block to collect before the next sort.
+    /// Number of Gaussians, per block, that are still to be added before the block's fragments are sorted.
     until_sort: [usize; BLOCKS],
 }
 
 impl<'a> Pending<'a> {
-    /// Empties the lists, for the next tile.
+    /// Empties the lists before the next tile.
     pub(super) fn clear(&mut self) {
         self.fragments.resize_with(BLOCKS * LANES, Vec::new);
         self.fragments.iter_mut().for_each(Vec::clear);
@@ -47,7 +49,8 @@ impl<'a> Pending<'a> {
         self.until_sort = [SORT_EVERY; BLOCKS];
     }
 
-    /// Adds a record at the block's pixels whose bits are set. Returns true if the block has to be sorted.
+    /// Adds the fragments of a record in the block's pixels whose bits are set. Returns true if the block has to be
+    /// sorted now.
     #[inline(always)]
     pub(super) fn add(&mut self, block: usize, bits: u64, alpha: &Block, z: &Block, record: &'a Record) -> bool {
         let mut bits = bits;
@@ -65,7 +68,8 @@ impl<'a> Pending<'a> {
         self.until_sort[block] == 0
     }
 
-    /// Sorts a block's fragments, drops invisible ones, and counts each pixel's fragments whose keys are below a limit.
+    /// Sorts the fragments of a block's pixels and drops invisible ones. Returns, for each pixel, the number of
+    /// fragments whose sort keys are below `limit`, which can be blended.
     #[inline(always)]
     pub(super) fn sort(&mut self, block: usize, limit: u64, transmittance: &Block) -> [usize; LANES] {
         let (mut ready, mut most_left) = ([0; LANES], 0);

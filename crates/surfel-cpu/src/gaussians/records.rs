@@ -1,4 +1,4 @@
-//! Projection of Gaussians to records, and the records' lists by tile, front to back.
+//! Projection of Gaussians to records, and each tile's list of the records that touch it, front to back.
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::scene::resident::StoredGaussians;
@@ -9,27 +9,29 @@ use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
 
-/// Number of Gaussians in a part: enough to amortise its lists, few enough to distribute work among threads.
+/// Number of Gaussians in a part: enough to make the cost of its tile lists small, few enough to distribute work among
+/// threads.
 const PART: usize = 1 << 15;
 
-/// A projected Gaussian, as tiles blend it.
+/// A projected Gaussian, in the form in which tiles blend it.
 #[derive(Clone)]
 pub(super) struct Record {
-    /// Column and row of the pixel that contains the centre.
+    /// Column and row of the pixel that contains the projected centre.
     pub base: [i32; 2],
-    /// Offset of the centre from the pixel's upper left corner. Offsets from other pixels are then exact in f32.
+    /// Offset, in pixels, of the projected centre from the upper left corner of the pixel `base`. Differences of `base`
+    /// and other pixels are whole numbers, which are exact in f32.
     pub fraction: [f32; 2],
     pub forms: GaussianForms<f32>,
     pub opacity: f32,
-    /// Factor of α: the fraction of a filtered footprint that the Gaussian covers.
+    /// Factor of α: the ratio of the Gaussian's own area to its filtered footprint's; 1 without such a filter.
     pub weight: f32,
     pub color: [f32; 3],
     /// Unit normal in world space.
     pub normal: [f32; 3],
-    /// Minimum depth at which the Gaussian is visible, at least 0. Records are sorted by this depth if pixels sort
-    /// their fragments.
+    /// Smallest planar depth of the Gaussian's visible fragments, at least 0. Records are sorted by this depth if
+    /// pixels sort their fragments.
     pub nearest: f32,
-    /// Number of the Gaussian in the scene.
+    /// Number of the Gaussian in the scene, counted through all clouds; breaks ties of depth.
     pub number: u32,
     /// Rows of pixels that the Gaussian may touch, within the region.
     pub rows: Range<u32>,
@@ -37,37 +39,39 @@ pub(super) struct Record {
     pub columns: Range<u32>,
 }
 
-/// A part: consecutive Gaussians in sorted order.
+/// A part of a frame's records: [`PART`] consecutive ones in sorted order, and their lists by tile.
 #[derive(Default)]
 pub(super) struct Part {
     pub records: Vec<Record>,
-    /// Index of the first entry of each listed tile.
+    /// Index in `entries` of each listed tile's first entry, followed by the number of entries.
     starts: Vec<u32>,
-    /// Indices of records, ascending within a tile.
+    /// Indices in `records` of the records that touch each tile, tile by tile; ascending within a tile.
     entries: Vec<u32>,
 }
 
-/// Sort key and location of a record.
+/// Sort key of a record, and where the record is before sorting.
 #[derive(Clone, Copy)]
 struct Place {
-    /// Bits of the depth by which records are sorted; the depth isn't negative.
+    /// Bits of the depth by which records are sorted; they are in the order of the depths, which aren't negative.
     depth: u64,
-    /// Run that contains the record. Runs and their records are in scene order.
+    /// Index of the [`Run`] that contains the record. Runs and their records are in scene order.
     run: u32,
-    /// Index of the record in the run.
+    /// Index of the record among the run's records.
     index: u32,
 }
 
-/// A range of consecutive Gaussians in a cloud's memory.
+/// A range of up to [`PART`] consecutive Gaussians of a cloud, which one task projects.
 struct Run {
+    /// Index of the cloud among the scene's objects of Gaussians.
     cloud: usize,
-    /// Number of the cloud's first Gaussian in the scene.
+    /// Number of the cloud's first Gaussian in the scene, counted through all clouds.
     first: usize,
+    /// Range of the Gaussians in the cloud.
     range: Range<usize>,
 }
 
-/// Projects all visible Gaussians to sorted records, in parts. Records are sorted by the depth of their centres, or, if
-/// pixels sort their fragments, by their minimum depth. Records of equal depth are in scene order.
+/// Projects all visible Gaussians to records, and returns the records sorted, in parts. They are sorted by the depth of
+/// their centres, or by their smallest depth if pixels sort their fragments. Records of equal depth are in scene order.
 ///
 /// Gaussians are projected in memory order, because a Gaussian has hundreds of bytes. In depth order, each would wait
 /// for memory several times.
@@ -148,7 +152,8 @@ fn record(
     })
 }
 
-/// Returns the pixels whose centres are within these offsets of `center` and a little slack, clipped to the region.
+/// Returns the pixels along one axis whose centres are within these offsets of `center` and a little slack. The range
+/// is clipped to the region.
 fn pixels(center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]) -> Range<u32> {
     // Rounding in f32 may reach past exact bounds.
     let slack = 1e-3 * (hi - lo) + 1e-2;
@@ -165,7 +170,8 @@ fn tiles(record: &Record, grid: &TileGrid) -> [Range<usize>; 2] {
     [of(&record.rows, grid.region.y), of(&record.columns, grid.region.x)]
 }
 
-/// Divides the tiles into ranges whose lists have at most `most` entries; a range has at least one tile.
+/// Divides the tiles into consecutive ranges whose lists have at most `most` entries together; a range has at least one
+/// tile.
 pub(super) fn batches(parts: &[Part], grid: &TileGrid, most: u64) -> Vec<Range<usize>> {
     let add = |mut a: Vec<u64>, b: Vec<u64>| {
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
@@ -185,7 +191,7 @@ pub(super) fn batches(parts: &[Part], grid: &TileGrid, most: u64) -> Vec<Range<u
 }
 
 impl Part {
-    /// Counts the records of each tile.
+    /// Returns the number of this part's records that may touch each tile.
     fn counts(&self, grid: &TileGrid) -> Vec<u64> {
         let mut counts = vec![0; grid.tiles()];
         for record in &self.records {
@@ -198,7 +204,7 @@ impl Part {
         counts
     }
 
-    /// Lists the records of a range of tiles.
+    /// Lists this part's records by tile, for a range of tiles.
     pub(super) fn list(&mut self, listed: &Range<usize>, grid: &TileGrid) {
         let touched = |record: &Record, each: &mut dyn FnMut(usize)| {
             let [rows, columns] = tiles(record, grid);
@@ -227,7 +233,7 @@ impl Part {
         }
     }
 
-    /// Returns the records of a listed tile.
+    /// Returns this part's records that may touch a tile. `tile` is counted from the first listed tile.
     pub(super) fn of_tile(&self, tile: usize) -> impl Iterator<Item = &Record> {
         let range = self.starts[tile] as usize..self.starts[tile + 1] as usize;
         self.entries[range].iter().map(|i| &self.records[*i as usize])

@@ -14,9 +14,9 @@ use surfel_math::gaussian::{
 use surfel_math::{Real, V2};
 use surfel_render::{Frame, Planes, Region};
 
-/// Side of a block in pixels, and side of a tile in blocks.
+/// Side of a block in pixels, and of a tile in blocks.
 const SIDE: usize = 4;
-/// Number of blocks in a tile.
+/// Number of blocks of 4×4 pixels in a tile.
 pub(super) const BLOCKS: usize = SIDE * SIDE;
 const _: () = assert!(TILE_PX as usize == SIDE * SIDE);
 
@@ -24,36 +24,36 @@ const _: () = assert!(TILE_PX as usize == SIDE * SIDE);
 pub(super) struct TileInputs<'a> {
     pub grid: &'a TileGrid,
     pub near: f32,
-    /// The background, as returned by [`gaussian::background`].
+    /// The background behind the Gaussians, in the form that [`gaussian::background`] returns.
     pub background: [f64; 4],
     pub linear: bool,
     pub planes: Planes,
 }
 
-/// Number of records that are fetched together. A tile's records are scattered in memory, and fetching them one by one
-/// would wait for memory each time.
+/// Number of records that a tile fetches from memory together. They are scattered, and fetching them one by one would
+/// wait for memory each time.
 const TOGETHER: usize = 32;
 
-/// One number for each pixel of a block.
+/// One number for each pixel of a block of 4×4 pixels.
 pub(super) type Block = [f32; LANES];
-/// One number for each pixel of a tile.
+/// One number for each pixel of a tile, block by block.
 type Blocks = [Block; BLOCKS];
 
-/// Sums of the planes besides the colour.
+/// Weighted sums per pixel for the planes besides the colour.
 #[derive(Default)]
 struct Sums {
-    /// Σw: more precise than 1 − T for low coverage.
+    /// Sum of weights, Σw: more precise than 1 − transmittance where the sum is small.
     weight: Blocks,
     normal: [Blocks; 3],
     depth: Blocks,
     median_depth: Blocks,
     distortion: Blocks,
-    /// Σw·m and Σw·m², with m the depth that the distortion compares.
+    /// Sums Σw·m and Σw·m², where m is the depth that the plane `distortion` compares ([`distortion_depth`]).
     moments: [Blocks; 2],
     fragments: Blocks,
 }
 
-/// One fragment for each pixel of a block.
+/// One fragment for each pixel of a block, to be blended.
 struct Fragments<S: Simd> {
     alpha: Lanes<S>,
     z: Lanes<S>,
@@ -61,23 +61,24 @@ struct Fragments<S: Simd> {
     normal: [Lanes<S>; 3],
 }
 
-/// The pixels of a tile while its Gaussians are blended.
+/// The pixels of a tile, into which its Gaussians are blended.
 pub(super) struct Tile {
+    /// Fraction of the light from behind that each pixel still lets through.
     transmittance: Blocks,
-    /// Colour sums, in the Gaussians' colour space.
+    /// Weighted sums of the Gaussians' colours, in their own colour space.
     color: [Blocks; 3],
-    /// 1 if the pixel may still transmit light, else 0.
+    /// 1 for each pixel that isn't opaque yet, so that further Gaussians are blended into it; else 0.
     open: Blocks,
-    /// Bits of the blocks that have an open pixel.
+    /// Number of blocks that have a pixel in which `open` is 1. Blending ends when it is 0.
     open_blocks: u32,
     sums: Option<Box<Sums>>,
-    /// Number of pixels that were tested against a Gaussian.
+    /// Number of pairs of a pixel and a Gaussian that were tested, for statistics.
     pub tested: u64,
     resolved: Vec<[f32; 4]>,
 }
 
 impl Tile {
-    /// Blends a tile's records. If `pending` is given, each pixel's fragments are sorted by depth first.
+    /// Blends a tile's records front to back. If `pending` is given, each pixel's fragments are sorted by depth first.
     #[inline(always)]
     pub(super) fn draw<'a, S: Simd>(
         simd: S,
@@ -194,7 +195,8 @@ impl Tile {
         }
     }
 
-    /// Blends a block's fragments behind the earlier ones.
+    /// Blends one fragment in each pixel of a block behind those blended before. Only the lanes of `shows` have a
+    /// fragment.
     #[inline(always)]
     fn blend_block<S: Simd, const SUMS: bool>(
         &mut self,
@@ -224,7 +226,7 @@ impl Tile {
         }
     }
 
-    /// Blends the pending fragments of a block whose keys are less than a limit.
+    /// Blends the waiting fragments of a block whose sort keys are less than `limit`.
     #[inline(always)]
     fn blend_pending<S: Simd, const SUMS: bool>(
         &mut self,
@@ -261,7 +263,7 @@ impl Tile {
         of_block.iter_mut().zip(ready).for_each(|(fragments, ready)| drop(fragments.drain(..ready)));
     }
 
-    /// Converts the sums to the image's colours.
+    /// Converts the tile's sums of colours to the image's colours, over the background.
     fn resolve(&mut self, inputs: &TileInputs<'_>) {
         self.resolved = (0..BLOCKS * LANES)
             .map(|at| {
@@ -273,13 +275,13 @@ impl Tile {
             .collect();
     }
 
-    /// Returns the number of Gaussians blended, summed over all pixels; 0 if fragments aren't counted.
+    /// Returns the number of fragments blended in the tile's pixels; 0 if fragments aren't counted.
     pub(super) fn fragments(&self) -> u64 {
         let counted = self.sums.iter().flat_map(|sums| sums.fragments.as_flattened());
         counted.map(|n| *n as u64).sum()
     }
 
-    /// Writes the tile to the frame's planes.
+    /// Writes the blended pixels of the tile to the frame's planes.
     pub(super) fn write(&self, grid: &TileGrid, tile: usize, frame: &mut Frame) {
         let pixels = grid.pixels(tile);
         let planes = frame.planes_mut();
@@ -310,12 +312,12 @@ impl Tile {
     }
 }
 
-/// Returns the block and the lane of a tile's pixel.
+/// Returns the block of a tile's pixel, and the pixel's lane in the block.
 fn place(x: usize, y: usize) -> (usize, usize) {
     (y / SIDE * SIDE + x / SIDE, y % SIDE * SIDE + x % SIDE)
 }
 
-/// Returns the columns or rows of blocks that contain some of these pixels, in a tile that begins at `start`.
+/// Returns the columns (or rows) of blocks that contain some of these pixels, in a tile that begins at `start`.
 fn blocks(pixels: &Range<u32>, [start, length]: [u32; 2]) -> Range<usize> {
     let [first, end] = [pixels.start, pixels.end].map(|at| at.clamp(start, start + length) - start);
     first as usize / SIDE..if first < end { (end as usize).div_ceil(SIDE) } else { first as usize / SIDE }
@@ -359,13 +361,13 @@ impl Sums {
     }
 }
 
-/// Adds a product to a block of sums.
+/// Adds `weight`·`value` to a block of sums, pixel by pixel.
 #[inline(always)]
 fn add<S: Simd>(simd: S, sums: &mut Block, weight: Lanes<S>, value: Lanes<S>) {
     weight.mul_add(value, Lanes::load(simd, sums)).store(sums);
 }
 
-/// Returns the record's forms in every lane.
+/// Returns a record's linear forms, each number in every lane.
 #[inline(always)]
 fn forms<S: Simd>(simd: S, record: &Record) -> GaussianForms<Lanes<S>> {
     let GaussianForms { u, v, w, z, low_pass } = record.forms;

@@ -1,4 +1,4 @@
-//! Fragments of balls in a block's pixels, in the order of depth (§11).
+//! Fragments of balls in a block's pixels, in the order of depth (rendering model §11).
 
 use crate::setup::balls::{BallRecord, BallSegment};
 use crate::simd::compress::ones;
@@ -11,8 +11,8 @@ use surfel_math::ball::{BallHit, Outline, Rounded, SOLID};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2, V3};
 
-/// Fills the lists of a tile's blocks in `wanted` (one bit per block) with balls. Returns bits of the blocks that have
-/// any.
+/// Fills the block lists of a tile with the balls that touch each block in `wanted` (one bit per block). Returns bits
+/// of the blocks whose lists aren't empty.
 pub(crate) fn list_balls<'a>(
     segment: &'a BallSegment,
     tile: usize,
@@ -26,10 +26,10 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
-/// Number of balls between updates of the largest depth at which a fragment can still be visible.
+/// Number of balls between updates of a block's farthest visible depth. Balls behind this depth are skipped.
 const OCCLUDED_EVERY: u32 = 8;
 
-/// The list of the balls that touch a block.
+/// A block of 4×4 pixels, and the balls that touch it.
 #[derive(Clone, Copy)]
 pub(crate) struct BallList<'a> {
     pub balls: &'a [&'a BallRecord],
@@ -38,10 +38,10 @@ pub(crate) struct BallList<'a> {
     pub projection: &'a Projection,
 }
 
-/// The fragments of one ball in a block.
+/// The fragments of one ball in a block, one lane per pixel.
 #[derive(Clone, Copy)]
 pub(crate) struct BlockFragments {
-    /// Index of the ball in the block's list.
+    /// Index of the ball in the block's [`BallList`].
     pub ball: u32,
     /// Bits of the pixels that have a fragment. `z` and `coverage` are meaningless in other pixels.
     there: u32,
@@ -49,29 +49,31 @@ pub(crate) struct BlockFragments {
     pub coverage: [f32; LANES],
 }
 
-/// Fragments of a block, reused between blocks.
+/// The fragments of all balls in a block, sorted by depth in each pixel. The memory is reused between blocks.
 #[derive(Default)]
 pub(crate) struct BallFragments {
     pub fragments: Vec<BlockFragments>,
-    /// Sort keys of each pixel's fragments, from near to far: the bits of the depth, then the index in `fragments`.
+    /// Sort keys of each pixel's fragments, from near to far: the bits of the depth in the high half, the index in
+    /// `fragments` in the low half.
     pixels: [Vec<u64>; LANES],
-    /// Number of each pixel's fragments that were returned by [`Self::next`] or skipped.
+    /// Number of each pixel's fragments, the nearest ones, that [`Self::next`] has returned or [`Self::skip`] has
+    /// skipped.
     taken: [usize; LANES],
-    /// Number of balls that were evaluated.
+    /// Number of balls that were evaluated in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of balls in the block's pixels, including hidden ones.
+    /// Number of fragments that the evaluated balls have in the block, including hidden ones, for statistics.
     pub inside: u32,
 }
 
-/// Returns the index in `fragments` from a sort key.
+/// Returns the index in [`BallFragments::fragments`] that a sort key contains.
 #[inline(always)]
 fn index_of(key: u64) -> usize {
     key as u32 as usize
 }
 
 impl BallFragments {
-    /// Evaluates the balls of a block in its pixels. Skips fragments behind `limit`, and fragments behind an opaque
-    /// ball that covers the whole pixel.
+    /// Evaluates the balls of a list in their block's pixels, and sorts the fragments. Skips fragments behind `limit`,
+    /// and fragments behind an opaque ball that covers the whole pixel.
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, list: BallList<'_>, limit: Lanes<S>) {
         let BallList { balls, at, projection } = list;
@@ -127,8 +129,8 @@ impl BallFragments {
         self.pixels.iter_mut().filter(|pixel| pixel.len() > 1).for_each(|pixel| pixel.sort_unstable());
     }
 
-    /// Returns the index of each pixel's next fragment if it is nearer than `until`, and bits of the pixels that have
-    /// one.
+    /// Takes each pixel's nearest remaining fragment if it is nearer than `until`. Returns the fragments' indices, and
+    /// bits of the pixels that have one.
     #[inline(always)]
     pub(crate) fn next(&mut self, until: &[f32; LANES]) -> ([usize; LANES], u64) {
         let (mut found, mut bits) = ([0; LANES], 0);
@@ -143,14 +145,14 @@ impl BallFragments {
         (found, bits)
     }
 
-    /// Skips each pixel's fragments that are nearer than `from`.
+    /// Skips the fragments of each pixel that are nearer than `from`, so that [`Self::next`] doesn't return them.
     pub(crate) fn skip(&mut self, from: &[f32; LANES]) {
         for (lane, pixel) in self.pixels.iter().enumerate() {
             self.taken[lane] = pixel.partition_point(|key| f32::from_bits((key >> 32) as u32) < from[lane]);
         }
     }
 
-    /// Returns the depth of the nearest opaque ball that covers each pixel wholly; +∞ if there is none.
+    /// Returns the depth, per pixel, of the nearest opaque ball that covers the whole pixel; +∞ if there is none.
     #[inline(always)]
     pub(crate) fn full_depth<S: Simd>(&self, simd: S, balls: &[&BallRecord]) -> Lanes<S> {
         let full = |lane: usize| {
@@ -162,7 +164,8 @@ impl BallFragments {
     }
 
     /// Returns the index of each pixel's nearest solid fragment in front of `until`, and bits of the pixels that have
-    /// one. The planes of depth, normal and nearest splat show this fragment.
+    /// one. A fragment is solid if it covers half of the pixel or the pixel contains the ball's centre. The planes of
+    /// depth, normal and nearest splat show it.
     pub(crate) fn shown(
         &self,
         balls: &[&BallRecord],
@@ -192,14 +195,15 @@ fn has_center(ball: &BallRecord, (x, y): (i32, i32)) -> bool {
     inside(ball.base[0], ball.anchor[0], x) && inside(ball.base[1], ball.anchor[1], y)
 }
 
-/// Returns the next greater f32 of each depth.
+/// Returns the next greater f32 of each positive depth.
 #[inline(always)]
 fn after<S: Simd>(z: Lanes<S>) -> Lanes<S> {
     let bits: fearless_simd::i32x16<S> = z.0.bitcast();
     Lanes((bits + 1).bitcast())
 }
 
-/// Returns the offsets of the corners of a block's pixels from a point of a ball's record, in pixels.
+/// Returns the offsets, in pixels, of the upper left corners of a block's pixels from a point that is given relative to
+/// the ball's base pixel.
 #[inline(always)]
 fn offset<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), point: [f32; 2]) -> V2<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -207,7 +211,7 @@ fn offset<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), point: [f32; 2]) 
     V2::new((x - k(ball.base[0])) - k(point[0]), (y - k(ball.base[1])) - k(point[1]))
 }
 
-/// Returns a ball's outline, in all lanes.
+/// Returns a ball's outline with the same numbers in all lanes, relative to the outline's centre.
 #[inline(always)]
 fn outline<S: Simd>(simd: S, ball: &BallRecord) -> Outline<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -219,8 +223,8 @@ fn outline<S: Simd>(simd: S, ball: &BallRecord) -> Outline<Lanes<S>> {
     }
 }
 
-/// Returns the coverage of a block's pixels, and true if all are covered wholly. `from` has the pixels' corners
-/// relative to the outline's centre.
+/// Returns the coverage of a block's pixels by a ball, and true if all are covered wholly. `from` is the offset of the
+/// pixels' corners from the centre of the ball's outline.
 #[inline(always)]
 fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S>, bool) {
     let outline = outline(simd, ball);
@@ -245,7 +249,7 @@ fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S
     (Lanes::select(outline.rounding().lt(area), area, area.zero()), false)
 }
 
-/// Returns the depths of a ball in a block's pixels, and its normals in view space there.
+/// Returns a ball's planar depths and view-space normals at the centres of a block's pixels.
 #[inline(always)]
 fn hit<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), projection: &Projection) -> (Lanes<S>, V3<Lanes<S>>) {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -253,8 +257,9 @@ fn hit<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), projection: &Project
     hit_of([from.x, from.y, k(ball.slope[0]), k(ball.slope[1]), k(ball.size), k(ball.z)], projection)
 }
 
-/// Returns the depths and normals of balls. The arguments are the offset of the pixel's corner from the projected
-/// centre of the ball, the centre's slopes x/z and y/z, the ball's size, and the centre's depth.
+/// Returns the planar depths and view-space normals of balls at pixels' centres. The arguments are the offset of the
+/// pixel's corner from the ball's projected centre, the centre's slopes x/z and y/z, the ball's [`BallRecord::size`],
+/// and the centre's depth.
 #[inline(always)]
 pub(crate) fn hit_of<S: Simd>(
     [x, y, slope_x, slope_y, size, z]: [Lanes<S>; 6],
@@ -266,7 +271,7 @@ pub(crate) fn hit_of<S: Simd>(
     (if projection.is_perspective() { z * hit.depth } else { z + hit.depth }, hit.normal)
 }
 
-/// Returns the bits of the texels of a shadow map's block whose centres a ball hides.
+/// Returns a mask of the texels of a shadow map's block whose centres a ball covers.
 #[inline(always)]
 pub(crate) fn hides<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32)) -> mask32x16<S> {
     let from = offset(simd, ball, at, ball.middle);

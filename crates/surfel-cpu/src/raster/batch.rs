@@ -8,11 +8,11 @@ use crate::simd::lanes::Lanes;
 use crate::tiles::lists::{BATCH, BlockList};
 use fearless_simd::Simd;
 
-/// Coordinates of the pixels of a block.
+/// The pixels of a block, as coordinates in lanes.
 #[derive(Clone, Copy)]
 pub(crate) struct Pixels<S: Simd> {
     first: (i32, i32),
-    /// Columns and rows of the pixels.
+    /// Columns and rows of the block's pixels, one lane per pixel.
     at: (Lanes<S>, Lanes<S>),
 }
 
@@ -23,25 +23,26 @@ impl<S: Simd> Pixels<S> {
     }
 }
 
-/// A visitor of fragments. A trait rather than a closure: a closure that is called in several places isn't inlined into
-/// SIMD code.
+/// A visitor of the fragments of a block's splats. A trait rather than a closure: a closure that is called in several
+/// places isn't inlined into SIMD code.
 pub(crate) trait Visit<S: Simd> {
-    /// Begins the batch with this number.
+    /// Called before the fragments of the batch with this number are added.
     #[inline(always)]
     fn begin(&mut self, _number: usize) {}
 
-    /// Adds the fragments of splat `j` of the batch.
+    /// Adds the fragments of splat `j` of the current batch of four; `record` is the splat's record.
     fn add(&mut self, simd: S, fragment: Fragment<S>, j: usize, record: &Record);
 
-    /// Returns the depth behind which fragments no longer matter, if it may have changed.
+    /// Returns the depth behind which no further fragment of the block matters, so that splats behind it may be
+    /// skipped. `None` if the visitor has no such depth.
     fn farthest(&self) -> Option<f32>;
 }
 
-/// Number of batches drawn between reads of the depth thresholds, which let splats behind them be skipped.
+/// Number of batches drawn between calls of [`Visit::farthest`], whose depth lets splats behind it be skipped.
 const ASKED: usize = 4;
 
-/// Computes the fragments of a list's splats, in batches, except splats behind `farthest` or the depth thresholds so
-/// far. Returns the number of splats computed.
+/// Computes the fragments of a block's splats, in batches, and passes them to `visit`. Skips splats behind `farthest`,
+/// or behind the depth that `visit` returns later. Returns the number of splats computed.
 #[inline(always)]
 pub(crate) fn for_each_batch<S: Simd>(
     simd: S,

@@ -1,5 +1,5 @@
-//! Visibility and attributes of a block of 4×4 pixels (§5), one lane per pixel. Two loops run over the same list of
-//! splats, with the block's sums in registers.
+//! Visibility and attributes of a block of 4×4 pixels (rendering model §5), one lane per pixel. Two loops run over the
+//! same list of splats, with the block's sums in registers.
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::facing::Sides;
@@ -15,17 +15,17 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// Maximum number of splats in a block whose fragments are stored between the loops. In a block with more, fragments
-/// are computed twice.
+/// Largest number of splats in a block whose fragments are stored between the two loops. In a block with more,
+/// fragments are computed twice.
 const REMEMBERED: usize = 256;
 
-/// Fragments of a block, stored between the loops. The alignment is that of cache lines: an access that crosses two
-/// lines costs twice.
+/// Fragments of a block that the first loop stores for the second. The alignment is that of cache lines: an access that
+/// crosses two lines costs twice.
 #[repr(align(64))]
 pub(crate) struct BlockScratch {
-    /// Depths (+∞ outside the footprint) and weights, by batch.
+    /// Depths (+∞ outside the footprint) and weights of fragments, by batch, splat and pixel.
     fragments: [[[[f32; LANES]; 2]; BATCH]; REMEMBERED / BATCH],
-    /// Numbers of the batches whose fragments are stored.
+    /// Number of each stored batch in the block's list of splats.
     batches: [u32; REMEMBERED / BATCH],
 }
 
@@ -35,16 +35,16 @@ impl Default for BlockScratch {
     }
 }
 
-/// State of the first loop, which finds the depth thresholds of a block.
+/// State of the first loop over a block's splats, which finds the depth thresholds min(z + ε).
 struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
     threshold: Lanes<S>,
     threshold_epsilon: Lanes<S>,
-    /// Thresholds of both sides, used in place of `threshold` if facings are separated.
+    /// Thresholds of the front- and the back-facing side, used in place of `threshold` if sides are kept apart.
     sides: Sides<S>,
     largest_epsilon: f32,
     inside: u32,
     filter: &'a L,
-    /// Number of batches whose fragments are stored.
+    /// Number of batches whose fragments are stored in `scratch`.
     count: usize,
     scratch: &'b mut BlockScratch,
 }
@@ -102,8 +102,8 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
     }
 }
 
-/// Runs both loops over the block whose first pixel is given. Fragments that `filter` rejects are ignored. Sums that
-/// the plan doesn't need aren't touched.
+/// Draws a block's splats into `sums` by two loops: depth thresholds, then weighted sums. `first_px` is the block's
+/// first pixel. Fragments that `filter` rejects are ignored. Sums that the plan doesn't need aren't touched.
 #[inline(always)]
 pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
     simd: S,
@@ -129,7 +129,8 @@ pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
     }
 }
 
-/// Runs both loops, with or without the threshold's ε, counts of fragments, and storage of fragments between the loops.
+/// Runs both loops over a block. The constants select whether the threshold's ε is found, fragments are counted, and
+/// fragments are stored between the loops.
 ///
 /// Not inlined: all callers of [`draw`] share the code.
 #[inline(never)]
@@ -205,14 +206,14 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
     sums.cover(inputs.frame);
 }
 
-/// Returns the depths up to which fragments are added. A pixel without a threshold gets a finite depth, since +∞ marks
-/// no fragment.
+/// Returns the depth, per pixel, up to which fragments add their attributes. Without a threshold the depth is the
+/// largest finite number, since a depth of +∞ marks a missing fragment.
 #[inline(always)]
 fn reach<S: Simd>(threshold: Lanes<S>) -> Lanes<S> {
     threshold.min(threshold.constant(f64::from(f32::MAX)))
 }
 
-/// Fragments that the first loop stored.
+/// Fragments of a block that the first loop has stored, with the block's list of splats.
 struct Remembered<'a, 'b, 'c> {
     list: BlockList<'a, 'b, Record>,
     scratch: &'c BlockScratch,
@@ -220,7 +221,7 @@ struct Remembered<'a, 'b, 'c> {
 }
 
 impl<'a> Remembered<'a, '_, '_> {
-    /// Returns the batches of splats with their fragments.
+    /// Returns the stored batches: the records of four splats, and the depths and weights of their fragments.
     #[inline(always)]
     fn batches(&self) -> impl Iterator<Item = ([&'a Record; BATCH], &[[[f32; LANES]; 2]; BATCH])> {
         let batches = self.scratch.batches[..self.count].iter().zip(&self.scratch.fragments);
@@ -231,7 +232,8 @@ impl<'a> Remembered<'a, '_, '_> {
         })
     }
 
-    /// Runs the second loop over stored fragments, for sums of weights, and of colours, normals and depths if needed.
+    /// Runs the second loop over stored fragments, for frames that need only weights and some of colours, normals and
+    /// depths.
     #[inline(always)]
     fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
         &self,
@@ -276,7 +278,7 @@ impl<'a> Remembered<'a, '_, '_> {
         }
     }
 
-    /// Runs the second loop over stored fragments, for any attributes.
+    /// Runs the second loop over stored fragments, for frames that need any attributes.
     #[inline(always)]
     fn add_all<S: Simd>(
         &self,
@@ -321,7 +323,7 @@ fn second_loop<S: Simd>(
     );
 }
 
-/// State of the second loop without stored fragments.
+/// State of the second loop (weighted sums) over a block's splats if their fragments aren't stored.
 struct SecondLoop<'a, 'b, S: Simd, L> {
     sums: &'a mut Sums<S>,
     filter: L,

@@ -1,4 +1,4 @@
-//! Depth thresholds without attributes: for shadow maps and for occlusion culling.
+//! Depth thresholds of a block without attributes: for shadow maps and for occlusion culling.
 
 use crate::cull::occlusion::OcclusionMap;
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
@@ -14,7 +14,7 @@ use crate::tiles::lists::{BlockList, BlockLists};
 use fearless_simd::Simd;
 use surfel_math::Real;
 
-/// Runs the first loop alone and returns a block's depth thresholds.
+/// Runs the first loop over a block's splats alone, and returns the pixels' depth thresholds min(z + ε).
 #[inline(always)]
 pub(crate) fn thresholds<S: Simd>(
     simd: S,
@@ -27,8 +27,8 @@ pub(crate) fn thresholds<S: Simd>(
     nearest.threshold
 }
 
-/// Returns the depths behind which a block's splats occlude others: the farther of both thresholds if facings are
-/// separated.
+/// Returns the depths, per pixel, behind which a block's splats occlude others. If front- and back-facing sides are
+/// kept apart, this is the farther of both thresholds.
 #[inline(always)]
 fn occluding<S: Simd>(
     simd: S,
@@ -44,7 +44,7 @@ fn occluding<S: Simd>(
     nearest.0.farthest()
 }
 
-/// State of [`occluding`] if facings are separated.
+/// State of the loop in [`occluding`] if front- and back-facing sides are kept apart.
 struct NearestSides<S: Simd>(Sides<S>);
 
 impl<S: Simd> Visit<S> for NearestSides<S> {
@@ -60,7 +60,7 @@ impl<S: Simd> Visit<S> for NearestSides<S> {
     }
 }
 
-/// State of the loop of [`thresholds`].
+/// State of the loop in [`thresholds`]: the pixels' depth thresholds so far.
 struct Nearest<S: Simd> {
     threshold: Lanes<S>,
 }
@@ -79,7 +79,8 @@ impl<S: Simd> Visit<S> for Nearest<S> {
     }
 }
 
-/// Returns the occlusion map of the opaque splats that are set up so far.
+/// Returns the occlusion map of a cell: the farthest depth threshold of each block, from the opaque splats that are set
+/// up so far.
 pub(crate) fn occlusion<'a>(
     instructions: Instructions,
     listing: &Listing<'a>,

@@ -1,5 +1,5 @@
-//! Separation of front- and back-facing splats of oriented clouds in a block (§5): thresholds of both sides, and the
-//! side that each pixel shows.
+//! Separation of front- and back-facing splats of oriented clouds in a block (rendering model §5): thresholds of both
+//! sides, and the side that each pixel shows.
 
 use crate::raster::filter::FragmentFilter;
 use crate::setup::record::Record;
@@ -10,28 +10,34 @@ use surfel_math::facing::{BACK_FACING_LAG, sheet_limit};
 
 const FAR: f32 = f32::INFINITY;
 
-/// Constants per facing ([`crate::setup::record::Facing`]). The first four are added to depths, and +∞ excludes the
-/// fragment. They apply to the front's threshold, the back's threshold, the front's nearest depth and the back's
-/// nearest depth. The fifth is the fraction of ε added to the depth in the comparison of the sides.
+/// Numbers by which fragments of each facing ([`crate::setup::record::Facing`]) lower only the depths of their own
+/// side.
+///
+/// The first four are added to a fragment's depth, and are 0, or +∞ to exclude the fragment. They apply to the front's
+/// threshold, the back's threshold, the front's nearest depth and the back's nearest depth. The fifth is the fraction
+/// of ε by which the fragment counts as farther when the sides are compared.
 const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
+/// Fraction of ε by which back-facing fragments count as farther when the sides are compared.
 const LAG: f32 = BACK_FACING_LAG as f32;
 
-/// Results of visibility for both sides.
+/// Depth thresholds and nearest depths of a block's pixels, separately for the front- and the back-facing side.
 #[derive(Clone, Copy)]
 pub(crate) struct Sides<S: Simd> {
     front: Side<S>,
     back: Side<S>,
 }
 
+/// Depth threshold and nearest depth of one side of the surfaces in a block's pixels.
 #[derive(Clone, Copy)]
 struct Side<S: Simd> {
-    /// Depth threshold min(z + ε).
+    /// Depth threshold min(z + ε) of the side's visibility fragments.
     threshold: Lanes<S>,
-    /// ε of the splat that set the threshold.
+    /// Depth tolerance ε of the splat that set the threshold.
     epsilon: Lanes<S>,
-    /// Nearest depth of the side's fragments.
+    /// Nearest depth of the side's visibility fragments; for the back it includes the lag by which the front is
+    /// preferred.
     nearest: Lanes<S>,
-    /// ε of the splat of the nearest fragment.
+    /// ε of the splat that has the nearest fragment.
     nearest_epsilon: Lanes<S>,
 }
 
@@ -47,15 +53,16 @@ impl<S: Simd> Side<S> {
     }
 }
 
-/// The side that each pixel shows.
+/// The side that each pixel of a block shows, and its depth threshold.
 #[derive(Clone, Copy)]
 pub(crate) struct Shown<S: Simd> {
     pub threshold: Lanes<S>,
-    /// z + ε of the fragment that sets the threshold.
+    /// z + ε of the fragment that sets the threshold; larger than the threshold if the surface's other side limits it.
     pub writer_depth: Lanes<S>,
-    /// ε of the fragment that sets the threshold.
+    /// Depth tolerance ε of the fragment that sets the threshold.
     pub epsilon: Lanes<S>,
-    /// Limit per facing: +∞ if the pixel shows the facing, else −∞.
+    /// Largest depth at which fragments of each facing ([`crate::setup::record::Facing`]) exist: +∞ if the pixel shows
+    /// the facing, else −∞.
     limits: [Lanes<S>; 3],
 }
 
@@ -68,7 +75,7 @@ impl<S: Simd> Sides<S> {
         Self { front: side, back: side }
     }
 
-    /// Adds a splat's visibility fragments, given by their depths, +∞ for none.
+    /// Adds a splat's visibility fragments, given by their depths `z`; +∞ in pixels without one.
     #[inline(always)]
     pub(crate) fn add<const EPSILON: bool>(&mut self, simd: S, record: &Record, z: Lanes<S>) {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -85,8 +92,9 @@ impl<S: Simd> Sides<S> {
         self.front.threshold.max(self.back.threshold)
     }
 
-    /// Returns a nearer bound than [`Self::farthest`] if no further splat has a larger ε. The side shown in the end has
-    /// a fragment no farther than the nearest so far. The side's threshold is at most that fragment's ε behind it.
+    /// Returns a nearer bound than [`Self::farthest`], if no further splat has an ε above `largest_epsilon`. The side
+    /// shown in the end has a fragment no farther than the nearest so far. The side's threshold is at most that
+    /// fragment's ε behind it.
     #[inline(always)]
     pub(crate) fn farthest_within(&self, largest_epsilon: f32) -> Lanes<S> {
         let nearest = self.front.nearest.min(self.back.nearest);
@@ -118,7 +126,7 @@ impl<S: Simd> Sides<S> {
     }
 }
 
-/// A fragment filter that separates facings and applies another filter.
+/// A fragment filter that rejects fragments of the side that a pixel doesn't show, and then applies another filter.
 pub(crate) struct ByFacing<S: Simd, L> {
     other: L,
     shown: Shown<S>,

@@ -9,18 +9,18 @@ use crate::tiles::lists::BlockList;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
-/// A filter of a block's fragments.
+/// A filter that decides which fragments of a block exist, and which of them add their attributes.
 pub(crate) trait FragmentFilter<S: Simd> {
-    /// True if few blocks use the filter. No specialised copies of the block loops are compiled then.
+    /// True if few blocks use the filter, so that no specialised copies of the block loops are compiled for it.
     const IS_RARE: bool = true;
 
-    /// True if front- and back-facing splats of oriented clouds are separated.
+    /// True if front- and back-facing splats of oriented clouds are kept apart, so that each pixel shows one side.
     const KEEPS_FACINGS: bool = false;
 
-    /// True if [`Self::track`] is implemented.
+    /// True if [`Self::track`] must be called between the two loops.
     const TRACKS: bool = false;
 
-    /// Visits a block's splats between its two loops, when the depth thresholds are final.
+    /// Visits a block's splats between the two loops, when the depth thresholds are final.
     #[inline(always)]
     fn track(
         &mut self,
@@ -32,41 +32,42 @@ pub(crate) trait FragmentFilter<S: Simd> {
     ) {
     }
 
-    /// Returns which fragments at these depths exist; `None` for all.
+    /// Returns a mask of the pixels whose fragments at depths `z` exist; `None` if all do.
     #[inline(always)]
     fn exists(&self, _z: Lanes<S>) -> Option<mask32x16<S>> {
         None
     }
 
-    /// Returns a block's depth thresholds, with −∞ for pixels in which no fragment exists.
+    /// Returns a block's depth thresholds for skipping splats behind them; −∞ in pixels in which no fragment can exist.
     #[inline(always)]
     fn relevant(&self, threshold: Lanes<S>) -> Lanes<S> {
         threshold
     }
 
-    /// Receives the block's depth thresholds before attributes are added.
+    /// Receives the final depth thresholds of a block, before attributes are added.
     #[inline(always)]
     fn settle(&mut self, _threshold: Lanes<S>) {}
 
-    /// Receives the side of oriented surfaces that the block's pixels show.
+    /// Receives the side, front or back, of oriented surfaces that each pixel of the block shows.
     #[inline(always)]
     fn show(&mut self, _shown: &Shown<S>) {}
 
-    /// Returns which of the fragments of `mask` add their attributes.
+    /// Returns a mask of those fragments of `mask` that add their attributes.
     #[inline(always)]
     fn adds(&self, _z: Lanes<S>, _record: &Record, mask: mask32x16<S>) -> mask32x16<S> {
         mask
     }
 }
 
-/// The filter that admits every fragment.
+/// The fragment filter that admits every fragment.
 pub(crate) struct EveryFragment;
 
 impl<S: Simd> FragmentFilter<S> for EveryFragment {
     const IS_RARE: bool = false;
 }
 
-/// A filter that admits fragments behind a depth, in selected pixels only.
+/// A fragment filter that admits fragments behind a depth, in selected pixels only. It draws what is behind edge
+/// pixels.
 pub(crate) struct BehindDepth<S: Simd> {
     pub depth: Lanes<S>,
     pub pixels: mask32x16<S>,
@@ -84,10 +85,10 @@ impl<S: Simd> FragmentFilter<S> for BehindDepth<S> {
     }
 }
 
-/// The filter of a block with polygons (§6): attributes are added up to the nearest polygon that no splat occludes.
+/// The fragment filter of a block with polygons (rendering model §6). In pixels that show a polygon, splats add their
+/// attributes only up to ε behind it.
 pub(crate) struct MeshBlend<'a, S: Simd> {
-    /// Depth of the nearest polygon. After visibility, depth of the nearest polygon that no splat occludes, +∞ for
-    /// none.
+    /// Depth of each pixel's nearest polygon; +∞ for none. After visibility, also +∞ if splats occlude the polygon.
     pub polygon: &'a mut Lanes<S>,
 }
 

@@ -24,9 +24,9 @@ pub(crate) fn fragment<S: Simd>(
 }
 
 impl<S: Simd> Fragment<S> {
-    /// Removes the fragments that the splat's clip cuts off, if it has one. Visible fragments of an oriented clipped
-    /// splat stay inside the filtered footprint. Otherwise the clip, which a filter stretches with the footprint, could
-    /// remove all fragments of a pixel.
+    /// Removes the fragments that the splat's clip cuts off, if the splat has one. If the splat is clipped and its
+    /// cloud oriented, fragments of the unfiltered footprint remain part of the filtered one. Otherwise the clip, which
+    /// a filter stretches with the footprint, could remove all fragments of a pixel.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), inputs: &RasterInputs<'_>) {
         if let Some(([visible, inside], holds_visible)) = clipped(simd, record, at, inputs) {
@@ -36,8 +36,8 @@ impl<S: Simd> Fragment<S> {
     }
 }
 
-/// Returns masks of the pixels inside the clip, for the unfiltered and the filtered footprint. The flag is true if the
-/// filtered footprint is to include the unfiltered one. `None` if the splat has no clip.
+/// Returns masks of the pixels that a splat's clip retains, for the unfiltered and the filtered footprint. The flag is
+/// true if the filtered footprint must include the unfiltered one. `None` if the splat has no clip.
 #[inline(always)]
 fn clipped<S: Simd>(
     simd: S,
@@ -57,8 +57,8 @@ fn clipped<S: Simd>(
     Some((clip.keeps(V2::new(d_x, d_y), V2::new(x, y)), clip.holds_visible()))
 }
 
-/// Returns the offsets of a block's pixels from the splat's anchor. Whole pixels are exact, so each offset is rounded
-/// once.
+/// Returns the offsets of a block's pixels from the splat's projected centre. Whole pixels are exact, so each offset is
+/// rounded once.
 #[inline(always)]
 fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, Lanes<S>) {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -93,7 +93,8 @@ fn unclipped<S: Simd>(
     if class == Class::Cheap { cheap(&r, d, frame) } else { general(&r, d, frame) }
 }
 
-/// Evaluates a splat at the near plane in f64, pixel by pixel. Returns depths, NaN outside the footprint, and weights.
+/// Evaluates a splat at the near plane in f64 at the 16 pixels of a block. Returns depths, NaN outside the footprint,
+/// and weights.
 ///
 /// Arrays rather than lanes: a function that returns lanes through memory would force those of ordinary splats into
 /// memory.
@@ -109,8 +110,9 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// Evaluates [`fragment`] for a batch of cheap splats, each at its own pixels; filtered ones if `FILTERED`. The steps
-/// of all four are interleaved: a CPU looks ahead over about two splats, too few for the long dependency chain of each.
+/// Evaluates four cheap splats as [`fragment`] does, each at its own pixels. `FILTERED` must be true if some splat's
+/// filtered footprint differs from its unfiltered one. The steps of all four are interleaved: a CPU looks ahead over
+/// about two splats, too few for the long dependency chain of each.
 #[inline(always)]
 pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     simd: S,

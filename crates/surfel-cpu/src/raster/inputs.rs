@@ -6,38 +6,40 @@ use crate::setup::evaluate::FrameConstants;
 use crate::setup::near::NearSplat;
 use surfel_render::{Attributes, FramePlan, Pass, View};
 
-/// Quantities that the plan needs per pixel.
+/// Quantities that the plan needs per pixel. Others are neither computed nor stored.
 #[derive(Clone, Copy)]
 pub(crate) struct Wanted {
     pub attributes: Attributes,
-    /// True if the ε of the splat that set the depth threshold is needed.
+    /// True if a pixel needs the ε of the splat that set its depth threshold.
     pub epsilon: bool,
-    /// True if the far ends of the polygons' depth ranges are needed.
+    /// True if a pixel needs the depth at which its nearest polygon's depth range ends.
     pub polygon_ends: bool,
-    /// True if fragments are counted, both inside footprints and added.
+    /// True if fragments are counted, both those inside footprints and those that contribute.
     pub counts: bool,
-    /// True if the nearest splat of each pixel is needed.
+    /// True if a pixel needs the number of its nearest splat.
     pub nearest: bool,
-    /// True if front- and back-facing splats of oriented clouds are separated.
+    /// True if front- and back-facing splats of oriented clouds are kept apart, so that each pixel shows one side.
     pub facings: bool,
 }
 
-/// Inputs shared by all blocks of a frame.
+/// Inputs of rasterisation that all blocks of a frame share.
 pub(crate) struct RasterFrame {
     pub constants: FrameConstants,
     pub wanted: Wanted,
-    /// Ambient, diffuse, specular and shininess factors per object.
+    /// Ambient, diffuse, specular and shininess factors of each object's material.
     pub factors: Vec<[f32; 4]>,
-    /// Reciprocal 1/W0 of the interior weight, per object.
+    /// Factor from weight to coverage of each object: 1/W0, the reciprocal of its interior weight.
     pub coverage: Vec<f32>,
-    /// Coverage per unit of weight, if it is the same for all splats; coverage isn't summed then.
+    /// Factor from a pixel's sum of weights to its coverage, if it is the same for all splats. Coverage isn't summed
+    /// then.
     pub coverage_of_weight: Option<f32>,
-    /// Numbers that records store in place of object indices if the nearest splat is needed; else empty.
+    /// Numbering of splats that records store in place of object indices if the frame outputs the nearest splat; else
+    /// empty.
     pub numbers: SplatNumbers,
 }
 
 impl RasterFrame {
-    /// Returns the inputs for depths without attributes.
+    /// Returns the inputs for drawing depth thresholds without attributes.
     pub(crate) fn depth_only(plan: &FramePlan, view: &View) -> Self {
         let (factors, coverage) = (Vec::new(), Vec::new());
         let wanted = Wanted {
@@ -53,12 +55,13 @@ impl RasterFrame {
     }
 }
 
-/// Inputs shared by all blocks of a cell.
+/// Inputs of rasterisation that all blocks of a cell share.
 #[derive(Clone, Copy)]
 pub(crate) struct RasterInputs<'a> {
+    /// Splats of the cell at the near plane, which are evaluated in f64.
     pub frame: &'a RasterFrame,
     pub near: &'a [NearSplat],
     pub clips: &'a CellClips,
-    /// The largest ε of the splats whose facings are separated.
+    /// Largest depth tolerance ε of the cell's splats whose facings are kept apart.
     pub largest_epsilon: f32,
 }

@@ -1,4 +1,5 @@
-//! Transparent splats over a block (§8): the sums of all layers from one traversal of the block's splats.
+//! Transparent splats over a block (rendering model §8): the sums of all layers from one traversal of the block's
+//! splats.
 //!
 //! Depth peeling (G06 §6) draws a layer by two passes over all splats. Here a block's fragments are computed once and
 //! stored. Each layer is then two loops over the fragments that belong to no earlier layer. The image is the same to
@@ -19,47 +20,48 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// A transparent splat in a block's list.
+/// An element of a block's list of transparent splats.
 #[derive(Clone, Copy)]
 pub(crate) struct TransparentItem<'a> {
     pub record: &'a Record,
     pub splat: &'a TransparentSplat,
 }
 
-/// A splat's stored fragments in a block.
+/// The fragments of one transparent splat in a block, stored for all layers.
 #[derive(Clone, Copy, Default)]
 #[repr(align(64))]
 pub(super) struct Remembered {
-    /// Depths inside the filtered footprint; NaN elsewhere.
+    /// Depths of the fragments inside the filtered footprint; NaN elsewhere.
     pub inside_z: [f32; LANES],
-    /// Depths inside the unfiltered footprint; NaN elsewhere.
+    /// Depths of the fragments inside the unfiltered footprint, which set depth thresholds; NaN elsewhere.
     pub visible_z: [f32; LANES],
     pub weight: [f32; LANES],
     pub epsilon: f32,
     pub alpha: f32,
-    /// Index of the splat in the block's list.
+    /// Index of the splat in the block's list of transparent splats.
     pub splat: u32,
 }
 
-/// Per-thread scratch buffers, reused between blocks.
+/// Per-thread scratch buffers for transparent layers, reused between blocks.
 #[derive(Default)]
 pub(crate) struct LayerScratch {
+    /// Stored fragments; entries past `count` are left over from other blocks.
     fragments: Vec<Remembered>,
     /// Number of entries of `fragments` in use by the current block.
     count: usize,
-    /// Indices of the entries that have fragments in no layer yet.
+    /// Indices of the entries that still have fragments in no layer.
     left: Vec<u32>,
     surfaces: SurfaceNumbers,
 }
 
 impl LayerScratch {
-    /// True if every fragment is in a layer.
+    /// True if every stored fragment belongs to a layer already.
     pub(crate) fn is_empty(&self) -> bool {
         self.left.is_empty()
     }
 
-    /// Numbers the surfaces of an A-buffer for [`TransparentBlock::surface`] and returns true, if the block has many
-    /// fragments. If it has few, returns false, because finding their layers one by one is faster.
+    /// Numbers the surfaces of an A-buffer for [`TransparentBlock::surface`] if the block has many fragments, and
+    /// returns true. Returns false for few fragments, because finding their layers one by one is faster.
     pub(crate) fn number_surfaces(&mut self) -> bool {
         let is_numbered = self.count >= NUMBERED_FROM;
         if is_numbered {
@@ -69,27 +71,28 @@ impl LayerScratch {
     }
 }
 
-/// Minimum number of splats with fragments in a block for which its surfaces are numbered.
+/// Smallest number of splats with fragments in a block at which its surfaces are numbered together. With fewer splats,
+/// finding them one by one is faster.
 const NUMBERED_FROM: usize = 128;
 
-/// Results of gathering a block's fragments.
+/// Results of storing a block's transparent fragments.
 pub(crate) struct Gathered<S: Simd> {
-    /// Depth thresholds of the nearest layer.
+    /// Depth thresholds of the nearest transparent layer, per pixel.
     pub threshold: Lanes<S>,
-    /// ε of the splats that set the thresholds.
+    /// Depth tolerances ε of the splats that set these thresholds.
     pub threshold_epsilon: Lanes<S>,
-    /// Number of block-splat pairs computed.
+    /// Number of transparent splats computed in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of these pairs that nothing opaque occludes.
+    /// Number of fragments of these splats that nothing opaque occludes, for statistics.
     pub inside: u32,
 }
 
-/// One transparent layer of a block.
+/// One transparent layer of a block, before it is lit.
 pub(crate) struct Layer<S: Simd> {
     pub sums: Sums<S>,
-    /// Sum of weights times alphas, Σwα.
+    /// Sum Σwα of the fragments' weights times their opacities α.
     pub alpha: Lanes<S>,
-    /// Depth thresholds of the next layer.
+    /// Depth thresholds of the layer behind this one, per pixel.
     pub next: Lanes<S>,
 }
 
@@ -104,7 +107,7 @@ pub(crate) struct TransparentBlock<'a, S: Simd> {
 }
 
 impl<S: Simd> TransparentBlock<'_, S> {
-    /// Stores the fragments that nothing opaque occludes.
+    /// Stores the fragments of the block's splats that nothing opaque occludes in `scratch`.
     #[inline(always)]
     pub(crate) fn gather(&self, scratch: &mut LayerScratch) -> Gathered<S> {
         let simd = self.simd;
@@ -151,7 +154,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         gathered
     }
 
-    /// Stores the fragments of splat `i` in the next free entry, and counts the entry if it has any fragments.
+    /// Stores the fragments of splat `i` of the block's list in the next free entry, and counts the entry if it has any
+    /// fragments.
     #[inline(always)]
     fn remember(
         &self,
@@ -180,7 +184,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         gathered.inside += inside.to_bitmask().count_ones();
     }
 
-    /// Returns the layer behind `beyond` up to its threshold, and removes its fragments from the remaining ones.
+    /// Returns the layer of the stored fragments behind `beyond` and up to `threshold`, and removes them from the
+    /// remaining fragments.
     #[inline(always)]
     pub(crate) fn layer(&self, beyond: Lanes<S>, threshold: Lanes<S>, scratch: &mut LayerScratch) -> Layer<S> {
         let simd = self.simd;
@@ -234,7 +239,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         Some(Layer { sums, alpha, next: Lanes::splat(simd, f32::INFINITY) })
     }
 
-    /// Returns the nearest of all stored fragments.
+    /// Returns the nearest stored fragment in each pixel.
     #[inline(never)]
     pub(crate) fn nearest(&self, scratch: &LayerScratch) -> Nearest<S> {
         let mut nearest = Nearest::new(self.simd);
@@ -246,8 +251,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         nearest
     }
 
-    /// Returns the last layer: all remaining fragments, in colours lit per splat. Fragments are weighted by alpha, so
-    /// that more opaque splats contribute more.
+    /// Returns the last layer, which blends all fragments behind `beyond`, in colours lit per splat. Fragments are
+    /// weighted by alpha, so that more opaque splats contribute more.
     #[inline(always)]
     pub(crate) fn remaining(&self, beyond: Lanes<S>, scratch: &LayerScratch) -> Layer<S> {
         let simd = self.simd;

@@ -1,4 +1,4 @@
-//! Lists of the opaque splats and the triangles of a tile's blocks.
+//! Lists of the opaque splats, and of the triangles, that touch each block of a tile.
 
 use crate::setup::record::Record;
 use crate::setup::segment::Segment;
@@ -6,7 +6,7 @@ use crate::setup::triangles::{ScreenTriangle, TriangleSegment};
 use crate::tiles::grid::Grid;
 use crate::tiles::lists::{BlockLists, ItemLists};
 
-/// Opaque splats of a cell, sorted into tiles.
+/// The opaque splats of a cell, sorted into tiles, from which the lists of each block are filled.
 #[derive(Clone, Copy)]
 pub(crate) struct Listing<'a> {
     pub segments: &'a [Segment],
@@ -19,7 +19,7 @@ impl<'a> Listing<'a> {
         self.segments.iter().all(|s| s.lists.of(tile).is_empty())
     }
 
-    /// Fills the lists of a tile's blocks in `wanted` (one bit per block).
+    /// Fills the block lists of a tile with the splats that touch each block in `wanted` (one bit per block).
     #[inline(always)]
     pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -29,7 +29,7 @@ impl<'a> Listing<'a> {
         lists.finish();
     }
 
-    /// Fills the lists of a tile's blocks in `wanted` (one bit per block), faster than [`Self::list`] if they are few.
+    /// Fills the block lists of a tile as [`Self::list`] does; faster if few bits of `wanted` are set.
     #[inline(always)]
     pub(crate) fn list_some(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -40,8 +40,8 @@ impl<'a> Listing<'a> {
     }
 }
 
-/// Fills the lists of a tile's blocks in `wanted` (one bit per block) with triangles, in scene order. Returns bits of
-/// the blocks that have any.
+/// Fills the block lists of a tile with the triangles that touch each block in `wanted` (one bit per block), in scene
+/// order. Returns bits of the blocks whose lists aren't empty.
 pub(crate) fn list_triangles<'a>(
     segments: &'a [TriangleSegment],
     tile: usize,
@@ -57,7 +57,7 @@ pub(crate) fn list_triangles<'a>(
     lists.finish()
 }
 
-/// Per-thread lists, reused between tiles.
+/// Per-thread block lists of splats and of triangles, reused between tiles.
 #[derive(Default)]
 pub(crate) struct ListScratch<'a> {
     pub splats: BlockLists<'a, Record>,

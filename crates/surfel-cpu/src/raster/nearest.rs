@@ -16,12 +16,12 @@ use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
-/// The nearest fragments of a block.
+/// The nearest fragment in each pixel of a block, for the planes `index` and `label`.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// Depths of the fragments; +∞ for no fragment.
+    /// Depths of the nearest fragments; +∞ in pixels without one.
     pub z: Lanes<S>,
-    /// Numbers of the fragments' splats ([`SplatNumbers`]), as the bits of floats.
+    /// Numbers of the splats of the nearest fragments, as counted by [`SplatNumbers`], as the bits of floats.
     number: Lanes<S>,
 }
 
@@ -32,8 +32,8 @@ impl<S: Simd> Nearest<S> {
         Self { z: Lanes::splat(simd, f32::INFINITY), number: none }
     }
 
-    /// Adds a splat's fragments at the lanes of `mask`, with these depths. Among equal depths the lower object and then
-    /// the lower row wins.
+    /// Adds the fragments of splat `number` in the lanes of `mask`, at depths `z`. Among equal depths the lower object
+    /// and then the lower row wins.
     #[inline(always)]
     pub(crate) fn add(&mut self, z: Lanes<S>, mask: mask32x16<S>, number: u32, numbers: &SplatNumbers) {
         let own = Lanes::splat(z.0.simd, f32::from_bits(number));
@@ -49,15 +49,15 @@ impl<S: Simd> Nearest<S> {
         self.number = Lanes::select(closer, own, self.number);
     }
 
-    /// Returns the numbers of the splats; [`SplatNumbers::NOTHING`] for none.
+    /// Returns the number of the nearest splat in each pixel; [`SplatNumbers::NOTHING`] for none.
     #[inline(always)]
     pub(crate) fn numbers(&self) -> [u32; LANES] {
         self.number.to_array().map(f32::to_bits)
     }
 }
 
-/// Draws a block like [`block::draw`], in front of polygons at these depths (+∞ for none). Returns the nearest of the
-/// fragments that add their attributes.
+/// Draws a block as [`block::draw`] does, in front of polygons at the depths `polygon` (+∞ for none). Returns the
+/// nearest of the fragments that add their attributes.
 ///
 /// Facings and polygons are always handled. In a frame without facings all splats count for both sides, and polygons at
 /// +∞ hide nothing, so the block's sums have the same bits.
@@ -82,7 +82,8 @@ pub(crate) fn draw<S: Simd>(
     }
 }
 
-/// The fragment filter that also finds the nearest splat.
+/// A fragment filter that finds the nearest splat of each pixel, in addition to keeping facings apart and handling
+/// polygons.
 struct Tracked<'a, S: Simd> {
     other: ByFacing<S, MeshBlend<'a, S>>,
     nearest: &'a mut Nearest<S>,
@@ -124,7 +125,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
     }
 }
 
-/// State of the third loop, which finds the nearest splats.
+/// State of the third loop over a block's splats, which finds the nearest one in each pixel.
 struct ThirdLoop<'a, 'b, S: Simd, L> {
     filter: &'a L,
     threshold: Lanes<S>,

@@ -1,4 +1,4 @@
-//! Sums of attributes in memory, pixel by pixel.
+//! Sums of attributes that are stored in memory pixel by pixel, for tiles of tiny splats.
 
 use crate::simd::fused;
 use crate::simd::lanes::{LANES, has_fused_multiply_add};
@@ -6,7 +6,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 use surfel_render::Attributes;
 
-/// A buffer of numbers that is aligned to cache lines.
+/// A buffer of numbers whose start is aligned to a cache line.
 #[derive(Default)]
 pub(crate) struct Aligned(pub Vec<f32>);
 
@@ -16,7 +16,7 @@ impl Aligned {
         &mut self.0[before..]
     }
 
-    /// Makes room for `count` numbers. The numbers may move, and their values are lost.
+    /// Makes room for `count` numbers. Their values are unspecified, and old values are lost.
     pub(crate) fn reserve(&mut self, count: usize) {
         if self.0.len() < count + LANES {
             self.0.resize(count + LANES, 0.0);
@@ -24,8 +24,8 @@ impl Aligned {
     }
 }
 
-/// Factors that a splat's weight is multiplied by before it is added to a pixel's `N` sums. For `N` = 8: colour,
-/// normal, 1 and depth. For `N` = 4: three attributes and 1.
+/// A splat's attributes, in the order of a pixel's `N` sums; each is multiplied by a fragment's weight and added. For
+/// `N` = 8: colour, normal, 1 and depth. For `N` = 4: three attributes and 1.
 pub(crate) struct Numbers<S: Simd, const N: usize> {
     eight: f32x8<S>,
     four: f32x4<S>,
@@ -43,7 +43,7 @@ impl<S: Simd, const N: usize> Numbers<S, N> {
         Self { eight: f32x8::load_array(simd, eight), four, is_depth }
     }
 
-    /// Adds the factors times `weight` to a pixel's sums, with `depth` as the factor of the depth.
+    /// Adds the attributes, times a fragment's `weight`, to a pixel's sums; `depth` is the fragment's depth.
     #[inline(always)]
     pub(crate) fn add(&self, simd: S, weight: f32, depth: f32, sums: &mut [f32; N]) {
         if let Some(sums) = sums.first_chunk_mut::<8>() {

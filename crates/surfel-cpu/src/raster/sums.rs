@@ -1,4 +1,4 @@
-//! Sums of a block's fragments.
+//! Weighted sums of the fragments in a block's pixels.
 
 use crate::raster::inputs::{RasterFrame, RasterInputs, Wanted};
 use crate::setup::near::NearSplat;
@@ -7,18 +7,20 @@ use crate::simd::lanes::Lanes;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
-/// Minimum Σw of a pixel that isn't empty. Below, attributes are lost to underflow. Only splats smaller than 1e-14
-/// pixels (at c = 2; 1e-7 at the greatest cutoff) weigh less.
+/// Smallest sum of weights, Σw, of a pixel that isn't empty. In smaller sums, attributes are lost to underflow. Only
+/// splats smaller than 1e-14 pixels (at c = 2; 1e-7 at the greatest cutoff) weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-/// Sums of a block. Quantities that the plan doesn't need stay zero.
+/// Depth thresholds and weighted sums of a block's pixels, one lane per pixel. Quantities that the plan doesn't need
+/// stay zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Sums<S: Simd> {
-    /// Depth thresholds, +∞ in empty pixels. Fragments up to the threshold add their attributes.
+    /// Depth thresholds; +∞ in pixels without visibility fragments. Fragments up to the threshold add their attributes.
     pub threshold: Lanes<S>,
-    /// z + ε of the fragments that set the thresholds: the thresholds, unless the other side of a surface limits them.
+    /// z + ε of the fragments that set the thresholds. It exceeds the threshold where the other side of a surface
+    /// limits the threshold.
     pub writer_depth: Lanes<S>,
-    /// ε of the fragments that set the thresholds.
+    /// Depth tolerances ε of the fragments that set the thresholds.
     pub threshold_epsilon: Lanes<S>,
     pub weight: Lanes<S>,
     pub fragments: Lanes<S>,
@@ -27,9 +29,9 @@ pub(crate) struct Sums<S: Simd> {
     pub depth: Lanes<S>,
     pub material: [Lanes<S>; 4],
     pub coverage: Lanes<S>,
-    /// Number of block-splat pairs computed.
+    /// Number of splats that were computed in the block, for statistics.
     pub tested: u32,
-    /// Number of lanes of these pairs that are inside a filtered footprint.
+    /// Number of fragments of these splats that are inside a filtered footprint, for statistics.
     pub inside: u32,
 }
 
@@ -53,7 +55,7 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Resets the sums to zero. The thresholds, `tested` and `inside` remain.
+    /// Resets the weighted sums to zero. The thresholds and the counts `tested` and `inside` remain.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         let none = Self::new(self.threshold.0.simd);
@@ -61,13 +63,14 @@ impl<S: Simd> Sums<S> {
         *self = Self { threshold, writer_depth, threshold_epsilon, tested, inside, ..none };
     }
 
-    /// Returns a mask of the pixels that aren't empty.
+    /// Returns a mask of the pixels that aren't empty: Σw is at least [`LEAST_WEIGHT`].
     #[inline(always)]
     pub(crate) fn has_weight(&self) -> mask32x16<S> {
         self.weight.constant(f64::from(LEAST_WEIGHT)).le(self.weight)
     }
 
-    /// Computes coverage from the summed weight, if it is proportional. Call this after all fragments are added.
+    /// Computes coverage from Σw, if it is the same multiple of the weight for all splats. Call this after all
+    /// fragments are added.
     #[inline(always)]
     pub(crate) fn cover(&mut self, frame: &RasterFrame) {
         if let Some(scale) = frame.coverage_of_weight {
@@ -76,7 +79,7 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// Adds `numbers` times a weight to sums.
+/// Adds `numbers`, the attributes of a splat, times the weights of its fragments to `sums`.
 #[inline(always)]
 pub(crate) fn add_weighted<S: Simd, const N: usize>(sums: &mut [Lanes<S>; N], weight: Lanes<S>, numbers: [f32; N]) {
     for (sum, number) in sums.iter_mut().zip(numbers) {
@@ -84,7 +87,7 @@ pub(crate) fn add_weighted<S: Simd, const N: usize>(sums: &mut [Lanes<S>; N], we
     }
 }
 
-/// Adds weighted attributes in the lanes of `mask`.
+/// Adds the attributes of a splat's fragments, times their weights, in the lanes of `mask`.
 #[inline(always)]
 pub(crate) fn accumulate<S: Simd>(
     simd: S,
@@ -121,7 +124,7 @@ pub(crate) fn accumulate<S: Simd>(
     }
 }
 
-/// Returns the index of a record's object, or the number of its slot if slots are numbered.
+/// Returns the number that a record stores: of its slot if slots are numbered, else the index of its object.
 #[inline(always)]
 pub(crate) fn number_of(record: &Record, near: &[NearSplat]) -> usize {
     match record.class() {

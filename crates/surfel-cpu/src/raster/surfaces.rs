@@ -1,5 +1,5 @@
-//! The surfaces of an A-buffer (§8), for blocks with many fragments, in which searching all fragments for each surface
-//! would take quadratic time.
+//! The surfaces of an A-buffer (rendering model §8), for blocks with many fragments. Searching all fragments for each
+//! surface would take quadratic time in such blocks.
 //!
 //! A pixel's surfaces end at its depth thresholds, which are found from the fragments in order of depth. Each fragment
 //! belongs to the first surface whose threshold isn't nearer than the fragment. The block's fragments are sorted by
@@ -8,46 +8,47 @@
 use crate::raster::layers::Remembered;
 use crate::simd::lanes::LANES;
 
-/// Numbers of the surfaces that a splat's fragments belong to, from 0 for the nearest; NaN for no fragment.
+/// Number of the surface that a splat's fragment belongs to, per pixel: 0 for the nearest; NaN for no fragment.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Numbers(pub [f32; LANES]);
 
-/// A splat's fragments that belong to a surface in some pixel. Members are ordered by surface, then by splat.
+/// A pair of a surface and a splat that has a fragment of this surface in some pixel. Members are ordered by surface,
+/// then by splat.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Member {
     surface: u32,
-    /// Index of the splat's fragments in the block's stored fragments.
+    /// Index of the splat among the block's stored fragments.
     pub fragment: u32,
 }
 
-/// The surfaces of all pixels of a block that have the same number.
+/// Surface `number` of all pixels of a block, counted from the nearest in each pixel.
 pub(super) struct Surface<'a> {
     pub number: u32,
-    /// Surface numbers of all fragments.
+    /// Surfaces that the fragments of each stored splat belong to.
     pub numbers: &'a [Numbers],
-    /// Fragments of the surface, in splat order.
+    /// Splats that have fragments of this surface, in splat order.
     pub members: &'a [Member],
 }
 
-/// The surfaces of a block's pixels.
+/// The surfaces of a block's pixels, numbered from the nearest, and scratch buffers for finding them.
 #[derive(Default)]
 pub(super) struct SurfaceNumbers {
-    /// Surface numbers of each splat's fragments.
+    /// Surfaces that the fragments of each stored splat belong to.
     numbers: Vec<Numbers>,
     members: Vec<Member>,
-    /// Index of the next surface's first member.
+    /// Index in `members` of the first member of the surface that [`Self::next()`] returns next.
     next: usize,
-    /// Visible fragments of a pixel by depth, as depths and indices.
+    /// Scratch: the visibility fragments of one pixel in order of depth, as depths and indices of splats.
     order: Vec<(f32, u32)>,
-    /// Minimum z + ε of each fragment of `order` and of the fragments behind it.
+    /// Scratch: for each fragment of `order`, the smallest z + ε of it and of all fragments behind it.
     ends: Vec<f32>,
-    /// Depth thresholds of the pixel, from near to far.
+    /// Scratch: depth thresholds of one pixel, from near to far.
     thresholds: Vec<f32>,
 }
 
 impl SurfaceNumbers {
-    /// Numbers the surfaces of a block's fragments.
+    /// Finds the surfaces that a block's stored fragments belong to, and numbers them from the nearest.
     pub(super) fn number(&mut self, fragments: &[Remembered]) {
         self.numbers.clear();
         self.numbers.resize(fragments.len(), Numbers([f32::NAN; LANES]));
@@ -76,7 +77,7 @@ impl SurfaceNumbers {
         self.next = 0;
     }
 
-    /// Finds the depth thresholds of a pixel, from the nearest.
+    /// Finds the depth thresholds of the pixel in this lane, from near to far.
     fn find_thresholds(&mut self, fragments: &[Remembered], lane: usize) {
         self.thresholds.clear();
         // The order of the previous pixel is nearly the order of this one, from which the sort benefits.
@@ -98,7 +99,7 @@ impl SurfaceNumbers {
         }
     }
 
-    /// Returns the next surface; `None` after the last one.
+    /// Returns the next surface of the block, from the nearest; `None` after the last one.
     pub(super) fn next(&mut self) -> Option<Surface<'_>> {
         let first = self.next;
         let number = self.members.get(first)?.surface;

@@ -24,36 +24,37 @@ use fearless_simd::{Simd, f32x4};
 use surfel_math::Real;
 use surfel_render::Attributes;
 
-/// Maximum distance, in pixels, that a tiny splat reaches beyond its tile.
+/// Largest distance, in pixels, by which a tiny splat that touches a tile may extend beyond it.
 const BEYOND: usize = 2;
 
-/// Number of pixels in a row: the tile's, and the margins beyond.
+/// Number of pixels in a row of a tile's buffers: the tile's own, and a margin of [`BEYOND`] pixels on either side.
 const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
 
-/// Number of pixels in a buffer: all rows, and four that the last fragments of the last tiny splat may reach beyond
-/// them.
+/// Number of pixels in a tile's buffers: all rows, and four more, because fragments are read and written four at a
+/// time.
 const ALL: usize = STRIDE * STRIDE + 4;
 
-/// A pair of a block and a splat that isn't tiny.
+/// A pair of a block and a splat that isn't tiny and touches the block.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     record: &'a Record,
     first_px: (i32, i32),
-    /// Index of the block's first pixel.
+    /// Index of the block's first pixel in the tile's buffers.
     pixel: u32,
 }
 
-/// Per-thread scratch buffers, reused between tiles.
+/// Per-thread buffers of a tile's pixels and fragments, reused between tiles.
 #[derive(Default)]
 pub(crate) struct TinyScratch<'a> {
-    /// Depth threshold so far, min(z + ε), per pixel; −∞ in pixels that aren't drawn.
+    /// Depth threshold min(z + ε) per pixel, of the splats so far; −∞ in pixels outside the drawn region.
     thresholds: Vec<f32>,
-    /// Sums per pixel, interleaved: of three attributes and weights; or of six attributes, weights and depths.
+    /// Weighted sums per pixel, consecutive for each pixel: of three attributes and 1, or of six attributes, 1 and
+    /// depth.
     sums: Aligned,
-    /// Number of fragments added per pixel.
+    /// Number of fragments added to each pixel; empty if they aren't counted.
     counts: Vec<f32>,
     pairs: Vec<Pair<'a>>,
-    /// Sixteen depths (NaN outside the footprint) and sixteen weights per pair.
+    /// Stored fragments of each pair: sixteen depths (NaN outside the footprint), then sixteen weights.
     remembered: Aligned,
 }
 
@@ -65,25 +66,26 @@ impl TinyScratch<'_> {
     }
 }
 
-/// A tile that is drawn splat by splat.
+/// A tile that is drawn splat by splat, because most of its splats are tiny.
 pub(crate) struct TinyTile<'a, 'b> {
     pub listing: &'b Listing<'a>,
     pub inputs: &'b RasterInputs<'a>,
     pub number: usize,
-    /// The tile's pixels within the target.
+    /// The tile's pixels that are inside the target and are drawn.
     pub rect: Rect,
-    /// True if fragments are counted per pixel.
+    /// True if the fragments added to each pixel are counted.
     pub counts: bool,
 }
 
 impl<'a> TinyTile<'a, '_> {
-    /// True if 8 numbers are summed per pixel, false if 4 suffice.
+    /// True if 8 numbers are summed per pixel: colour, normal, weight and depth. False if 4 suffice.
     pub(crate) fn sums_all(&self) -> bool {
         let attributes = &self.inputs.frame.wanted.attributes;
         attributes.depth | (attributes.color & attributes.normal)
     }
 
-    /// Sums all splats into the scratch, `N` numbers per pixel. Returns bits of the blocks touched.
+    /// Draws all splats of the tile into the buffers of `scratch`, with `N` sums per pixel. Returns bits of the blocks
+    /// touched.
     #[inline(always)]
     pub(crate) fn draw<S: Simd, const N: usize>(
         &self,
@@ -99,7 +101,7 @@ impl<'a> TinyTile<'a, '_> {
         touched
     }
 
-    /// Returns the sums of the block whose first pixel is given.
+    /// Returns the sums of the block whose first pixel is `at`.
     #[inline(always)]
     pub(crate) fn sums_of<S: Simd, const N: usize>(
         &self,
@@ -112,7 +114,7 @@ impl<'a> TinyTile<'a, '_> {
     }
 }
 
-/// Position of a tile's first pixel, and the rectangle of pixels that are drawn.
+/// First pixel of a tile, and the rectangle of the tile's pixels that are drawn.
 #[derive(Clone, Copy)]
 struct Tile {
     origin: (i32, i32),
@@ -120,27 +122,27 @@ struct Tile {
 }
 
 impl Tile {
-    /// Returns the index of a pixel.
+    /// Returns the index of a pixel in the tile's buffers.
     #[inline(always)]
     fn index(&self, (x, y): (i32, i32)) -> usize {
         let (x, y) = (x - self.origin.0 + BEYOND as i32, y - self.origin.1 + BEYOND as i32);
         (y.max(0) as usize) * STRIDE + x.max(0) as usize
     }
 
-    /// Returns the index of a tiny splat's first pixel.
+    /// Returns the index of a tiny splat's first pixel in the tile's buffers.
     #[inline(always)]
     fn index_of(&self, record: &Record) -> usize {
         self.index(first_px(record))
     }
 }
 
-/// Number of a buffer's entries from the first to the last pixel of a block.
+/// Number of consecutive pixels in a tile's buffers that contain all rows of a block.
 const OF_BLOCK: usize = 3 * STRIDE + 4;
-/// Number of a buffer's entries from the first to the last pixel of a tiny splat.
+/// Number of consecutive pixels in a tile's buffers that contain all rows of a tiny splat, four pixels each.
 const OF_TINY: usize = 2 * STRIDE + 4;
 
 impl<'a> TinyScratch<'a> {
-    /// Resets the buffers for a tile.
+    /// Resets the buffers for a tile: sums of zero, and thresholds of +∞ in the pixels that are drawn.
     fn clear<const N: usize>(&mut self, tile: Tile, counts: bool) {
         self.pairs.clear();
         self.thresholds.clear();
@@ -159,8 +161,8 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// Runs the first loop over tiny splats, which lowers depth thresholds. Lists the pairs of blocks and other splats,
-    /// and returns bits of the blocks touched.
+    /// Runs the first loop over the tile's tiny splats, which lowers depth thresholds. Lists the pairs of blocks and
+    /// splats that aren't tiny. Returns bits of the blocks touched.
     #[inline(always)]
     fn look_at_tiny<S: Simd>(
         &mut self,
@@ -207,7 +209,7 @@ impl<'a> TinyScratch<'a> {
         touched
     }
 
-    /// Runs the first loop over pairs, which lowers depth thresholds and stores the pairs' fragments.
+    /// Runs the first loop over the listed pairs, which lowers depth thresholds and stores the pairs' fragments.
     #[inline(always)]
     fn look_at_pairs<S: Simd>(&mut self, simd: S, tile: Tile, inputs: &RasterInputs<'_>, counters: &mut Counters) {
         self.remembered.reserve(2 * LANES * self.pairs.len());
@@ -254,7 +256,7 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// Runs the second loop, which adds the fragments up to the depth thresholds in splat order.
+    /// Runs the second loop, which adds fragments up to the depth thresholds to the pixels' sums, in splat order.
     #[inline(always)]
     fn add<S: Simd, const N: usize>(
         &mut self,
@@ -316,7 +318,7 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// Returns the sums of the block whose first pixel has this index.
+    /// Returns the sums of the block whose first pixel has index `pixel` in the buffers.
     #[inline(always)]
     fn sums_of<S: Simd, const N: usize>(
         &mut self,
@@ -353,7 +355,7 @@ impl<'a> TinyScratch<'a> {
     }
 }
 
-/// Loads the numbers of a block's pixels; `numbers` begins at the block's first pixel.
+/// Loads the sixteen numbers of a block's pixels from a buffer; `numbers` begins at the block's first pixel.
 #[inline(always)]
 fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     let Some(numbers) = numbers.first_chunk::<OF_BLOCK>() else { return Lanes::splat(simd, f32::NEG_INFINITY) };
@@ -361,7 +363,7 @@ fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     Lanes(row(0).combine(row(1)).combine(row(2).combine(row(3))))
 }
 
-/// Loads the numbers of a tiny splat's 2×2 pixels; `numbers` begins at the splat's first pixel.
+/// Loads the numbers of a tiny splat's 2×2 pixels from a buffer; `numbers` begins at the splat's first pixel.
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_TINY]) -> f32x4<S> {
     f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
@@ -383,8 +385,8 @@ fn lower_thresholds<S: Simd>(
     }
 }
 
-/// Adds a tiny splat of 2×2 pixels at its first pixel. Returns the number of its fragments that are drawn, and bits of
-/// the fragments that contribute.
+/// Adds the fragments of a tiny splat of 2×2 pixels to the sums; `pixel` is the index of its first pixel. Returns the
+/// number of its fragments inside the drawn region, and bits of the fragments that contribute.
 #[inline(always)]
 fn add_four<S: Simd, const N: usize>(
     simd: S,
@@ -405,13 +407,14 @@ fn add_four<S: Simd, const N: usize>(
     (drawn(simd, has, here), bits)
 }
 
-/// Returns the number of fragments inside the footprint, in the block's pixels that are drawn.
+/// Returns the number of a splat's fragments inside its filtered footprint, in the block's pixels that are drawn.
 #[inline(always)]
 fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>) -> u64 {
     u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
 }
 
-/// Stores a splat's fragments. Writes the depths z + ε to which they may lower the thresholds to `values`; +∞ for none.
+/// Stores the fragments of a splat in a block to `remembered`. Writes to `values` the depths z + ε to which they may
+/// lower the thresholds; +∞ for none.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
@@ -429,7 +432,7 @@ fn take_in<S: Simd>(
     Lanes::select(fragment.visible, value, Lanes::splat(simd, f32::INFINITY)).store(values);
 }
 
-/// Adds a splat at a block. Returns bits of the fragments that contribute.
+/// Adds the stored fragments of a splat in a block to the sums. Returns bits of the fragments that contribute.
 #[inline(always)]
 fn add_pair<S: Simd, const N: usize>(
     simd: S,
@@ -450,7 +453,8 @@ fn add_pair<S: Simd, const N: usize>(
     mask.to_bitmask() as u32
 }
 
-/// Adds contributing fragments (1, else 0) to the counts of pixels, given by columns and rows relative to `pixel`.
+/// Adds 1 to the counts of pixels whose fragment contributes. Each item of `fragments` is a column and a row relative
+/// to `pixel`, and 1 if the fragment contributes, else 0.
 fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usize, usize, u32)>) {
     for (column, row, contributes) in fragments {
         if let Some(count) = counts.get_mut(pixel + STRIDE * row + column) {
@@ -459,15 +463,15 @@ fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usiz
     }
 }
 
-/// Maximum size of a tile's stored fragments, in numbers. A tile with more is drawn block by block, which computes
-/// fragments twice.
+/// Largest number of values in a tile's stored fragments. A tile with more is drawn block by block, where fragments are
+/// computed twice instead.
 const REMEMBERED: usize = 1 << 22;
 
-/// Relative costs of a pair of splat and block. The first two are for a tile drawn block by block: a tiny splat's pair,
-/// and another splat's. The last two are for a tile drawn splat by splat: a whole tiny splat, and another splat's pair.
+/// Relative drawing times, by which the method for a tile is chosen. Drawn block by block: a tiny splat, and another
+/// splat in one block. Drawn splat by splat: a tiny splat, and another splat in one block.
 const COSTS: [usize; 4] = [40, 30, 10, 45];
 
-/// True if the tile has enough tiny splats to be drawn faster splat by splat.
+/// True if the tile is faster drawn splat by splat, because it has enough tiny splats.
 pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
     let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
     let [mut splats, mut pairs] = [0; 2];

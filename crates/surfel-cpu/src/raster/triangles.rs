@@ -1,4 +1,4 @@
-//! Search for the nearest triangle in each pixel of a block (§6).
+//! Search for the nearest triangle in each pixel of a block (rendering model §6).
 
 use crate::setup::triangles::ScreenTriangle;
 use crate::simd::compress::ones;
@@ -9,35 +9,35 @@ use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
 use surfel_math::{Real, V2};
 
-/// The nearest polygons of a block.
+/// The nearest polygon in each pixel of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// Depths of the polygons; +∞ for no polygon.
+    /// Depths of the nearest polygons; +∞ in pixels without one.
     pub z: Lanes<S>,
-    /// Indices in the block's list, as the bits of floats.
+    /// Indices of the nearest polygons in the block's list, as the bits of floats.
     which: Lanes<S>,
 }
 
-/// Moves a form's origin to the first pixel of a block. The form is rounded once: adjacent triangles, whose edges are
-/// each other's negatives, still decide by the same number.
+/// Returns a linear form relative to the first pixel of a block, in lanes. The form is rounded once: adjacent
+/// triangles, whose edges are each other's negatives, still decide by the same number.
 #[inline(always)]
 fn about<S: Simd>(simd: S, form: &Linear<f64>, first: V2<f64>) -> Linear<Lanes<S>> {
     let k = |v: f64| Lanes::splat(simd, v as f32);
     Linear { c: k(form.at(first)), x: k(form.x), y: k(form.y) }
 }
 
-/// Returns the centre of a pixel.
+/// Returns the position of a pixel's centre.
 pub(crate) fn center((x, y): (i32, i32)) -> V2<f64> {
     V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
-/// Returns the pixel of a block's lane.
+/// Returns the pixel of this lane in a block whose first pixel is given.
 pub(crate) fn pixel_of((x, y): (i32, i32), lane: usize) -> (i32, i32) {
     (x + (lane % 4) as i32, y + (lane / 4) as i32)
 }
 
-/// Returns the nearest polygon in every pixel of a block; among equal depths the first. Depths outside the range
-/// `exists` are ignored.
+/// Returns the nearest polygon in each pixel of a block; of equally near ones, the first in the list. Polygons at
+/// depths outside the range `exists` are ignored.
 #[inline(always)]
 pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32), exists: [f32; 2]) -> Nearest<S> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -65,8 +65,8 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
 }
 
 impl<S: Simd> Nearest<S> {
-    /// Returns the depths of the polygons. Depths of the lanes whose bits are set are increased by an allowance, a
-    /// function of depth and gradient.
+    /// Returns the depths of the nearest polygons, moved back in the lanes whose bits are set. They move by
+    /// `allowance`, a function of a polygon's depth and its gradient there.
     #[inline(never)]
     pub(crate) fn moved_back(
         &self,
@@ -86,7 +86,7 @@ impl<S: Simd> Nearest<S> {
         Lanes::load(simd, &z)
     }
 
-    /// Returns the list index of each lane's polygon.
+    /// Returns the index of each pixel's nearest polygon in the block's list.
     #[inline(always)]
     pub(crate) fn indices(&self) -> [usize; LANES] {
         self.which.to_array().map(|bits| bits.to_bits() as usize)

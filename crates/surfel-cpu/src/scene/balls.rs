@@ -1,4 +1,5 @@
-//! Resident balls and dots (§11): in Morton order, in chunks of up to 256, in f32 relative to an f64 origin.
+//! Resident balls and dots (rendering model §11): in Morton order, in chunks of up to 256, in f32 relative to an f64
+//! origin.
 
 use crate::scene::cloud::CHUNK;
 use crate::simd::lanes::LANES;
@@ -7,15 +8,15 @@ use std::sync::Arc;
 use surfel_model::{BallLight, Material, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
-/// A chunk of up to 256 neighbouring balls.
+/// A chunk of up to 256 neighbouring balls, the unit of culling.
 pub(crate) struct BallChunk {
     /// Object-space origin, relative to which the chunk's centres are stored.
     pub origin: DVec3,
-    /// Radius of a sphere around the origin that contains the centres, in object units.
+    /// Radius, in object units, of a sphere around the chunk's origin that contains the balls' centres.
     pub centers: f64,
-    /// Largest radius of the chunk's balls, in world units, or in pixels of the image if [`StoredBalls::in_pixels`].
+    /// Largest radius of the chunk's balls: in pixels of the image if [`StoredBalls::in_pixels`], else in world units.
     pub largest: f64,
-    /// Index of the first ball in the columns.
+    /// Slot of the chunk's first ball, an index into [`StoredBalls`]'s columns.
     pub first: usize,
     /// Number of balls in the chunk.
     pub count: usize,
@@ -32,22 +33,24 @@ pub(crate) struct StoredBalls {
     /// True if the splats are dots, which are parallel to the image.
     pub flat: bool,
     pub chunks: Vec<BallChunk>,
-    /// Centres relative to the origins of their chunks, by coordinate. Each chunk fills whole lanes.
+    /// Centres relative to the origins of their chunks: columns of x, of y and of z. Each chunk is padded to whole
+    /// lanes.
+    /// Radii: in pixels of the image if `in_pixels`, else in world units.
     pub centers: [Vec<f32>; 3],
     pub radii: Vec<f32>,
     pub colors: Option<Vec<[f32; 3]>>,
-    /// Opacity; `None` if every ball is opaque.
+    /// Opacities, one per slot; `None` if every ball is opaque.
     pub alphas: Option<Vec<f32>>,
-    /// Light of a sky, stored for every slot (§12).
+    /// Stored light of a sky (rendering model §12), one per slot; `None` if the cloud has none.
     pub light: Option<Vec<BallLight>>,
-    /// Row of every slot, if the cloud has rows.
+    /// Row in the input file, one per slot; `None` if the cloud has no rows.
     pub rows: Option<Arc<[u32]>>,
-    /// Label of every slot, if the cloud has labels.
+    /// Label, one per slot; `None` if the cloud has no labels.
     pub labels: Option<Vec<u32>>,
 }
 
 impl StoredBalls {
-    /// Stores a cloud of balls; `None` for other splats.
+    /// Stores a cloud of balls or dots; returns `None` for other splats.
     pub(crate) fn new(
         cloud: &SplatCloud,
         world_from_object: DAffine3,
@@ -105,7 +108,7 @@ impl StoredBalls {
         Some(stored)
     }
 
-    /// Replaces matrix and material. Balls in world units are stored anew if their sizes change.
+    /// Replaces the object's matrix and material. Stores the balls anew if the matrix changes radii in world units.
     pub(crate) fn place(&mut self, cloud: &SplatCloud, world_from_object: DAffine3, material: Material) {
         let has_same_sizes = self.in_pixels || ball_scale(&world_from_object) == ball_scale(&self.world_from_object);
         (self.world_from_object, self.material) = (world_from_object, material);
@@ -114,7 +117,7 @@ impl StoredBalls {
         }
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the balls use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let floats = self.centers.iter().chain([&self.radii]).chain(&self.alphas);
         floats.map(|column| size_of_val(column.as_slice())).sum::<usize>()

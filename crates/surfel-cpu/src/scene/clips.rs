@@ -1,4 +1,4 @@
-//! Clips of splats (§7), over their (u, v).
+//! Clips of stored splats (rendering model §7), as linear forms over the splats' (u, v).
 //!
 //! Most clips are one line or two. Only the forms that a clip has are stored, in one list for many splats.
 
@@ -7,19 +7,20 @@ use surfel_math::clip::Clip;
 use surfel_math::mapping::Linear;
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// Index that marks a slot without a clip.
+/// Index in place of a clip's, which marks a slot without a clip.
 const NONE: u32 = u32::MAX;
 
-/// The forms of a clip's curve, stored after those of its lines.
+/// Kind of a clip's curve, which decides how many forms are stored for the curve and how they are tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Curve {
-    /// The clip has no curve, and no form is stored.
+    /// The clip has no curve, and no form is stored for it.
     Absent,
-    /// One form, the chord in place of the curve: the form is at least 0 in the pixels inside the clip.
+    /// The curve is replaced by its chord. One form is stored, at least 0 at the points that the splat retains.
     Chord,
-    /// Three forms, [`Clip::chord`], `side1` and `side3`; the inside of the curve is the inside of the clip.
+    /// The splat retains the inside of the curve. Three forms are stored: [`Clip::chord`], [`Clip::side1`] and
+    /// [`Clip::side3`].
     Inside,
-    /// The same three forms; the outside of the curve is the inside of the clip.
+    /// The splat retains the outside of the curve. The same three forms are stored as for [`Curve::Inside`].
     Outside,
 }
 
@@ -34,19 +35,21 @@ impl Curve {
     }
 }
 
-/// Location and kinds of a clip's forms, in a list of many clips' forms.
+/// Number and kinds of a clip's forms, and where they are in a list of many clips' forms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Head {
-    /// Index of the clip's first form.
+    /// Index of the clip's first form in the list.
     pub first: u32,
-    /// Number of lines. Their forms precede the forms of the curve.
+    /// Number of lines of the clip. Their forms precede the forms of the curve.
     pub lines: u8,
-    /// True if a point inside any one line is inside the clip. The forms of the lines are then negated.
+    /// True if the splat retains points inside at least one line, false if only points inside all lines. If true, the
+    /// forms of the lines are negated.
     pub any_line: bool,
     pub curve: Curve,
-    /// True if the forms over the unfiltered footprint are followed by as many over the filtered one.
+    /// True if the forms for the unfiltered footprint are followed by as many for the filtered footprint.
     pub has_filtered: bool,
-    /// True if the visible part of the splat also belongs to its filtered footprint (§7), as in oriented clouds.
+    /// True if fragments of the clipped, unfiltered footprint also belong to the filtered one (rendering model §7), as
+    /// in oriented clouds.
     pub holds_visible: bool,
 }
 
@@ -57,27 +60,28 @@ impl Head {
     }
 }
 
-/// The clips of an object's splats, over their (u, v).
+/// The clips of an object's splats, as forms over the splats' (u, v).
 #[derive(Default)]
 pub(crate) struct StoredClips {
-    /// Index of the clip of every slot of the object's columns, or [`NONE`].
+    /// Index in `heads` of each slot's clip, or [`NONE`].
     of_slot: Vec<u32>,
     heads: Vec<Head>,
     forms: Vec<Linear<f32>>,
 }
 
-/// A stored clip, simplified by a clip policy.
+/// A stored clip, as the plan's [`ClipPolicy`] evaluates it.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredClip<'a> {
     pub head: Head,
     pub lines: &'a [Linear<f32>],
     pub curve: &'a [Linear<f32>],
-    /// Factor that turns the curve's first form into the chord's, if the policy replaces the curve by its chord.
+    /// Factor that turns the first form of the curve into the chord's form. `None` unless the policy replaces the curve
+    /// by its chord.
     pub straightened: Option<f32>,
 }
 
 impl StoredClips {
-    /// Adds the next slot, with the clip of splat `i` of a cloud.
+    /// Adds the next slot of the object, with the clip of splat `i` of a cloud if it has one.
     pub(crate) fn push(&mut self, cloud: &SplatCloud, i: usize) {
         let Some(clip) = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact)) else {
             self.of_slot.push(NONE);
@@ -108,7 +112,7 @@ impl StoredClips {
         }
     }
 
-    /// Appends the slots of another range of the same columns. Neither may have filtered forms yet.
+    /// Appends the clips of the object's next slots. Neither list may have forms for filtered footprints yet.
     pub(crate) fn append(&mut self, part: Self) {
         let (heads, forms) = (self.heads.len() as u32, self.forms.len() as u32);
         let slots = part.of_slot.into_iter().map(|clip| if clip == NONE { NONE } else { clip + heads });
@@ -122,14 +126,14 @@ impl StoredClips {
         self.heads.is_empty()
     }
 
-    /// Returns bits of the slots, of sixteen from `at` on, that have a clip.
+    /// Returns bits of those of the sixteen slots from `at` on that have a clip.
     #[inline(always)]
     pub(crate) fn clipped(&self, at: usize) -> u64 {
         let slots = self.of_slot.get(at..).unwrap_or_default();
         (0..LANES).zip(slots).fold(0, |bits, (i, clip)| bits | u64::from(*clip != NONE) << i)
     }
 
-    /// Returns the clip of a slot under a policy.
+    /// Returns the clip of a slot, as a policy evaluates it; `None` if the slot has no clip.
     pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<StoredClip<'_>> {
         let mut head = *self.heads.get(*self.of_slot.get(slot)? as usize)?;
         let (first, lines) = (head.first as usize, usize::from(head.lines));
@@ -158,7 +162,7 @@ pub(crate) fn times(l: &Linear<f32>, k: f32) -> Linear<f32> {
 }
 
 impl StoredClip<'_> {
-    /// Returns the clip with all its forms, over (u, v).
+    /// Returns the clip as a [`Clip`], with unused forms filled in, over (u, v).
     pub(crate) fn whole(&self) -> Clip<f64> {
         let wide = |l: &Linear<f32>| Linear { c: l.c.into(), x: l.x.into(), y: l.y.into() };
         let mut clip = Clip::nothing();

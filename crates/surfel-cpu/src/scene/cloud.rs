@@ -1,4 +1,5 @@
-//! Resident splats: in Morton order, in chunks of up to 256, in f32 relative to an f64 origin.
+//! Resident splats of a cloud: in Morton order, in chunks of up to 256, in f32 (or 16 bits) relative to a chunk's f64
+//! origin.
 
 use crate::scene::clips::StoredClips;
 use crate::scene::column::{Column, Column3, Units};
@@ -12,49 +13,51 @@ use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
 use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 
-/// Maximum number of splats in a chunk.
+/// Largest number of splats in a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Number of chunks stored by one task. The data read to form the chunks is then still in the thread's cache.
+/// Number of chunks that one task stores. The data from which they are formed is then still in the thread's cache.
 const TASK: usize = 8;
-/// Number of tasks per thread between merges of their results. Splats stored since the last merge are in memory twice.
+/// Number of tasks per thread between two merges of their results. Splats that are stored but not yet merged are in
+/// memory twice.
 const WAVE: usize = 2;
 
-/// Minimum number of indices of a splat order whose memory is freed at once.
+/// Smallest number of indices of a splat order that are freed at once while the splats are stored.
 const LEAST_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
-/// Extent and orientation of the splats.
+/// Columns of the splats' extents and orientations.
 pub(crate) enum StoredShape {
-    /// Unit normals and radii.
+    /// Disks, by their unit normals and radii.
     Disks { normals: Units, radii: Column },
-    /// Half-axes.
+    /// Ellipses, by their half-axes s and t.
     Ellipses { s: Column3, t: Column3 },
 }
 
-/// A chunk of up to 256 neighbouring splats.
+/// A chunk of up to 256 neighbouring splats, the unit of culling, with bounds of its splats.
 pub(crate) struct Chunk {
-    /// Object-space origin of the centres, and the scales of 16-bit storage.
+    /// Object-space origin, relative to which the centres are stored, and the scales of 16-bit numbers.
     pub space: ChunkSpace,
-    /// Radius of a sphere around the origin that contains the splats, not only their centres, in object units.
+    /// Radius, in object units, of a sphere around the chunk's origin that contains the splats, not only their centres.
     pub radius: f64,
-    /// Half extents of a box around the origin that contains the splats, along the object's axes.
+    /// Half extents, in object units, of a box around the chunk's origin that contains the splats. The box is aligned
+    /// with the object's axes.
     pub half: DVec3,
-    /// Total area of the splats, in object units.
+    /// Total area of the splats, in square object units.
     pub area: f64,
-    /// Index in the cloud of one of the splats. It represents all of them, since an octree's splats of one chunk are
-    /// drawn together or not at all.
+    /// Index in the cloud of one of the chunk's splats, for testing whether the chunk is selected. It represents all of
+    /// them, since an octree's splats of one chunk are drawn together or not at all.
     pub member: u32,
-    /// Index of the first splat in the columns.
+    /// Slot of the chunk's first splat, an index into the object's columns.
     pub first: usize,
     /// Number of splats in the chunk.
     pub count: usize,
-    /// A cone that contains all normals, if it is narrower than a half space.
+    /// A cone that contains all normals of the chunk; `None` if it would not be narrower than a half space.
     pub cone: Option<Cone>,
 }
 
-/// A cone of directions around an axis.
+/// A cone of directions, by its axis and the sine and cosine of its half-angle.
 pub(crate) struct Cone {
     pub axis: DVec3,
     pub sine: f64,
@@ -62,7 +65,8 @@ pub(crate) struct Cone {
 }
 
 impl Cone {
-    /// Returns the cone of these unit vectors around their mean.
+    /// Returns a cone around the mean of these unit vectors that contains all of them; `None` if it would not be
+    /// narrower than a half space.
     fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
         let axis = normals.clone().sum::<DVec3>().try_normalize()?;
         // The margin exceeds the rounding of the stored f32 normals.
@@ -75,12 +79,12 @@ impl Cone {
 pub(crate) struct StoredObject {
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// Index of the object in the scene, if it is an octree.
+    /// Index of the object in the scene if it is an octree; `None` for a cloud.
     pub octree: Option<usize>,
     pub chunks: Vec<Chunk>,
-    /// Bounds of the groups of each chunk.
+    /// Bounds of the groups of 16 splats in each chunk, in the order of `chunks`.
     pub groups: Vec<Groups>,
-    /// Centres, relative to the origins of their chunks.
+    /// Centres, relative to the origins of their chunks, one per slot.
     pub centers: Column3,
     pub shape: StoredShape,
     pub colors: Option<Column3>,
@@ -88,20 +92,22 @@ pub(crate) struct StoredObject {
     pub clips: Option<StoredClips>,
     /// Index of the object in the scene.
     pub source: usize,
-    /// Row in the source file of every slot; `None` if the cloud has no rows.
+    /// Row in the input file, one per slot; `None` if the cloud has no rows.
     pub rows: Option<Arc<[u32]>>,
-    /// Label of every slot; `None` if the cloud has no labels.
+    /// Label, one per slot; `None` if the cloud has no labels.
     pub labels: Option<Vec<u32>>,
-    /// Opacity per slot; `None` if every splat is opaque. Opacities are never quantised, so that 1 remains exactly 1.
+    /// Opacity, one per slot; `None` if every splat is opaque. Opacities are never quantised, so that 1 remains exactly
+    /// 1.
     pub alphas: Option<Vec<f32>>,
-    /// Interior weight W0, as stated by the material or by the cloud; 0 if neither states it.
+    /// Interior weight W0, the sum of weights inside the cloud's own surface, as the material or the cloud states it; 0
+    /// if neither does.
     interior_weight: f64,
-    /// True if all normals point out of the same surface.
+    /// True if all outward normals of the cloud point out of the same surface.
     pub oriented: bool,
 }
 
 impl StoredObject {
-    /// Stores a cloud in Morton order.
+    /// Stores a cloud's splats in Morton order, so that neighbours are in the same chunk.
     pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material, storage: Storage) -> Self {
         Self::ordered(cloud, (world_from_object, material), storage, std::iter::once(cloud.morton_order()))
     }
@@ -113,7 +119,7 @@ impl StoredObject {
         Self { octree: Some(index), ..stored }
     }
 
-    /// Returns an object with the columns of a cloud, all empty.
+    /// Returns an object without splats, with the empty columns that the cloud needs.
     fn empty(
         cloud: &SplatCloud,
         (world_from_object, material): (DAffine3, Material),
@@ -150,14 +156,14 @@ impl StoredObject {
         }
     }
 
-    /// Replaces the material, and updates the two fields that depend on it.
+    /// Replaces the object's material, and updates the interior weight and the orientation, which depend on it.
     pub(crate) fn set_material(&mut self, material: Material, cloud: &SplatCloud) {
         self.material = material;
         self.interior_weight = material.interior_weight.or(cloud.data().interior_weight).unwrap_or(0.0);
         self.oriented = material.is_oriented(cloud);
     }
 
-    /// Stores a cloud's splats in this order. No chunk crosses the boundary of two parts.
+    /// Stores a cloud's splats in the order of the indices in `parts`. No chunk contains splats of two parts.
     fn ordered(
         cloud: &SplatCloud,
         place: (DAffine3, Material),
@@ -205,7 +211,7 @@ impl StoredObject {
         stored
     }
 
-    /// Appends chunks of the same cloud.
+    /// Appends the chunks and columns of another part of the same cloud.
     fn append(&mut self, part: Self) {
         let base = self.centers.len();
         self.chunks.extend(part.chunks.into_iter().map(|chunk| Chunk { first: base + chunk.first, ..chunk }));
@@ -229,7 +235,7 @@ impl StoredObject {
         self.alphas.iter_mut().zip(part.alphas).for_each(|(column, more)| column.extend(more));
     }
 
-    /// Frees the memory reserved for padding of chunks that wasn't needed.
+    /// Frees memory that was reserved for the padding of chunks but wasn't needed.
     fn trim(&mut self) {
         self.chunks.shrink_to_fit();
         self.groups.shrink_to_fit();
@@ -307,8 +313,8 @@ impl StoredObject {
         }
     }
 
-    /// Returns 1/W0: coverage per unit of weight inside the cloud's surface (§5). Returns 1 if W0 is unknown, because
-    /// coverage isn't needed then.
+    /// Returns the factor from weight to coverage, 1/W0, with W0 the sum of weights inside the cloud's surface
+    /// (rendering model §5). Returns 1 if W0 is unknown, because coverage isn't needed then.
     pub(crate) fn coverage_per_weight(&self, cutoff: f64) -> f32 {
         if self.interior_weight > 0.0 {
             (1.0 / interior_weight_at_cutoff(self.interior_weight, cutoff)) as f32
@@ -317,7 +323,7 @@ impl StoredObject {
         }
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the splats use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let shape = match &self.shape {
             StoredShape::Disks { normals, radii } => normals.bytes() + radii.bytes(),

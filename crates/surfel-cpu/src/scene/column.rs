@@ -8,7 +8,7 @@ use surfel_math::quantise::{STEPS, folded, steps as steps_of, to_step, unfolded}
 use surfel_math::{Real, V3};
 use surfel_model::Storage;
 
-/// A growing column of numbers, one per slot.
+/// A growing column of numbers, one per slot: f32, or 16 bits relative to a scale.
 pub(crate) enum Column {
     F32(Vec<f32>),
     Quantised(Vec<u16>),
@@ -22,14 +22,14 @@ impl Column {
         }
     }
 
-    /// Appends a number between −scale and scale.
+    /// Appends a number between −`scale` and `scale`; `scale` is unused in f32 columns.
     pub(crate) fn push(&mut self, value: f32, scale: f32) {
         let at = self.len();
         self.grow(1);
         self.set(at, value, scale);
     }
 
-    /// Appends `count` zeros.
+    /// Appends `count` zeros to the column.
     fn grow(&mut self, count: usize) {
         match self {
             Self::F32(values) => values.resize(values.len() + count, 0.0),
@@ -51,7 +51,7 @@ impl Column {
         }
     }
 
-    /// Appends another column of the same storage.
+    /// Appends another column of the same storage format.
     pub(crate) fn append(&mut self, more: Self) {
         match (self, more) {
             (Self::F32(values), Self::F32(more)) => values.extend_from_slice(&more),
@@ -60,7 +60,7 @@ impl Column {
         }
     }
 
-    /// Loads sixteen numbers from index `at` on.
+    /// Loads sixteen numbers from slot `at` on; `scale` is the scale of 16-bit numbers there.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> Lanes<S> {
         match self {
@@ -69,7 +69,7 @@ impl Column {
         }
     }
 
-    /// Frees unused capacity.
+    /// Frees memory that is reserved for further numbers.
     pub(crate) fn trim(&mut self) {
         match self {
             Self::F32(values) => values.shrink_to_fit(),
@@ -96,8 +96,8 @@ fn from_steps<S: Simd>(simd: S, steps: &[u16]) -> Lanes<S> {
     Lanes::load(simd, &values)
 }
 
-/// A column of vectors in groups of sixteen x, sixteen y and sixteen z, so that a group is contiguous in memory. Every
-/// chunk is padded to whole lanes.
+/// A column of vectors, stored in groups of sixteen x, sixteen y and sixteen z, so that a group is contiguous in
+/// memory. Every chunk is padded to whole groups.
 pub(crate) struct Column3 {
     coordinates: Column,
     vectors: usize,
@@ -108,7 +108,7 @@ impl Column3 {
         Self { coordinates: Column::new(storage, 3 * capacity), vectors: 0 }
     }
 
-    /// Appends a vector whose coordinates are between −scale and scale.
+    /// Appends a vector whose coordinates are between −`scale` and `scale`.
     pub(crate) fn push(&mut self, v: Vec3, scale: f32) {
         let lane = self.vectors % LANES;
         if lane == 0 {
@@ -121,14 +121,15 @@ impl Column3 {
         self.vectors += 1;
     }
 
-    /// Appends another column of the same storage. This column must have a whole number of groups.
+    /// Appends another column of the same storage format. This column must consist of whole groups of sixteen.
     pub(crate) fn append(&mut self, more: Self) {
         debug_assert!(self.vectors.is_multiple_of(LANES));
         self.coordinates.append(more.coordinates);
         self.vectors += more.vectors;
     }
 
-    /// Loads sixteen vectors from slot `at` on, a multiple of sixteen.
+    /// Loads sixteen vectors from slot `at` on, which must be a multiple of sixteen; `scale` is the scale of 16-bit
+    /// numbers there.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
         debug_assert!(at.is_multiple_of(LANES));
@@ -175,7 +176,7 @@ impl Units {
         }
     }
 
-    /// Appends another column of the same storage. This column must have a whole number of groups.
+    /// Appends another column of the same storage format. This column must consist of whole groups of sixteen.
     pub(crate) fn append(&mut self, more: Self) {
         match (self, more) {
             (Self::F32(column), Self::F32(more)) => column.append(more),

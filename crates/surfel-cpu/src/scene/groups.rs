@@ -1,4 +1,5 @@
-//! Bounds of a chunk's groups of 16 splats, stored in bytes: a bounding sphere and a cone of normals for each group.
+//! Bounds of a chunk's groups of 16 splats: a bounding sphere and a cone of normals for each group. They are stored in
+//! bytes.
 
 use crate::scene::cloud::{CHUNK, Chunk};
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,36 +9,39 @@ use surfel_math::V3;
 
 const _: () = assert!(CHUNK == LANES * LANES, "a chunk's groups fill the lanes");
 
-/// Number of steps of a coordinate on either side of zero.
+/// Largest number of steps, positive or negative, by which a coordinate is stored in a byte.
 const STEPS: f64 = 127.0;
 
-/// Maximum radius of a group's bounding sphere, in radii of the chunk's sphere. The group's centre is in the box of the
-/// chunk's centres, at most √3 chunk radii from any of them. Its splats are inside the chunk's sphere.
+/// Largest radius of a group's bounding sphere that can be stored, in radii of the chunk's bounding sphere. The group's
+/// centre is in the box of the chunk's centres, at most √3 chunk radii from any of them. Its splats are inside the
+/// chunk's sphere.
 const RADII: f64 = 3.0;
 
-/// Number of steps of a cone's sine. A sine above 1 marks an absent cone.
+/// Number of steps by which a sine of 1 is stored in a byte. A larger number, a sine above 1, marks an absent cone.
 const SINES: f64 = 250.0;
 
-/// Slack of a cone's sine, far above the rounding of stored normals.
+/// Amount added to the sine of a cone of normals; far above the rounding of stored normals.
 const SLACK: f64 = 2e-3;
 
-/// Bounds of one splat, from which the bounds of its group are computed.
+/// Centre, radius and normal of one splat, from which the bounds of its group are computed.
 pub(crate) struct BoundedSplat {
-    /// Centre, relative to the chunk's origin.
+    /// Centre relative to the chunk's origin, in object units.
     pub center: DVec3,
     pub radius: f64,
     pub normal: DVec3,
 }
 
-/// Bounds of a chunk's groups of 16 splats, stored in bytes.
+/// Bounds of a chunk's groups of 16 splats, one lane per group, stored in bytes.
 pub(crate) struct Groups {
-    /// Centres of bounding spheres, in steps: the chunk's largest coordinate is [`STEPS`] steps.
+    /// Centres of the groups' bounding spheres: columns of x, of y and of z. [`STEPS`] steps are the largest coordinate
+    /// of the chunk's centres.
     center: [[i8; LANES]; 3],
-    /// Radii of bounding spheres, rounded up: 255 stands for [`RADII`] chunk radii.
+    /// Radii of the groups' bounding spheres, rounded up. 255 steps are [`RADII`] radii of the chunk.
     radius: [u8; LANES],
-    /// Axes of the cones of normals, rounded towards zero: none is longer than 1.
+    /// Axes of the groups' cones of normals; a length of 1 is [`STEPS`] steps. Rounded towards zero, so that none is
+    /// longer than 1.
     axis: [[i8; LANES]; 3],
-    /// Sines of the cones' angles, rounded up.
+    /// Sines of the half-angles of the groups' cones of normals, rounded up; [`SINES`] steps are 1.
     sine: [u8; LANES],
 }
 
@@ -67,13 +71,13 @@ impl Groups {
     }
 }
 
-/// Bounds of a chunk's groups in lanes, in object units relative to the chunk's origin.
+/// Bounds of a chunk's groups of splats, one lane per group, in object units relative to the chunk's origin.
 pub(crate) struct GroupLanes<S: Simd> {
     pub center: V3<Lanes<S>>,
     pub radius: Lanes<S>,
-    /// Axes of the cones of normals, in object space.
+    /// Axes of the groups' cones of normals, in object space; at most of length 1.
     pub axis: V3<Lanes<S>>,
-    /// Sines of the cones' angles; above 1 for an absent cone.
+    /// Sines of the half-angles of the groups' cones of normals; above 1 for an absent cone.
     pub sine: Lanes<S>,
 }
 

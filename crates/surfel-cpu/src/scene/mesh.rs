@@ -1,4 +1,4 @@
-//! Resident meshes, with bounding spheres of parts of their triangles.
+//! Resident meshes, divided into parts of neighbouring triangles with bounding spheres, for culling.
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -13,39 +13,41 @@ pub(crate) struct StoredMesh {
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// The mesh's texture and its mip levels.
+    /// The mesh's texture and its smaller mip levels; `None` without a texture.
     pub mipmaps: Option<Arc<Mipmaps>>,
-    /// Map of normals from object to world space, up to scale.
+    /// Map of normals from object to world space, up to a positive scale.
     pub normals: DMat3,
     /// Index of the object in the scene.
     pub source: usize,
-    /// Index of the object in the scene, if it is an octree.
+    /// Index of the object in the scene if it is an octree; `None` for a mesh.
     pub octree: Option<usize>,
-    /// Indices of the mesh's triangles, sorted so that neighbours follow each other.
+    /// Indices of the mesh's triangles, in Morton order (octrees: leaf by leaf), so that the triangles of a part are
+    /// consecutive.
     order: Vec<u32>,
     pub parts: Vec<Part>,
 }
 
-/// A part of a mesh: neighbouring triangles, in an octree those of a single leaf.
+/// A part of a mesh, the unit of culling: up to [`PART`] neighbouring triangles, in an octree those of a single leaf.
 pub(crate) struct Part {
     pub bounds: BoundingSphere,
-    /// Range of the part's triangles in the mesh's `order`.
+    /// Range of the part's triangles in [`StoredMesh`]'s `order`.
     triangles: Range<usize>,
 }
 
 impl Part {
-    /// Creates the part of a range of a mesh's sorted triangles.
+    /// Creates the part that consists of a range of `order`.
     fn new(mesh: &Mesh, order: &[u32], triangles: Range<usize>) -> Self {
         Self { bounds: BoundingSphere::about(mesh, &order[triangles.clone()]), triangles }
     }
 }
 
-/// Divides a range into ranges of at most [`PART`].
+/// Divides a range of triangles into ranges of at most [`PART`].
 fn cut(range: Range<usize>) -> impl Iterator<Item = Range<usize>> + Clone {
     range.clone().step_by(PART).map(move |first| first..(first + PART).min(range.end))
 }
 
-/// Number of triangles in a part: enough that testing its bounds costs nothing, few enough to be close together.
+/// Largest number of triangles in a part: enough that testing its bounds costs nothing, few enough to be close
+/// together.
 const PART: usize = 256;
 
 /// A bounding sphere of triangles, in object space relative to the mesh's origin.
@@ -68,7 +70,7 @@ fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)))
 }
 
-/// Returns a mesh's triangles in Morton order of their first corners.
+/// Returns the indices of a mesh's triangles in Morton order of their first corners.
 fn morton_order(mesh: &Mesh) -> Vec<u32> {
     let first = |t: &[u32; 3]| mesh.positions.get(t[0] as usize);
     let (min, max) = extent(mesh.triangles.iter().map(first));
@@ -87,7 +89,7 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
 }
 
 impl StoredMesh {
-    /// Stores a mesh. Mip levels of a texture that another object uses too are shared.
+    /// Stores a mesh. Mip levels of a texture that is in `known`, because another object uses it too, are shared.
     pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> Self {
         let order = morton_order(mesh);
         let parts: Vec<Range<usize>> = cut(0..order.len()).collect();
@@ -124,19 +126,19 @@ impl StoredMesh {
         }
     }
 
-    /// Replaces matrix and material by those of an object.
+    /// Replaces the matrix and the material by those of an object with the same mesh.
     pub(crate) fn place(&mut self, object: &Object) {
         (self.world_from_object, self.material) = (object.world_from_object, object.material);
         self.normals = normal_matrix(&object.world_from_object.matrix3);
     }
 
-    /// Returns the indices of a part's triangles.
+    /// Returns the indices in the mesh of a part's triangles.
     pub(crate) fn part(&self, part: u32) -> &[u32] {
         self.parts.get(part as usize).and_then(|part| self.order.get(part.triangles.clone())).unwrap_or_default()
     }
 
-    /// Returns the transform from object to view space: the map of directions, and the view position of the mesh's
-    /// origin.
+    /// Returns the transform from object to view space: the linear map of directions, and the view position of the
+    /// mesh's origin.
     pub(crate) fn in_view(&self, view: &View) -> (DMat3, DVec3) {
         // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
         let origin = self.world_from_object.transform_point3(self.mesh.origin) - view.eye;

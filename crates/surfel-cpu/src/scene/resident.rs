@@ -10,7 +10,7 @@ use surfel_math::srgb::limit_color;
 use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Object, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneGeometry, SceneSummary};
 
-/// An object that consists of trained Gaussians.
+/// An object of trained Gaussians, as this backend stores it.
 pub(crate) struct StoredGaussians {
     /// Index of the object in the scene.
     pub(crate) source: usize,
@@ -18,17 +18,17 @@ pub(crate) struct StoredGaussians {
     pub(crate) world_from_object: DAffine3,
 }
 
-/// A scene as this backend stores it.
+/// A scene as this backend stores it, returned by an upload and drawn any number of times.
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
-    /// Identity of the objects' geometry.
+    /// Identity of the objects' geometry, by which an update recognises a scene with the same splats.
     pub(crate) geometry: SceneGeometry,
     pub(crate) clouds: Vec<StoredObject>,
     pub(crate) balls: Vec<StoredBalls>,
     pub(crate) meshes: Vec<StoredMesh>,
-    /// Objects of Gaussians; empty in a scene of surfaces.
+    /// Objects of trained Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<StoredGaussians>,
-    /// Material of the scene's first object.
+    /// Material of the scene's first object, whose factors all objects share unless the scene's materials differ.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
@@ -38,7 +38,7 @@ pub struct ResidentScene {
 }
 
 impl ResidentScene {
-    /// Stores a valid scene, on the current thread pool.
+    /// Stores a validated scene, on the current thread pool.
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
         let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         // Among equally near polygons the first is visible; an octree's polygons follow all meshes.
@@ -95,7 +95,7 @@ impl ResidentScene {
         Ok(resident)
     }
 
-    /// Stores a scene's lights, background, matcap and first material: everything but geometry.
+    /// Stores a scene's lights, ambient light, background, matcap and first material.
     fn light(&mut self, scene: &Scene) {
         let [r, g, b, a] = scene.background;
         self.material = scene.objects.first().map_or(Material::default(), |object| object.material);
@@ -105,7 +105,7 @@ impl ResidentScene {
         self.background = [r * a, g * a, b * a, a].map(limit_color);
     }
 
-    /// Replaces everything but the geometry by that of a scene with the same geometry.
+    /// Replaces everything but the geometry by that of `scene`, whose geometry must be the same.
     pub(crate) fn update(&mut self, scene: &Scene) {
         self.light(scene);
         self.summary = SceneSummary::of(scene);
@@ -137,7 +137,7 @@ impl ResidentScene {
         }
     }
 
-    /// Returns the row, object and label of a number in the plane of the nearest splat.
+    /// Returns the row, object and label that a number of the nearest splat stands for.
     pub(crate) fn identity(&self, numbers: &SplatNumbers, number: u32) -> Identity {
         if number == SplatNumbers::NOTHING {
             return Identity::NOTHING;
@@ -158,7 +158,7 @@ impl ResidentScene {
         Identity { row: of(rows), object: source as u32, label: of(labels) }
     }
 
-    /// Numbers all slots: those of clouds, then those of balls.
+    /// Numbers the slots of all objects: those of clouds, then those of balls.
     pub(crate) fn numbers(&self) -> SplatNumbers {
         let (clouds, balls) = (self.clouds.iter().map(|c| c.rows.clone()), self.balls.iter().map(|b| b.rows.clone()));
         SplatNumbers::new(clouds.chain(balls))

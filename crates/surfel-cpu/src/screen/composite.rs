@@ -1,5 +1,5 @@
-//! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and the screen-space passes
-//! for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
+//! Tiles of frames with more than opaque splats: polygons (rendering model §6), transparent layers (§8), and the
+//! screen-space passes for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
 
 use crate::raster::balls::{BallList, list_balls};
 use crate::raster::block;
@@ -34,26 +34,26 @@ use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, eye_dome};
 use surfel_model::Shader;
 
-/// Content of a cell besides opaque splats.
+/// Content of a cell in addition to opaque splats.
 pub(crate) struct Extras<'a> {
     pub meshes: &'a [StoredMesh],
     pub triangles: &'a [TriangleSegment],
     pub transparent: &'a [TransparentSegment],
     pub layers: Layers,
     pub balls: &'a BallSegment,
-    /// Shading parameters of each object of balls.
+    /// Material factors and stored light of each object of balls.
     pub ball_looks: &'a [BallLook<'a>],
 }
 
-/// Inputs for drawing a cell's tiles.
+/// Inputs for drawing a cell's tiles: opaque splats, and all other content.
 pub(crate) struct CompositeJob<'a> {
     pub tiles: TileJob<'a>,
     pub extras: Extras<'a>,
-    /// True if only opaque splats are drawn.
+    /// True if the frame has only opaque splats, so that no extras are drawn.
     pub opaque_splats_only: bool,
 }
 
-/// Depths of a block's nearest surfaces, +∞ for none, by which balls and layers are composited.
+/// Depths up to which balls and transparent layers are visible in a block's pixels; +∞ where nothing hides them.
 #[derive(Clone, Copy)]
 pub(super) struct Ends<S: Simd> {
     /// Depth of the visible surface, beyond which balls are hidden.
@@ -62,22 +62,22 @@ pub(super) struct Ends<S: Simd> {
     pub layers: Option<Lanes<S>>,
 }
 
-/// Outputs of a block with balls besides its pixels.
+/// Destinations, other than pixels, of what drawing a block's balls yields.
 pub(super) struct BallOutputs<'a, 'b> {
-    /// Target of the plane of the nearest splats; `None` for samples.
+    /// Target for the plane of the nearest splats; `None` for samples.
     pub target: Option<&'a mut Target<'b>>,
-    /// Planes of the cell's transparent layers, to be written, and the tile's index; `None` if not needed.
+    /// Planes in which the depth ranges of transparent layers are stored, and the tile's index; `None` if not needed.
     pub steps: Option<(&'a mut LayerSteps, usize)>,
     pub counters: &'a mut Counters,
 }
 
-/// The opaque surfaces of a block.
+/// The opaque surfaces of a block's pixels, after lighting.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
-    /// Depth range of the nearest polygons, even if occluded; `None` if the block has no polygons.
+    /// Depth range of each pixel's nearest polygon, even if splats occlude it; `None` if the block has no polygons.
     polygon: Option<Reach<S>>,
     pub shaded: Shaded<S>,
-    /// Numbers of the nearest splats or polygons, if needed.
+    /// Numbers of the nearest splats or polygons, if the frame outputs them.
     numbers: Option<[u32; LANES]>,
     /// Depth of the nearest opaque surface; +∞ for none.
     pub opaque_depth: Lanes<S>,
@@ -186,7 +186,8 @@ impl<'a> CompositeJob<'a> {
         counters
     }
 
-    /// Returns a block's opaque surfaces: splats, polygons, or splats blended over polygons.
+    /// Draws and lights a block's opaque surfaces: splats, polygons, or splats blended over polygons. `at` is the
+    /// block's first pixel.
     #[inline(always)]
     pub(super) fn front<S: Simd>(
         &self,
@@ -258,7 +259,7 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Computes and composites a block's transparent layers in front of `opaque_depth`.
+    /// Draws and composites the transparent layers of a block in front of `opaque_depth`.
     #[inline(always)]
     pub(super) fn layers<S: Simd>(
         &self,
@@ -277,7 +278,7 @@ impl<'a> CompositeJob<'a> {
         composited
     }
 
-    /// Composites a block's balls, and its transparent layers if it has any, over its pixels.
+    /// Composites a block's balls, together with its transparent layers if it has any, over its pixels.
     #[inline(never)]
     pub(super) fn draw_balls<S: Simd>(
         &self,
@@ -333,7 +334,7 @@ impl<'a> CompositeJob<'a> {
         );
     }
 
-    /// Composites a block's balls between two depths over colours.
+    /// Composites a block's balls between two depths over colours, for the surfaces behind edge pixels.
     #[inline(never)]
     fn balls_behind<S: Simd>(
         &self,
@@ -354,7 +355,7 @@ impl<'a> CompositeJob<'a> {
         composited.over(color)
     }
 
-    /// Calls [`Self::finish`] with these instructions.
+    /// Runs the screen-space passes over a tile ([`Self::finish`]) with these SIMD instructions.
     #[inline(never)]
     pub(crate) fn finish_on(
         &self,
@@ -446,8 +447,9 @@ impl<'a> CompositeJob<'a> {
         counters
     }
 
-    /// Finds a tile's edge pixels whose background may show. Sets the bits of each block's pixels. Returns the blocks
-    /// that have such pixels, and the blocks in which one of these pixels has a depth threshold.
+    /// Finds the edge pixels of a tile whose coverage is below 1, so that the surface behind may show. Sets their bits
+    /// in `edges`, block by block. Returns the blocks that have such pixels, and the blocks in which one of these
+    /// pixels has a depth threshold.
     #[inline(always)]
     fn edges<S: Simd>(
         &self,
@@ -478,7 +480,8 @@ impl<'a> CompositeJob<'a> {
         (stepped, deep)
     }
 
-    /// Draws outlines or eye-dome lighting over a tile. Afterwards the neighbourhood contains the tile's depths.
+    /// Draws outlines or eye-dome lighting over a tile. Afterwards, the scratch's neighbourhood contains the tile's
+    /// depths.
     #[inline(always)]
     fn draw_over<S: Simd>(&self, simd: S, target: &mut Target<'_>, gbuffer: &GBuffer, scratch: &mut TileScratch<'a>) {
         let (tile, listing) = (target.tile, &self.tiles.listing);
@@ -501,9 +504,10 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels.
-    /// Pixels that a polygon covers aren't edge pixels, because splats are blended over polygons anyway (§6). `edges`
-    /// has the bits of candidate pixels, and true if one of them has a depth threshold.
+    /// Returns the surfaces behind the edge pixels of a block, their colours over the background, and the mask of edge
+    /// pixels. Pixels that a polygon covers aren't edge pixels, because splats are blended over polygons anyway
+    /// (rendering model §6). `edges` has the bits of candidate pixels; `deep` is true if one of them has a depth
+    /// threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,

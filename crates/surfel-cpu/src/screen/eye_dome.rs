@@ -1,5 +1,5 @@
-//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours. It is a pass over finished
-//! tiles.
+//! The shader `edl` (rendering model §5), which darkens a pixel the deeper it is among its neighbours. It is a pass
+//! over finished tiles.
 
 use crate::screen::neighbourhood::Neighbourhood;
 use crate::simd::lanes::{LANES, Lanes};
@@ -10,16 +10,17 @@ use surfel_math::eye_dome::{NEIGHBOURS, brightness, rise_weight};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2};
 
-/// Depths of a tile and of the neighbouring pixels around it.
+/// Eye-dome lighting of a tile: depths of its pixels and of those around it, and the weights of neighbours.
 pub(crate) struct EyeDome<'a> {
     neighbourhood: &'a Neighbourhood,
     projection: &'a Projection,
-    /// Weight of each of the eight neighbours ([`rise_weight`]).
+    /// Weight of each of a pixel's eight neighbours in the mean rise ([`rise_weight`]).
     weights: [f32; NEIGHBOURS.len()],
 }
 
 impl<'a> EyeDome<'a> {
-    /// Depth outside the image and in empty pixels: infinitely far.
+    /// Depth that pixels outside the image and empty pixels have as neighbours: infinitely far, so that they darken
+    /// nothing.
     pub(crate) const OUTSIDE: f32 = f32::INFINITY;
 
     pub(crate) fn new(neighbourhood: &'a Neighbourhood, projection: &'a Projection) -> Self {
@@ -30,7 +31,7 @@ impl<'a> EyeDome<'a> {
         Self { neighbourhood, projection, weights }
     }
 
-    /// Darkens the blocks of a tile whose bits are set in `touched`. `first` is the tile's first pixel.
+    /// Darkens a tile's blocks whose bits are set in `touched`. `first` is the tile's first pixel.
     #[inline(always)]
     pub(crate) fn darken<S: Simd>(&self, simd: S, target: &mut Target<'_>, touched: u64, first: (i32, i32)) {
         for blocks in (0..u64::BITS).step_by(LANES / BLOCK as usize) {
@@ -52,8 +53,8 @@ impl<'a> EyeDome<'a> {
         }
     }
 
-    /// Returns the brightness of surfaces of depth `z` among the nearest surfaces around a block at this pixel of the
-    /// tile. The result is meaningless where z is infinite.
+    /// Returns the brightness of surfaces at depths `z` in a block, among the nearest surfaces around each pixel. (x,
+    /// y) is the block's first pixel, relative to the tile. The result is meaningless where `z` is infinite.
     #[inline(always)]
     pub(crate) fn of_block<S: Simd>(&self, simd: S, (x, y): (i32, i32), z: Lanes<S>) -> Lanes<S> {
         let mut neighbours = [z; NEIGHBOURS.len()];
@@ -63,7 +64,8 @@ impl<'a> EyeDome<'a> {
         self.brightness(z, neighbours)
     }
 
-    /// Returns the brightness of surfaces within one pixel of the tile, like [`Self::of_block`].
+    /// Returns the brightness, like [`Self::of_block`], of surfaces that are all within the same pixel (x, y) of the
+    /// tile, such as samples.
     #[inline(always)]
     pub(crate) fn of_pixel<S: Simd>(&self, (x, y): (i32, i32), z: Lanes<S>) -> Lanes<S> {
         let neighbour = |[dx, dy]: [i32; 2]| z.constant(self.neighbourhood.at(x + dx, y + dy).into());

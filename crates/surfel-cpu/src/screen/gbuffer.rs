@@ -1,5 +1,6 @@
-//! The G-buffer: planes of a tile and its neighbours that screen-space passes need. The passes are edges (§5, Surfel's
-//! own, after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over all of them.
+//! The G-buffer: planes of a tile and its neighbours that screen-space passes need. The passes are edges (rendering
+//! model §5, Surfel's own, after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over
+//! all of them.
 
 use crate::raster::sums::Sums;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,24 +9,25 @@ use fearless_simd::Simd;
 use surfel_math::Real;
 use surfel_render::{FramePlan, Pass};
 
-/// Maximum number of blocks in a tile.
+/// Largest number of blocks in a tile.
 pub(crate) const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
 
 /// Side of the largest tile, in pixels.
 pub(crate) const SIDE: usize = (TILE_BLOCKS * BLOCK) as usize;
 
-/// Values of a tile's pixels in row order, for comparison with neighbours.
+/// Values of a tile's pixels, row by row, for planes whose pixels are compared with their neighbours.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileRows(pub [[f32; SIDE]; SIDE]);
 
-/// Values of a tile's pixels, block by block.
+/// Values of a tile's pixels, block by block, for planes that are read one block at a time.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileBlocks([[f32; LANES]; BLOCKS]);
 
-/// Depth range of the nearest surfaces in a block's pixels (§5, edges by samples). The end is −∞ if a pixel is covered
-/// by unfiltered footprints but not by filtered ones, or the reverse. Such a pixel has a step to every neighbour.
+/// Depth range of the nearest surface in each pixel of a block, for edges by samples (rendering model §5). The end is
+/// −∞ if a pixel is covered by unfiltered footprints but not by filtered ones, or the reverse. Such a pixel has a step
+/// to every neighbour.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach<S: Simd> {
     pub begin: Lanes<S>,
@@ -33,7 +35,7 @@ pub(crate) struct Reach<S: Simd> {
 }
 
 impl<S: Simd> Reach<S> {
-    /// Returns the range of splats, or of the nearest polygons in pixels where these begin first.
+    /// Returns the depth range of splats or, in pixels where the nearest polygon begins first, that of the polygon.
     #[inline(always)]
     fn of(sums: &Sums<S>, polygon: Option<Self>) -> Self {
         let (begin, end) = (sums.writer_depth - sums.threshold_epsilon, sums.writer_depth + sums.threshold_epsilon);
@@ -77,53 +79,63 @@ impl TileBlocks {
     }
 }
 
-/// Per-block flags of a tile, one bit per block.
+/// Flags of a tile's blocks, one bit per block.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Marks {
-    /// Blocks that may contain opaque surfaces. All other planes are undefined in other blocks.
+    /// Blocks that may contain opaque surfaces. In other blocks, the G-buffer's planes are undefined.
     pub touched: u64,
-    /// Blocks with pixels that would show the surface behind if they were at an edge.
+    /// Blocks with a pixel whose coverage is below 1, so that the surface behind would show if the pixel were at an
+    /// edge.
     pub thin: u64,
 }
 
-/// Planes of all tiles of a grid. Memory is reused between frames. Tiles and blocks that no splat or polygon touches
-/// are therefore stale, and so are planes that the plan doesn't need.
+/// Planes of all tiles of a grid that screen-space passes read. Memory is reused between frames. Tiles and blocks that
+/// no splat or polygon touches are therefore stale, and so are planes that the plan doesn't need.
 #[derive(Default)]
 pub(crate) struct GBuffer {
-    /// Depth at which the nearest surface begins, for edge antialiasing and for edges by samples.
+    /// Depth at which each pixel's nearest surface begins, for edge antialiasing by coverage or by samples.
     begin: Vec<TileRows>,
-    /// For edge antialiasing, the depth up to which a pixel's own surface extends. It is −∞ if there are fragments but
-    /// no threshold, and +∞ if nothing would show through an edge. For edges by samples, the depth at which the nearest
-    /// surface ends.
+    /// Depth to which each pixel's own surface extends; what begins beyond it is another surface. For antialiasing by
+    /// samples this is the end of the nearest surface.
+    ///
+    /// For antialiasing by coverage it is −∞ if the pixel has fragments but no depth threshold, and +∞ if nothing would
+    /// show through an edge.
     reach: Vec<TileRows>,
-    /// Depth threshold, for edge antialiasing.
+    /// Depth threshold of each pixel, for edge antialiasing by coverage.
     threshold: Vec<TileBlocks>,
-    /// Coverage, for edge antialiasing.
+    /// Coverage of each pixel, for edge antialiasing by coverage.
     coverage: Vec<TileBlocks>,
-    /// Depth of the nearest surface, for outlines and eye-dome lighting.
+    /// Depth of each pixel's nearest surface, for outlines and eye-dome lighting.
     depth: Vec<TileRows>,
-    /// Greatest depth of a neighbour without a line between the two pixels, for outlines.
+    /// Largest depth that a pixel's neighbour may have without an outline between the two pixels.
     limit: Vec<TileRows>,
-    /// Depth of the nearest opaque surface, for transparent layers.
+    /// Depth of each pixel's nearest opaque surface, up to which transparent layers are visible.
     opaque: Vec<TileBlocks>,
-    /// Depth of the nearest surface, for balls.
+    /// Depth of each pixel's nearest surface, up to which balls are visible.
     front: Vec<TileBlocks>,
+    /// Flags of the blocks of each tile.
     marks: Vec<Marks>,
     wanted: Wanted,
 }
 
-/// Flags of the passes that need planes.
+/// Flags of the passes that need planes of the G-buffer; unneeded planes aren't written.
 #[derive(Clone, Copy, Default)]
+/// Edge antialiasing by coverage.
 struct Wanted {
+    /// Edge antialiasing by samples.
     edges: bool,
+    /// Outlines of the shader `toon`.
     samples: bool,
+    /// Eye-dome lighting.
     lines: bool,
+    /// Transparent layers, which need the depth of the opaque surface.
     dome: bool,
+    /// Balls, which need the depth of the nearest surface.
     opaque: bool,
     front: bool,
 }
 
-/// The planes of one tile, while it is drawn.
+/// The G-buffer's planes of one tile, while the tile is drawn.
 pub(crate) struct GBufferTile<'a> {
     all: &'a mut GBuffer,
     tile: usize,
@@ -148,8 +160,8 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// Writes the planes that edges need of a block, from the splats' sums and the depth range of the nearest polygons,
-    /// +∞ for none.
+    /// Writes the planes that edge antialiasing needs of a block. `sums` are those of the splats, and `polygon` the
+    /// depth range of the nearest polygons, +∞ for none.
     #[inline(always)]
     pub(crate) fn put_edges<S: Simd>(&mut self, block: u32, sums: &Sums<S>, polygon: Option<Reach<S>>) {
         let Self { all, tile } = self;
@@ -179,7 +191,8 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// Writes the depths of a block's nearest opaque surfaces and of its nearest surfaces; +∞ for none.
+    /// Writes the depths of a block's nearest opaque surfaces (`opaque`) and of its nearest surfaces (`front`); +∞ for
+    /// none.
     #[inline(always)]
     pub(crate) fn put_depths<S: Simd>(&mut self, block: u32, opaque: Lanes<S>, front: Lanes<S>) {
         let Self { all, tile } = self;
@@ -195,12 +208,13 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// True if the plane of depth limits is needed.
+    /// True if outlines are drawn, so that [`Self::put_limit`] must be called.
     pub(crate) fn want_limit(&self) -> bool {
         self.all.wanted.lines
     }
 
-    /// Writes the depth limits of a block's neighbours, +∞ in empty pixels.
+    /// Writes, for each pixel of a block, the largest depth that a neighbour may have without an outline; +∞ in empty
+    /// pixels.
     #[inline(always)]
     pub(crate) fn put_limit<S: Simd>(&mut self, block: u32, limit: Lanes<S>) {
         self.all.limit[self.tile].put(block, limit);
@@ -214,7 +228,7 @@ fn any_below<S: Simd>(a: Lanes<S>, b: Lanes<S>) -> bool {
 }
 
 impl GBuffer {
-    /// Resizes the planes for a grid and a plan.
+    /// Sets the planes that a plan needs, and resizes them for a grid.
     pub(crate) fn reset_for(&mut self, grid: &Grid, plan: &FramePlan) {
         self.wanted = Wanted {
             edges: plan.has(Pass::EdgeAntialiasing),
@@ -251,14 +265,14 @@ impl GBuffer {
         self.marks.resize(tiles, Marks::default());
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the planes use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let rows = [&self.begin, &self.reach, &self.depth, &self.limit].map(|v| size_of_val(v.as_slice()));
         let blocks = [&self.threshold, &self.coverage, &self.opaque, &self.front].map(|v| size_of_val(v.as_slice()));
         rows.iter().chain(&blocks).sum::<usize>() + size_of_val(self.marks.as_slice())
     }
 
-    /// Returns the planes of a tile.
+    /// Returns the planes of a tile for writing.
     pub(crate) fn tile(&mut self, tile: usize) -> GBufferTile<'_> {
         GBufferTile { all: self, tile }
     }
@@ -268,27 +282,30 @@ impl GBuffer {
         self.marks.get(tile).copied().unwrap_or_default()
     }
 
-    /// Returns the depths at which surfaces begin in all tiles, and the depths to which a tile's own surfaces reach.
+    /// Returns the depths at which surfaces begin, of all tiles, and the depths to which the surfaces of tile `tile`
+    /// extend. `None` unless edges are antialiased by coverage.
     pub(crate) fn edges(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
         self.reach.get(tile).filter(|_| self.wanted.edges).map(|own| (self.begin.as_slice(), own))
     }
 
-    /// Returns the depths at which the nearest surfaces begin and end, if edges are sampled.
+    /// Returns the depths at which the nearest surfaces begin and end, of all tiles. `None` unless edges are
+    /// antialiased by samples.
     pub(crate) fn reaches(&self) -> Option<[&[TileRows]; 2]> {
         self.wanted.samples.then_some([&self.begin, &self.reach])
     }
 
-    /// Returns the depths of all tiles, and the depth limits of a tile's neighbours, if outlines are drawn.
+    /// Returns the depths of all tiles, and the largest depths that neighbours of the pixels of tile `tile` may have
+    /// without an outline. `None` unless outlines are drawn.
     pub(crate) fn lines(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
         self.limit.get(tile).filter(|_| self.wanted.lines).map(|own| (self.depth.as_slice(), own))
     }
 
-    /// True if the depths of nearest surfaces are stored.
+    /// True if the depths of nearest surfaces are stored, for outlines or eye-dome lighting.
     pub(crate) fn has_depths(&self) -> bool {
         self.wanted.lines || self.wanted.dome
     }
 
-    /// Returns the depths of nearest surfaces.
+    /// Returns the depths of nearest surfaces of all tiles.
     pub(crate) fn depths(&self) -> &[TileRows] {
         &self.depth
     }
@@ -324,7 +341,7 @@ impl GBuffer {
     }
 }
 
-/// Loads sixteen numbers of a block; 0 if the plane doesn't exist.
+/// Loads the sixteen numbers of a tile's block from a plane; 0 if the plane doesn't exist.
 #[inline(always)]
 fn block_of<S: Simd>(simd: S, plane: &[TileBlocks], tile: usize, block: u32) -> Lanes<S> {
     let blocks = plane.get(tile).map_or(&[][..], |tile| &tile.0);

@@ -1,4 +1,5 @@
-//! Planes of transparent layers for edges by samples: depth range of the nearest layer, and number of layers (§5).
+//! Planes of transparent layers for edges by samples: depth range of the nearest layer, and number of layers (rendering
+//! model §5).
 
 use crate::screen::gbuffer::TileRows;
 use crate::shade::transparent::CompositedLayers;
@@ -6,10 +7,13 @@ use crate::tiles::grid::Grid;
 use fearless_simd::Simd;
 use surfel_render::{FramePlan, Pass};
 
-/// Planes of a tile. In pixels without layers, the depths are +∞ and the number is 0.
+/// Planes of one tile's transparent layers. In pixels without layers, the depths are +∞ and the number is 0.
 #[derive(Clone)]
+/// Depth at which the nearest layer begins.
 pub(crate) struct LayerPlanes {
+    /// Depth at which the nearest layer ends.
     pub begin: TileRows,
+    /// Number of layers that aren't empty.
     pub end: TileRows,
     pub count: TileRows,
 }
@@ -18,7 +22,8 @@ impl LayerPlanes {
     const EMPTY: Self = Self { begin: TileRows::EMPTY, end: TileRows::EMPTY, count: TileRows::ZERO };
 }
 
-/// Planes of a cell's tiles; empty if the plan has no transparent layers or no samples.
+/// Planes of transparent layers of a cell's tiles, in which edges by samples find steps. Empty if the plan has no
+/// transparent layers or no samples.
 #[derive(Default)]
 pub(crate) struct LayerSteps {
     tiles: Vec<Option<Box<LayerPlanes>>>,
@@ -31,7 +36,7 @@ impl LayerSteps {
         Self { tiles: vec![None; if wanted { grid.tiles() } else { 0 }] }
     }
 
-    /// Writes the planes of a block.
+    /// Writes the planes of a block from its composited layers.
     #[inline(always)]
     pub(crate) fn put<S: Simd>(&mut self, tile: usize, block: u32, layers: &CompositedLayers<S>) {
         let Some(tile) = self.tiles.get_mut(tile) else { return };
@@ -41,12 +46,12 @@ impl LayerSteps {
         planes.count.put(block, layers.count);
     }
 
-    /// Returns the planes of a tile, if it has layers.
+    /// Returns the planes of a tile; `None` if the tile has no layers.
     pub(crate) fn of(&self, tile: usize) -> Option<&LayerPlanes> {
         self.tiles.get(tile)?.as_deref()
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the planes use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.tiles.as_slice()) + self.tiles.iter().flatten().count() * size_of::<LayerPlanes>()
     }

@@ -1,5 +1,5 @@
-//! Values of a tile's pixels and of the pixels around it. Screen-space passes compare sixteen pixels of a row at a
-//! time.
+//! Values of a tile's pixels and of the pixels around it, in one array. Screen-space passes compare sixteen pixels of a
+//! row at a time.
 
 use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,17 +8,17 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// Number of rows above and below a tile: the largest reach of any pass.
+/// Number of rows stored above and below a tile: the largest distance at which a pass reads neighbours.
 const ROWS_AROUND: usize = 2;
 
-/// Number of columns on either side of a tile: at least the reach on the left. On the right sixteen pixels may start
-/// two pixels past the start of a tile's last sixteen.
+/// Number of columns stored on either side of a tile. On the left, passes read two of them. On the right, a load of
+/// sixteen pixels may start two pixels past the start of the tile's last sixteen.
 const COLUMNS_AROUND: usize = 8;
 
 /// Number of blocks that sixteen pixels of a row span.
 const ABREAST: u32 = LANES as u32 / BLOCK;
 
-/// Values of a tile's pixels and of the pixels around it.
+/// Values of a plane in a tile's pixels and in the pixels around it.
 #[repr(align(64))]
 pub(crate) struct Neighbourhood([[f32; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]);
 
@@ -29,7 +29,8 @@ impl Default for Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// Loads a tile and `reach` pixels around it: +∞ for empty pixels, `outside` for pixels outside the image.
+    /// Loads the values of a tile and of `reach` pixels around it. Empty pixels get +∞, pixels outside the image get
+    /// `outside`.
     pub(crate) fn load(
         &mut self,
         plane: &[TileRows],
@@ -69,8 +70,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Loads sixteen values of a row, from a pixel of the tile or up to two pixels outside it. Lanes more than two
-    /// columns beyond the tile are meaningless.
+    /// Loads sixteen values of row `y` from column `x` on, relative to the tile, which may be up to two pixels outside
+    /// it. Lanes more than two columns beyond the tile are meaningless.
     #[inline(always)]
     pub(crate) fn row<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
@@ -78,13 +79,14 @@ impl Neighbourhood {
         Lanes::load(simd, row.and_then(|row| row.get(at..)).unwrap_or_default())
     }
 
-    /// Returns the value of a pixel of the tile or up to two pixels outside it.
+    /// Returns the value of the pixel (x, y), relative to the tile, which may be up to two pixels outside it.
     pub(crate) fn at(&self, x: i32, y: i32) -> f32 {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
         row.and_then(|row| row.get((x + COLUMNS_AROUND as i32) as usize)).copied().unwrap_or(f32::INFINITY)
     }
 
-    /// Loads the values of 4×4 pixels, from a pixel of the tile or up to two pixels outside it.
+    /// Loads the values of 4×4 pixels from pixel (x, y) on, relative to the tile, which may be up to two pixels outside
+    /// it.
     #[inline(always)]
     pub(crate) fn block<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let mut values = [0.0; LANES];
@@ -98,8 +100,8 @@ impl Neighbourhood {
         Lanes::load(simd, &values)
     }
 
-    /// Sets the bit of each pixel in the `wanted` blocks whose value in `own` is below the maximum of its 3×3
-    /// neighbourhood.
+    /// Finds the pixels of the `wanted` blocks that have a neighbour beyond their own surface. A pixel's bit is set in
+    /// `steps` if its value in `own` is below the maximum of its 3×3 neighbourhood.
     #[inline(always)]
     pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
         for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {

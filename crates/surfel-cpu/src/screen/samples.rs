@@ -1,5 +1,5 @@
-//! Samples of the pixels at edges (§5). Each such pixel is a block of a view that is four times as fine and drawn like
-//! any other block. The pixel's colour is the mean of the block.
+//! Samples of the pixels at edges (rendering model §5). Each such pixel is a block of a view that is four times as
+//! fine, and is drawn like any other block. The pixel's colour is the mean of the block.
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;
@@ -22,19 +22,22 @@ use surfel_math::{Real, V3, eye_dome};
 use surfel_model::Shader;
 use surfel_render::SAMPLES_SIDE;
 
-/// The sampled pixels of a cell, and the data to draw their samples.
+/// The sampled pixels of a cell, and the inputs to draw their samples.
 pub(crate) struct SampleJob<'a, 'b> {
-    /// Inputs for drawing the tiles of samples.
+    /// Inputs for drawing tiles of the view whose pixels are samples.
     pub tiles: CompositeJob<'a>,
+    /// Sampled pixels, as blocks of the view whose pixels are samples.
     pub sampled: &'b BlockSet,
-    /// Grid, G-buffer and lighting of the pixels themselves.
+    /// Grid of the image's own pixels in the cell.
     pub grid: Grid,
+    /// G-buffer of the image's own pixels, in which screen-space shaders read neighbours.
     pub gbuffer: &'b GBuffer,
+    /// Lighting of the image's own view.
     pub lighting: &'b Lighting,
 }
 
 impl<'a> SampleJob<'a, '_> {
-    /// Draws all sampled pixels.
+    /// Draws the samples of all sampled pixels, and writes the means to `target`.
     pub(crate) fn draw(
         &self,
         instructions: Instructions,
@@ -105,8 +108,8 @@ impl<'a> SampleJob<'a, '_> {
         counters
     }
 
-    /// Loads the depths around a tile of pixels that a screen-space shader needs. Returns false if the shader needs
-    /// none.
+    /// Loads the depths of a tile of the image and around it, if a screen-space shader needs them. Returns false if
+    /// none does.
     fn load_depths(&self, tile: usize, neighbourhood: &mut Neighbourhood) -> bool {
         let (reach, outside) = match self.lighting.shader {
             Shader::Edl => (eye_dome::REACH_PX, EyeDome::OUTSIDE),
@@ -121,7 +124,7 @@ impl<'a> SampleJob<'a, '_> {
         has_depths
     }
 
-    /// Applies outlines or eye-dome lighting to a pixel's samples, by the depths of the pixel's neighbours.
+    /// Applies outlines or eye-dome lighting to the samples of a pixel, by the depths of the image's pixels around it.
     #[inline(always)]
     fn under_screen_space<S: Simd>(
         &self,
@@ -148,12 +151,12 @@ impl<'a> SampleJob<'a, '_> {
     }
 }
 
-/// Returns the pixel of a block of samples.
+/// Returns the pixel of the image whose samples form the block with this first sample.
 fn pixel_of((x, y): (i32, i32)) -> (i32, i32) {
     (x / SAMPLES_SIDE as i32, y / SAMPLES_SIDE as i32)
 }
 
-/// Returns the mean of a block's colours, summed in lane order.
+/// Returns the mean colour of a block of samples, summed in lane order.
 #[inline(always)]
 fn mean<S: Simd>(samples: &Pixels<S>) -> [f32; 4] {
     // Each colour is divided before the sum, which might otherwise overflow f32.

@@ -1,4 +1,4 @@
-//! Search for sampled pixels (§5, edges by samples): pixels on either side of a depth step.
+//! Search for the pixels that are sampled (rendering model §5, edges by samples): those on either side of a depth step.
 
 use crate::screen::gbuffer::{GBuffer, SIDE, TileRows};
 use crate::screen::layer_steps::LayerSteps;
@@ -14,35 +14,36 @@ use surfel_render::{Region, SAMPLES_SIDE};
 // The samples of a pixel form a block.
 const _: () = assert!(SAMPLES_SIDE == BLOCK, "samples of a pixel fill a block");
 
-/// Planes of a tile without content: begin and end of surfaces, and number of layers.
+/// Planes of a tile without content: begin and end of surfaces (infinitely far), and number of layers (0), each twice.
 static NOTHING: [[TileRows; 2]; 2] = [[TileRows::EMPTY, TileRows::EMPTY], [TileRows::ZERO, TileRows::ZERO]];
 
-/// Flags of a tile's pixels: one word per row, one bit per pixel.
+/// Flags of a tile's pixels: one word per row of pixels, one bit per pixel.
 type Pixels = [u32; SIDE];
 
 const _: () = assert!(SIDE == u32::BITS as usize, "a row of pixels has a bit each");
 
-/// Planes in which steps are found.
+/// Planes of a cell in which depth steps are found.
 pub(crate) struct StepPlanes<'a> {
     pub gbuffer: &'a GBuffer,
     pub layers: &'a LayerSteps,
-    /// Grid of the tiles of both planes.
+    /// Grid of the tiles of the G-buffer and of the layers.
     pub grid: &'a Grid,
 }
 
-/// A quantity that is compared between neighbours.
+/// A quantity with a begin and an end that is compared between neighbouring pixels. There is a step where one pixel's
+/// begins after the other's ends.
 #[derive(Clone, Copy)]
 enum Compared {
-    /// Begin and end of the nearest surfaces.
+    /// Depth range of the nearest surface.
     Surfaces,
-    /// Begin and end of the nearest transparent layers.
+    /// Depth range of the nearest transparent layer.
     Layers,
-    /// Number of transparent layers, as both begin and end: of two different numbers, one begins after the other ends.
+    /// Number of transparent layers, as both begin and end, so that any two different numbers are a step.
     Counts,
 }
 
 impl StepPlanes<'_> {
-    /// Returns the sampled pixels of a region of the grid, as blocks of samples.
+    /// Returns the pixels of a region of the grid that must be sampled, as blocks of the view whose pixels are samples.
     #[inline(never)]
     pub(crate) fn sampled(&self, instructions: Instructions, region: Region) -> BlockSet {
         let mut found = vec![[0; SIDE]; self.grid.tiles()];
@@ -67,7 +68,8 @@ impl StepPlanes<'_> {
         sampled
     }
 
-    /// Finds the pixels on both sides of steps within a tile, and between the tile and those to its right and below.
+    /// Finds the pixels on both sides of depth steps within a tile, and between the tile and the tiles to its right and
+    /// below.
     #[inline(always)]
     fn find<S: Simd>(&self, simd: S, tile: usize, found: &mut [Pixels]) {
         let (grid, rect) = (self.grid, Rect::of_tile(self.grid, tile, self.grid.region));
@@ -119,7 +121,7 @@ impl StepPlanes<'_> {
         }
     }
 
-    /// Returns the planes of a quantity in a tile, its begin and its end; `None` if the tile has none.
+    /// Returns the planes of a quantity's begin and end in a tile; `None` if the tile has no such content.
     fn planes(&self, what: Compared, tile: usize) -> Option<[&TileRows; 2]> {
         let layers = || self.layers.of(tile);
         match what {
@@ -136,19 +138,19 @@ impl StepPlanes<'_> {
     }
 }
 
-/// Returns the bits of a tile's columns in the range `from..to`.
+/// Returns a word in which the bits of the columns `from..to` of a tile are set.
 fn bits(from: i32, to: i32) -> u32 {
     let below = |to: i32| (1u64 << to.clamp(0, SIDE as i32)) - 1;
     (below(to) & !below(from)) as u32
 }
 
-/// Loads the begin and end at sixteen pixels of a row, from pixel `x` on.
+/// Loads a quantity's begin and end in sixteen pixels of row `y`, from pixel `x` on.
 #[inline(always)]
 fn row<S: Simd>(simd: S, planes: [&TileRows; 2], x: usize, y: usize) -> [Lanes<S>; 2] {
     planes.map(|plane| Lanes::load(simd, &plane.0[y % SIDE][x % SIDE..]))
 }
 
-/// Compares sixteen pixels with sixteen others, and returns bits of the pairs with a step of depth between them.
+/// Compares sixteen pixels with sixteen neighbours, and returns bits of the pairs with a step between them.
 #[inline(always)]
 fn between<S: Simd>([begin, end]: [Lanes<S>; 2], [begins, ends]: [Lanes<S>; 2]) -> u32 {
     (end.lt(begins) | ends.lt(begin)).to_bitmask() as u32

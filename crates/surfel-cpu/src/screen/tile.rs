@@ -1,4 +1,5 @@
-//! A tile of opaque splats: lists of its blocks' splats, then each block from visibility to finished pixels.
+//! Drawing of tiles of opaque splats: lists the splats of each block, then draws each block from visibility to finished
+//! pixels.
 
 use crate::raster::balls::BallFragments;
 use crate::raster::block::{self, BlockScratch};
@@ -25,7 +26,7 @@ use crate::tiles::target::Target;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
 
-/// Per-thread scratch buffers, reused between tiles.
+/// Per-thread scratch buffers for drawing tiles, reused between tiles.
 #[derive(Default)]
 pub(crate) struct TileScratch<'a> {
     pub lists: ListScratch<'a>,
@@ -55,7 +56,7 @@ impl TileScratch<'_> {
     }
 }
 
-/// Number of blocks that are lit together: the CPU computes one while another's operands aren't ready.
+/// Number of blocks that are lit together. The CPU computes one while another's operands aren't ready.
 const TOGETHER: usize = 4;
 
 /// Inputs for drawing the tiles of a cell's opaque splats.
@@ -63,7 +64,7 @@ pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
     pub inputs: RasterInputs<'a>,
     pub lighting: &'a Lighting,
-    /// True if tiles may be drawn splat by splat.
+    /// True if tiles of tiny splats may be drawn splat by splat, where that is faster.
     pub by_splats: bool,
 }
 
@@ -126,8 +127,8 @@ impl<'a> TileJob<'a> {
         counters
     }
 
-    /// Draws a block's opaque splats, in front of the nearest polygons if it has any. Returns the nearest splats, if
-    /// needed.
+    /// Draws a block's opaque splats, in front of the nearest polygons if it has any. Returns the nearest splats if the
+    /// frame outputs them.
     #[inline(always)]
     pub(super) fn draw_splats<S: Simd>(
         &self,
@@ -162,7 +163,7 @@ impl<'a> TileJob<'a> {
         None
     }
 
-    /// Draws a tile splat by splat.
+    /// Draws the target's current tile splat by splat.
     #[inline(always)]
     fn draw_tiny<S: Simd>(&self, simd: S, target: &mut Target<'_>, scratch: &mut TinyScratch<'a>) -> Counters {
         let mut counters = Counters::default();
@@ -183,7 +184,8 @@ impl<'a> TileJob<'a> {
         counters
     }
 
-    /// Lights and writes the blocks touched. Not inlined: a short function keeps its operands in registers.
+    /// Lights the touched blocks of a tile that is drawn splat by splat, and writes their pixels. Not inlined: a short
+    /// function keeps its operands in registers.
     #[inline(never)]
     fn finish_tiny<S: Simd, const N: usize>(
         &self,
@@ -209,9 +211,9 @@ impl<'a> TileJob<'a> {
     }
 }
 
-/// Divides, lights and writes the first of a tile's blocks whose bits are set, one block for each entry of `sums`. The
-/// tile begins at pixel `origin`. Several blocks are processed at once: each is a long chain of operations, and a CPU
-/// overlaps adjacent chains.
+/// Divides the sums of some of a tile's blocks, lights the results, and writes the pixels. The blocks are the first
+/// whose bits are set in `blocks`, one for each entry of `sums`. The tile begins at pixel `origin`. Several blocks are
+/// processed at once: each is a long chain of operations, and a CPU overlaps adjacent chains.
 ///
 /// Not inlined: a short function keeps its operands in registers.
 #[inline(never)]

@@ -1,4 +1,4 @@
-//! Projection of balls and dots to the screen, sorted into tiles (§11).
+//! Projection of balls and dots to the screen, sorted into tiles (rendering model §11).
 
 use crate::cull::balls::{BallPart, BallView};
 use crate::simd::lanes::{LANES, Lanes};
@@ -14,60 +14,61 @@ use surfel_math::ball::{LARGE_PX, Outline};
 use surfel_math::{Real, V2, V3};
 use surfel_render::Region;
 
-/// A ball or dot on the screen.
+/// A ball or dot projected to the screen, in the form in which tiles draw it.
 #[derive(Clone, Copy)]
 pub(crate) struct BallRecord {
-    /// Whole pixel near the centre's projection, from which the next two are offsets.
+    /// A pixel near the projected centre. `anchor` and `middle` are offsets from it, so that they are precise in f32.
     pub base: [f32; 2],
-    /// Projection of the ball's centre, relative to `base`.
+    /// Projected centre of the ball, relative to `base`, in pixels.
     pub anchor: [f32; 2],
-    /// Centre of the outline, relative to `base`.
+    /// Centre of the outline, the ellipse that the ball covers, relative to `base`, in pixels.
     pub middle: [f32; 2],
     /// Half extents of the outline along x and y, in pixels.
     pub extent: [f32; 2],
-    /// Correlation of x and y in the outline, in (−1, 1).
+    /// Slant of the outline: correlation of x and y, in (−1, 1) ([`Outline::skew`]).
     pub skew: f32,
-    /// √(1 − skew²).
+    /// √(1 − skew²), as in [`Outline::width`].
     pub width: f32,
-    /// p_xy/p_z of the centre (perspective only).
+    /// Slopes x/z and y/z of the view ray to the centre (perspective only).
     pub slope: [f32; 2],
-    /// Radius over p_z (perspective), or radius (orthographic).
+    /// Radius divided by the centre's depth (perspective), or radius in world units (orthographic).
     pub size: f32,
     /// Planar depth of the centre, in world units.
     pub z: f32,
-    /// Lower bound of the depth of fragments.
+    /// Lower bound of the depth of the ball's fragments, in world units.
     pub z_min: f32,
     pub color: [f32; 3],
     /// Opacity; 1 if balls are drawn as opaque.
     pub alpha: f32,
-    /// Number of the slot among all splats.
+    /// Number of the ball among all stored splats ([`SplatNumbers`](crate::scene::numbers::SplatNumbers)).
     pub number: u32,
     /// Index of the object among the scene's objects of balls.
     pub object: u32,
-    /// Slot of the ball in the object's columns.
+    /// Slot of the ball, its index in the object's columns.
     pub slot: u32,
+    /// True for a dot, which is parallel to the image; false for a ball.
     pub flat: bool,
-    /// True if the outline is so large that f32 loses the digits of its area.
+    /// True if the outline is so large that its area must be computed by [`Outline::coverage_of_large`].
     pub is_large: bool,
 }
 
-/// Balls of a cell, with each tile's list of them.
+/// The balls of a cell, projected, and for each tile the list of balls that touch it.
 #[derive(Default)]
 pub(crate) struct BallSegment {
     pub records: Vec<BallRecord>,
     pub lists: TileLists,
-    /// Number of balls that were projected.
+    /// Number of balls in the chunks that were projected, for statistics.
     pub set_up: usize,
 }
 
 impl BallSegment {
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that records and lists use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.records.as_slice()) + self.lists.bytes()
     }
 
-    /// Returns the number of balls whose centre lies in `cell` after clamping to the view's region `whole`. Each ball
-    /// counts in one cell of the view.
+    /// Returns the number of balls whose centre is in `cell`, after it is clamped to the view's region `whole`. Each
+    /// ball thereby counts in one cell of the view.
     pub(crate) fn counted(&self, whole: Region, cell: Region) -> usize {
         let is_in = |pixel: f32, [first, length]: [u32; 2], [start, count]: [u32; 2]| {
             let pixel = pixel.clamp(first as f32, (first + length).saturating_sub(1) as f32);
@@ -81,8 +82,8 @@ impl BallSegment {
         self.records.iter().filter(is_counted).count()
     }
 
-    /// Projects the balls of these chunks that may touch the `drawn` blocks of the grid's region. Without `alphas`, all
-    /// balls are opaque.
+    /// Projects the balls of the chunks `parts` that may touch the `drawn` blocks of the grid's region. If `alphas` is
+    /// false, all balls are opaque.
     pub(crate) fn project(
         instructions: Instructions,
         views: &[BallView<'_>],
@@ -103,7 +104,7 @@ impl BallSegment {
     }
 }
 
-/// Inputs for the projection of one chunk of balls.
+/// A chunk of balls to project, and how.
 struct ChunkSetup<'a, 'b> {
     view: &'b BallView<'a>,
     chunk: usize,
@@ -114,7 +115,7 @@ struct ChunkSetup<'a, 'b> {
 struct Projected<S: Simd> {
     p: V3<Lanes<S>>,
     radius: Lanes<S>,
-    /// Bits of the balls within the view's range of depths.
+    /// Bits of the balls within the range of depths that the view draws.
     there: u64,
 }
 
@@ -137,7 +138,7 @@ impl ChunkSetup<'_, '_> {
         }
     }
 
-    /// Returns sixteen balls in view space.
+    /// Transforms sixteen balls to view space; `first` is the slot of the first one.
     #[inline(always)]
     fn place<S: Simd>(&self, simd: S, first: usize) -> Projected<S> {
         let k = |v: f64| Lanes::splat(simd, v as f32);
@@ -163,7 +164,7 @@ impl ChunkSetup<'_, '_> {
         Projected { p, radius, there: there.to_bitmask() }
     }
 
-    /// Adds the records of sixteen balls, and entries of the tiles that they touch.
+    /// Appends the records of sixteen balls, and entries for the tiles that they touch.
     #[inline(always)]
     fn push<S: Simd>(
         &self,
@@ -238,7 +239,8 @@ fn dot<S: Simd>(simd: S, v: Vec3, p: V3<Lanes<S>>) -> Lanes<S> {
     k(v.x).mul_add(p.x, k(v.y).mul_add(p.y, k(v.z) * p.z))
 }
 
-/// Adds an entry for every tile with pixels that an ellipse may touch. `extent` is its least and greatest x, then y.
+/// Adds an entry for every tile with pixels that an ellipse may touch. `extent` is the ellipse's smallest and largest
+/// x, then y, in pixels.
 #[inline(always)]
 fn for_tiles(extent: [f32; 4], index: u32, (grid, drawn): (&Grid, DrawnBlocks<'_>), entries: &mut Entries) {
     let (r, size) = (grid.region, grid.tile_blocks);
@@ -264,7 +266,8 @@ fn for_tiles(extent: [f32; 4], index: u32, (grid, drawn): (&Grid, DrawnBlocks<'_
     }
 }
 
-/// Returns the first and last block, from the grid's origin, of the pixels of a range that overlap an interval.
+/// Returns the first and last block that has pixels in the interval from `min` to `max` along one axis. Pixels are
+/// limited to the range [start, length], and blocks count from the grid's origin. `None` if there are none.
 #[inline(always)]
 fn blocks(min: f32, max: f32, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (start as f32, (start + length) as f32);

@@ -1,4 +1,4 @@
-//! Clips of splats (§7) over pixels, as a frame needs them.
+//! Clips of projected splats (rendering model §7), as linear forms over pixels.
 
 use crate::scene::clips::{Curve, Head, StoredClip, times};
 use crate::simd::lanes::{LANES, Lanes};
@@ -7,15 +7,15 @@ use surfel_math::clip::{Clip, Turn, composed};
 use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 
-/// Mapping from pixels to a splat's (u, v).
+/// Mapping from pixels to a splat's (u, v), in two steps: the footprint's (u', v'), and a turn from there.
 #[derive(Clone, Copy)]
 pub(crate) struct Mapping<'a> {
     pub footprint: &'a Footprint<f32>,
-    /// Map from the footprint's (u, v) to the splat's.
+    /// Turn from the footprint's (u', v') to the splat's own (u, v).
     pub turn: &'a Turn<f32>,
 }
 
-/// Appends a clip's forms over pixels, for a footprint.
+/// Appends a clip's forms, composed with a footprint to forms over pixels.
 #[inline(always)]
 fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32>>) {
     for line in clip.lines {
@@ -31,12 +31,12 @@ fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32
     }
 }
 
-/// Clips over pixels of some splats of a frame.
+/// A list of clips of projected splats, as forms over pixels. Clips have consecutive numbers.
 #[derive(Default)]
 pub(crate) struct ScreenClips {
     heads: Vec<Head>,
     forms: Vec<Linear<f32>>,
-    /// Number of the list's first clip.
+    /// Number of the first clip in the list.
     first: u32,
 }
 
@@ -48,8 +48,8 @@ impl ScreenClips {
         self.first = first;
     }
 
-    /// Adds a clip over a splat's unfiltered footprint and, if it is another, over the filtered one. Returns the clip's
-    /// number.
+    /// Adds a splat's clip, as forms over the pixels of the unfiltered footprint and, if it differs, of the filtered
+    /// one. Returns the clip's number.
     #[inline(always)]
     pub(crate) fn push(
         &mut self,
@@ -73,24 +73,26 @@ impl ScreenClips {
     }
 }
 
-/// Clips of all splats of a cell. Each setup numbers its own clips, so that records need no renumbering.
+/// Clips of all splats of a cell. Each setup of chunks numbers its own clips uniquely, so that records need no
+/// renumbering.
 #[derive(Default)]
 pub(crate) struct CellClips {
-    /// Two lists for each setup: clips of opaque splats, and clips of transparent ones.
+    /// Lists of clips, two for each setup of chunks: of its opaque splats, and of its transparent ones.
     lists: Vec<ScreenClips>,
 }
 
-/// Base-2 logarithm of the number of clips reserved for a list. As many splats would not fit into memory.
+/// Base-2 logarithm of the number of clip numbers reserved for each list. A list can't have more clips, because as many
+/// splats would not fit into memory.
 const SHIFT: u32 = 30;
 
 impl CellClips {
-    /// Returns the first numbers of the next setup's two lists. 32 bits suffice for four lists, and a cell needs no
-    /// more.
+    /// Returns the first clip numbers of the two lists of the next setup. 32 bits suffice for four lists, and a cell
+    /// needs no more.
     pub(crate) fn next_numbers(&self) -> [u32; 2] {
         [0, 1].map(|list| ((self.lists.len() + list) as u32).wrapping_shl(SHIFT))
     }
 
-    /// Appends the next list of a setup.
+    /// Appends the next list, whose numbers [`Self::next_numbers`] has reserved.
     pub(crate) fn push(&mut self, list: ScreenClips) {
         self.lists.push(list);
     }
@@ -104,7 +106,7 @@ impl CellClips {
         self.lists.iter().map(|list| list.heads.len()).sum()
     }
 
-    /// Returns the clip with this number.
+    /// Returns the clip with this number; `None` if no splat of the cell has it.
     #[inline(always)]
     pub(crate) fn get(&self, number: u32) -> Option<ScreenClip<'_>> {
         let list = self.lists.get((number >> SHIFT) as usize)?;
@@ -116,23 +118,24 @@ impl CellClips {
     }
 }
 
-/// A splat's clip over the pixels of its two footprints.
+/// The clip of a projected splat, as forms over the pixels of its unfiltered and its filtered footprint.
 #[derive(Clone, Copy)]
 pub(crate) struct ScreenClip<'a> {
     head: Head,
+    /// Forms over the pixels of the unfiltered footprint.
     visible: &'a [Linear<f32>],
-    /// Forms of the filtered footprint; `None` if the footprints are the same.
+    /// Forms over the pixels of the filtered footprint; `None` if it equals the unfiltered one.
     filtered: Option<&'a [Linear<f32>]>,
 }
 
 impl ScreenClip<'_> {
-    /// True if the visible part of the splat also belongs to its filtered footprint (§7).
+    /// True if fragments of the clipped, unfiltered footprint also belong to the filtered one (rendering model §7).
     #[inline(always)]
     pub(crate) fn holds_visible(&self) -> bool {
         self.head.holds_visible
     }
 
-    /// Returns masks of the pixels inside the clip, for offsets in the unfiltered and the filtered footprint.
+    /// Returns masks of the pixels that the clip retains, for offsets in the unfiltered and the filtered footprint.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
         let keeps = self.part_keeps(self.visible, visible);
@@ -182,7 +185,7 @@ fn widened<S: Simd>(l: &Linear<f32>, like: Lanes<S>) -> Linear<Lanes<S>> {
     Linear { c: Lanes::splat(simd, l.c), x: Lanes::splat(simd, l.x), y: Lanes::splat(simd, l.y) }
 }
 
-/// Returns the turns of a group's splats.
+/// Returns the turn of each splat of a group, from their turns in lanes.
 #[inline(always)]
 pub(crate) fn turns<S: Simd>(turn: &Turn<Lanes<S>>) -> [Turn<f32>; LANES] {
     let Turn { first, second } = turn;

@@ -1,4 +1,5 @@
-//! Evaluation of a splat's record at a pixel, in lanes. Tiny splats are evaluated during setup, others block by block.
+//! Evaluation of a splat's record at a pixel, in lanes, to depth and weight. Tiny splats are evaluated during setup,
+//! others block by block.
 
 use crate::setup::kernel::Kernel;
 use crate::setup::record::RecordLanes;
@@ -8,12 +9,12 @@ use surfel_math::Real;
 use surfel_model::Filter;
 use surfel_render::{FramePlan, View};
 
-/// Constants of a frame for the evaluation of splats.
+/// Constants of a frame by which splats are evaluated at pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct FrameConstants {
-    /// True if depth is linear over pixels: orthographic projection, or affine mapping.
+    /// True if depth is a linear function of pixels, as in orthographic projections and under the affine mapping.
     pub linear_depth: bool,
-    /// 1/h² of the disk of the filter `clamp`.
+    /// 1/h² of the screen-parallel disk of radius h pixels that the filter `clamp` draws; `None` for other filters.
     pub clamp: Option<f32>,
     pub kernel: Kernel,
     pub near: f32,
@@ -33,64 +34,66 @@ impl FrameConstants {
         }
     }
 
-    /// Returns the nearest and farthest depth that is drawn.
+    /// Returns the nearest and the farthest depth that is drawn, in world units.
     pub(crate) fn depth_range(&self) -> [f32; 2] {
         [self.near, self.far]
     }
 }
 
-/// Largest depth difference over the disk of a cheap splat, relative to the depth of its centre. The omitted terms of
-/// 1/(1 + e) are then below 7e-8 of the depth.
+/// Largest depth difference between the centre and the rim of a splat that counts as cheap
+/// ([`Class::Cheap`](crate::setup::record::Class::Cheap)), relative to the centre's depth. The terms that
+/// [`inverse_near_one`] omits are then below 7e-8 of the depth.
 pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
-/// Largest depth difference over the filtered disk of a cheap splat, relative to the depth of its centre. The omitted
-/// terms of 1/(1 + e) are then below 5e-7 of the depth.
+/// Largest depth difference between the centre and the rim of the filtered footprint of a splat that counts as cheap,
+/// relative to the centre's depth. The terms that [`inverse_near_one`] omits are then below 5e-7 of the depth.
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 
-/// Steepest plane of a cheap splat, in relative depth per pixel. The splat's blocks extend at most 12 pixels beyond its
-/// disks. Over these blocks |e| is below 0.4, so that pixels outside a disk are still found to be outside.
+/// Largest change of depth per pixel, relative to the centre's depth, of a splat that counts as cheap. The splat's
+/// blocks extend at most 12 pixels beyond its disks. Over these blocks the argument e of [`inverse_near_one`] is below
+/// 0.4, so that pixels outside a disk are still found to be outside.
 pub(crate) const CHEAP_STEEPNESS: f64 = 1.0 / 32.0;
 
-/// Widest filter of a splat that may be cheap, in pixels.
+/// Largest filter radius, in pixels, with which splats may count as cheap.
 pub(crate) const CHEAP_RADIUS_PX: f64 = 2.0;
 
-/// Fragments of a splat at sixteen pixels, or of a group of splats at one pixel each.
+/// Fragments in lanes: of one splat at sixteen pixels, or of a group of splats at one pixel each.
 pub(crate) struct Fragment<S: Simd> {
     /// Mask of the pixels inside the unfiltered footprint.
     pub visible: mask32x16<S>,
     /// Mask of the pixels inside the filtered footprint.
     pub inside: mask32x16<S>,
     pub z: Lanes<S>,
-    /// Weight; undefined outside the footprint.
+    /// Weight of the fragment, w; undefined outside the filtered footprint.
     pub weight: Lanes<S>,
 }
 
-/// Returns x·d_x + y·d_y.
+/// Returns the value x·d_x + y·d_y of a linear form at pixel offset d.
 #[inline(always)]
 pub(crate) fn form<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
     x.mul_add(d_x, y * d_y)
 }
 
-/// Returns x·d_x + y·d_y + c.
+/// Returns the value x·d_x + y·d_y + c of a linear form at pixel offset d.
 #[inline(always)]
 fn form_at<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>, c: Lanes<S>) -> Lanes<S> {
     x.mul_add(d_x, y.mul_add(d_y, c))
 }
 
-/// Returns u² + v² of the filtered footprint.
+/// Returns (u·w')² + (v·w')² of the filtered footprint at pixel offset `d`.
 #[inline(always)]
 fn square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.u_x, r.u_y), form(d, r.v_x, r.v_y));
     u.mul_add(u, v * v)
 }
 
-/// Returns u² + v² of the unfiltered footprint.
+/// Returns (u·w')² + (v·w')² of the unfiltered footprint at pixel offset `d`.
 #[inline(always)]
 fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.visible_u_x, r.visible_u_y), form(d, r.visible_v_x, r.visible_v_y));
     u.mul_add(u, v * v)
 }
 
-/// Evaluates cheap splats, or one cheap splat, at offsets from their anchors.
+/// Evaluates cheap splats, or one cheap splat at many pixels, at pixel offsets `d` from their projected centres.
 #[inline(always)]
 pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let one = r.z.one();
@@ -103,8 +106,9 @@ pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame:
     Fragment { visible: visible.le(one), inside: rho_squared.le(one), z: r.z * inverse, weight }
 }
 
-/// Returns the plane's depth, clamped to the disk's range. If p_z/z is linear, also returns p_z/z and z/p_z. The disk
-/// ends where |(u, v)| reaches the clamped p_z/z, so that the test needn't check the sign of w.
+/// Returns the depth of a splat's plane at pixel offset `d`, clamped to the disk's range. If p_z/z is the linear form,
+/// also returns p_z/z and z/p_z. The disk ends where |(u, v)| reaches the clamped p_z/z, so that the test needn't check
+/// the sign of w.
 #[inline(always)]
 fn depth_of<S: Simd>(
     r: &RecordLanes<S>,
@@ -119,7 +123,7 @@ fn depth_of<S: Simd>(
     (r.z * inverse, Some([w, inverse]))
 }
 
-/// Evaluates splats of any class that is set up in lanes.
+/// Evaluates splats of any class that is set up in lanes, at pixel offsets `d` from their projected centres.
 #[inline(always)]
 pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let (zero, one) = (r.z.zero(), r.z.one());
@@ -147,8 +151,8 @@ pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), fram
     Fragment { visible, inside: inside & exists, z, weight }
 }
 
-/// Returns 1/(1 + e) ≈ (1 − e)(1 + e²), which is exact up to a factor 1 − e⁴. Within the disk of a cheap splat |e| <
-/// about 1/48, and e is small enough over all blocks of the splat.
+/// Returns 1/(1 + e) ≈ (1 − e)(1 + e²), which is exact up to a factor 1 − e⁴. Here 1 + e is p_z/z of a cheap splat.
+/// Within its disk |e| is below about 1/48, and e is small enough over all blocks of the splat.
 #[inline(always)]
 pub(crate) fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
     let one = e.one();

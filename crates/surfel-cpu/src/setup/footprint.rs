@@ -8,8 +8,8 @@ use surfel_math::mapping::Linear;
 use surfel_math::project::ViewSplat;
 use surfel_math::{Real, V2, V3, filter};
 
-/// Returns the first pixel whose centre may be in [min, max] relative to `base`, and the pixel after the last, clipped
-/// to the region.
+/// Returns the first pixel whose centre may be in [min, max] relative to pixel `base`, and the pixel after the last.
+/// Both are clipped to the range of the region, from `start` on.
 #[inline(always)]
 pub(crate) fn pixel_range<S: Simd>(
     base: Lanes<S>,
@@ -30,7 +30,8 @@ pub(crate) fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
     V2::new(form.x, form.y)
 }
 
-/// Computes `surfel_math::filter::adjust_axes_turned` for a group of splats, in f64, since its turns need arctangents.
+/// Computes [`surfel_math::filter::adjust_axes_turned`] for a group of splats, one by one in f64, since its turns need
+/// arctangents.
 #[cold]
 pub(crate) fn adjust_axes<S: Simd>(
     splat: &ViewSplat<Lanes<S>>,

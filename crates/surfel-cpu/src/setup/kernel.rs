@@ -1,13 +1,14 @@
-//! The kernel e^(−cρ²) as a polynomial of ρ² (§2).
+//! The kernel e^(−cρ²) as a polynomial of ρ² (rendering model §2).
 
 use crate::simd::lanes::Lanes;
 use fearless_simd::Simd;
 use surfel_math::Real;
 
-/// Degree of the polynomial.
+/// Degree of the polynomial that approximates the kernel.
 const DEGREE: usize = 5;
 
-/// Largest exponent that the polynomial itself approximates. Larger exponents are halved and the result is squared.
+/// Largest exponent c' of e^(−c'ρ²) that the polynomial itself approximates. For a larger cutoff, c is halved until it
+/// is small enough, and the result is squared as often.
 const LARGEST: f64 = 1.25;
 
 /// The kernel e^(−cρ²) for ρ² in [0, 1], by a Chebyshev series of e^(−c'ρ²) that is squared until c' is c. The series
@@ -17,8 +18,9 @@ const LARGEST: f64 = 1.25;
 /// functions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kernel {
-    /// Coefficients of the polynomial, lowest power first.
+    /// Coefficients of the polynomial in ρ², lowest power first.
     coefficients: [f32; DEGREE + 1],
+    /// Number of times that the polynomial's value is squared.
     squarings: u32,
 }
 
@@ -33,7 +35,8 @@ impl Kernel {
         Self { coefficients: series(c), squarings }
     }
 
-    /// Returns sixteen weights. Outside [0, 1] the result is meaningless, but finite as long as ρ² is below 1e5.
+    /// Returns the kernel's weights at sixteen ρ². Outside [0, 1] the result is meaningless, but finite as long as ρ²
+    /// is below 1e5.
     #[inline(always)]
     pub(crate) fn at<S: Simd>(&self, rho_squared: Lanes<S>) -> Lanes<S> {
         let c = &self.coefficients;
@@ -71,7 +74,7 @@ impl Kernel {
         p
     }
 
-    /// Returns one weight, by the same polynomial.
+    /// Returns the kernel's weight at one ρ², by the same polynomial as [`Self::at`].
     pub(crate) fn at_one(&self, rho_squared: f32) -> f32 {
         let p = self.coefficients.iter().rev().fold(0.0, |p: f32, &c| p.mul_add(rho_squared, c));
         (0..self.squarings).fold(p, |p, _| p * p)
@@ -114,8 +117,8 @@ pub(crate) fn series<const TERMS: usize>(c: f64) -> [f32; TERMS] {
     sum.map(|s| (s * scale) as f32)
 }
 
-/// Computes I_k(a) by its series, for a in [0, 1]. The bits are the same on any machine, which a library's exponential
-/// doesn't guarantee.
+/// Computes the modified Bessel function I_k(a) by its series, for a in [0, 1]. The bits are the same on any machine,
+/// which a library's exponential doesn't guarantee.
 fn bessel_i(k: usize, a: f64) -> f64 {
     let half = 0.5 * a;
     let mut term = (1..=k).fold(1.0, |term, i| term * half / i as f64);
@@ -127,7 +130,7 @@ fn bessel_i(k: usize, a: f64) -> f64 {
     sum
 }
 
-/// Computes e^a by its series, for a in [0, 1].
+/// Computes e^a by its series, for a in [0, 1]. The bits are the same on any machine.
 fn exp(a: f64) -> f64 {
     let mut term = 1.0;
     let mut sum = 0.0;

@@ -1,4 +1,4 @@
-//! Search for the blocks of a tile that a footprint may touch.
+//! Search for the blocks (4×4 pixels) of a tile that a footprint may touch. Tiles' lists store them as bit masks.
 
 use crate::setup::record::{BlockBox, Class, Record};
 use crate::setup::rows::{Conic, HALF, MaskForms, Rows, SLACK};
@@ -10,36 +10,40 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16, mask64x8, u64x8};
 use surfel_math::{Real, V2};
 
-/// Parameters of the test of footprints, from the plan.
+/// Parameters of the search for touched blocks that all splats of a frame share.
 #[derive(Clone, Copy)]
 pub(crate) struct MaskForm<'a> {
-    /// Blocks that are drawn. A tile without any of them gets no entries.
+    /// Blocks that are drawn. A tile without any of them gets no entries in its list.
     pub drawn: DrawnBlocks<'a>,
-    /// True if depth is linear over pixels, so that w of the unfiltered footprint is 1.
+    /// True if depth is a linear function of pixels, so that the homogeneous coordinate w of the unfiltered footprint
+    /// is 1.
     pub linear_depth: bool,
-    /// True if footprints exceed their ellipses, so that whole boxes count.
+    /// True if footprints exceed their ellipses, as with the filter `clamp`, so that all blocks of their boxes count as
+    /// touched.
     pub whole_box: bool,
 }
 
-/// Boxes of blocks that a group's splats may touch, and for boxes of up to a tile's size, the blocks touched in them.
+/// Blocks that the splats of a group may touch. Each splat has a box of blocks and, if the box is no larger than a
+/// tile, masks of the touched blocks in it.
 pub(crate) struct Masks {
-    /// First column, first row, end column and end row of the boxes, in blocks from the grid's origin.
+    /// First column, first row, end column and end row of each splat's box, in blocks from the grid's origin.
     boxes: [[i32; LANES]; 4],
-    /// Bits of the splats whose box is larger than a tile; these are tested tile by tile.
+    /// Bits of the splats whose box is larger than a tile. Their touched blocks are searched tile by tile when they are
+    /// listed.
     large: u64,
-    /// Bits of the splats that have blocks in each of four tiles: the first tile of their box, the tile on its right,
-    /// and the two tiles below these. Only for boxes no larger than a tile.
+    /// Bits of the splats that touch blocks in each of four tiles. The tiles are the first tile of a splat's box, the
+    /// tile on its right, and the two tiles below these. Only for boxes no larger than a tile.
     filled: [u64; 4],
-    /// Bits of the splats that may touch a block.
+    /// Bits of the splats that may touch any block.
     touching: u64,
-    /// Blocks in each of four tiles: the first tile of a box, the tile on its right, and the two tiles below these.
-    /// Only for boxes no larger than a tile.
+    /// Masks of the blocks that each splat may touch, in each of the same four tiles as in `filled`.
     blocks: [[u64; LANES]; 4],
-    /// Index of the first tile and the splat's kind, as packed by [`Entry::place`].
+    /// First tile of each splat's box, and the splat's kind, packed by [`Entry::place`].
     place: [i32; LANES],
 }
 
-/// Finds the blocks of the splats in `keep` from their ranges of pixels.
+/// Finds the blocks that the splats in `keep` may touch, from their ranges of pixels: first and end column, first and
+/// end row.
 #[inline(always)]
 pub(crate) fn masks<S: Simd>(
     forms: &MaskForms<S>,
@@ -98,8 +102,8 @@ pub(crate) fn masks<S: Simd>(
     }
 }
 
-/// Distributes the blocks of a box's rows, four rows at a time, to up to four tiles. `rows` has the columns in the
-/// first tile and in the next one.
+/// Distributes the touched blocks of a box to the masks of up to four tiles. `rows` has the blocks' columns, four rows
+/// at a time, in the first tile and in the tile on its right. `above` is the number of bits before the box's first row.
 #[inline(always)]
 fn in_tiles<S: Simd>(
     rows: [[i32x16<S>; 2]; 2],
@@ -128,7 +132,8 @@ fn in_tiles<S: Simd>(
     (blocks, filled)
 }
 
-/// Stores eight of sixteen numbers and sets the bits of the nonzero ones.
+/// Stores eight of sixteen masks, the first or the second half, and sets the bits of the nonzero ones in the other
+/// argument.
 #[inline(always)]
 fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES], &mut u64)) {
     numbers.store_slice(&mut all[half * 8..half * 8 + 8]);
@@ -136,7 +141,7 @@ fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES
     *filled |= (!none.to_bitmask() & 0xff) << (8 * half);
 }
 
-/// Spreads the low sixteen bits to every fourth bit.
+/// Moves the low sixteen bits apart, so that bit i becomes bit 4·i.
 #[inline(always)]
 fn spread(bits: u64) -> u64 {
     let bits = (bits | bits << 24) & 0x0000_00ff_0000_00ff;
@@ -145,7 +150,7 @@ fn spread(bits: u64) -> u64 {
     (bits | bits << 3) & 0x1111_1111_1111_1111
 }
 
-/// Interleaves two vectors of 32-bit numbers to 64-bit numbers, with the first vector's in the low halves.
+/// Combines two vectors of 32-bit numbers to 64-bit numbers, with the first vector's in the low halves.
 #[inline(always)]
 fn pairs<S: Simd>([low, high]: [i32x16<S>; 2]) -> [u64x8<S>; 2] {
     [low.zip_low(high).bitcast(), low.zip_high(high).bitcast()]
@@ -163,12 +168,13 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
 }
 
 impl Masks {
-    /// Returns bits of the splats that may touch a block. The test is conservative.
+    /// Returns bits of the splats that may touch any block. The test is conservative.
     pub(crate) fn touching(&self) -> u64 {
         self.touching
     }
 
-    /// Returns bits of the splats that may touch a drawn block. Large splats are all included.
+    /// Returns bits of the splats that may touch a block in `drawn`. Splats with a box larger than a tile are all
+    /// included.
     #[inline(always)]
     pub(crate) fn drawn(&self, drawn: DrawnBlocks<'_>, grid: &Grid) -> u64 {
         if drawn.set().is_none() {
@@ -186,7 +192,7 @@ impl Masks {
         found
     }
 
-    /// Appends the entries of the splats in `keep`, whose records are consecutive from index `first` on.
+    /// Appends the tile entries of the splats in `keep`, whose records are consecutive from index `first` on.
     #[inline(always)]
     pub(crate) fn entries<S: Simd>(
         &self,
@@ -227,8 +233,8 @@ impl Masks {
         entries.advance(count);
     }
 
-    /// Marks splats as tiny, given bits of the splats of 2×2 pixels and of the splats of 3×3. No splat may be marked
-    /// yet.
+    /// Marks splats as tiny in their entries: `two` has the bits of splats of 2×2 pixels, `three` those of 3×3. No
+    /// splat may be marked yet.
     #[inline(always)]
     pub(crate) fn set_tiny(&mut self, [two, three]: [u64; 2]) {
         let (two, three) = (two as u32, (three & !two) as u32);
@@ -238,7 +244,7 @@ impl Masks {
         }
     }
 
-    /// Calls `visit` with the entry of every tile that splat `i` may touch.
+    /// Calls `visit` with the entry of every tile that splat `i` of the group may touch.
     #[inline(always)]
     pub(crate) fn for_tiles<S: Simd>(
         &self,
@@ -263,13 +269,14 @@ impl Masks {
     }
 }
 
-/// Returns the offsets from a tile's number to itself, to the tile on its right, and to the two tiles below these.
+/// Returns the differences of tile indices from a tile to itself, to the tile on its right, and to the two tiles below
+/// these.
 #[inline(always)]
 fn next_tiles(grid: &Grid) -> [u32; 4] {
     [0, 1, grid.columns, grid.columns + 1]
 }
 
-/// Calls `visit` with the entry of every tile that a record may touch, given its box.
+/// Calls `visit` with the entry of every tile that a record may touch, given the record's box of blocks.
 #[inline(always)]
 pub(crate) fn for_tiles<S: Simd>(
     simd: S,
@@ -302,14 +309,16 @@ pub(crate) fn for_tiles<S: Simd>(
     }
 }
 
-/// Returns the range of a tile's blocks along one axis that a box covers.
+/// Returns the range of a tile's blocks along one axis that a box covers, counted from the tile's first block. `size`
+/// is the tile's side in blocks.
 #[inline(always)]
 fn clipped(blocks: BlockBox, tile: [u32; 2], axis: usize, size: u32) -> (u32, u32) {
     let clip = |value: u32| (value.max(tile[axis]) - tile[axis]).min(size);
     (clip(blocks.0[axis]), clip(blocks.0[axis + 2]))
 }
 
-/// Returns bits of the blocks of a tile inside a box, row by row, eight bits a row. `tile` is the tile's first block.
+/// Returns the mask of a tile's blocks that are inside a box, row by row, eight bits a row. `tile` is the tile's first
+/// block.
 #[inline(always)]
 fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     let ((x0, x1), (y0, y1)) = (clipped(blocks, tile, 0, size), clipped(blocks, tile, 1, size));
@@ -319,15 +328,15 @@ fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     row.wrapping_mul(rows)
 }
 
-/// Converts bits of 4×4 blocks, four a row, from block (x, y) of a tile on, to eight bits a row. Blocks beyond the
-/// tile's right side set unused columns of another row, which the caller masks off.
+/// Converts a mask of 4×4 blocks, four bits a row, to a tile's mask of eight bits a row. (x, y) is the first block in
+/// the tile. Blocks beyond the tile's right side set unused columns of another row, which the caller masks off.
 #[inline(always)]
 fn in_rows_of_eight(bits: u64, x: u32, y: u32) -> u64 {
     let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
     spread << (TILE_BLOCKS * y + x)
 }
 
-/// Returns bits of the blocks of a tile that the record may touch, within its box.
+/// Returns the mask of a tile's blocks that a record may touch, within its box.
 #[inline(always)]
 fn touched<S: Simd>(
     simd: S,
@@ -349,7 +358,7 @@ fn touched<S: Simd>(
     found
 }
 
-/// Tests 4×4 blocks from `first` on and returns sixteen bits.
+/// Tests whether a record may touch each of 4×4 blocks, from block `first` on, and returns one bit per block.
 #[inline(always)]
 fn four_by_four<S: Simd>(simd: S, record: &Record, first: [u32; 2], origin_px: [u32; 2], linear: bool) -> u64 {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -371,8 +380,8 @@ fn four_by_four<S: Simd>(simd: S, record: &Record, first: [u32; 2], origin_px: [
     all.to_bitmask()
 }
 
-/// Returns a mask of the blocks in which a footprint may touch a pixel. `d_x` and `d_y` are the blocks' centres
-/// relative to the footprint's, in pixels; the other arguments are its gradients.
+/// Returns a mask of the blocks in which a footprint may touch a pixel. `d_x` and `d_y` are the offsets of the blocks'
+/// centres from the footprint's, in pixels. The other arguments are the gradients of its forms u·w', v·w' and w'.
 #[inline(always)]
 fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [f32; 2]) -> mask32x16<S> {
     let k = |v: f32| Lanes::splat(d_x.0.simd, v);
@@ -384,7 +393,7 @@ fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [
     u.mul_add(u, v * v).le(w * w * k(1.0 + SLACK))
 }
 
-/// Returns the largest change of a form from a block's centre to its corners.
+/// Returns the largest change of a linear form from a block's centre to the pixel centres at its corners.
 #[inline(always)]
 fn reach(gradient: [f32; 2]) -> f32 {
     (HALF + SLACK) * (gradient[0].abs() + gradient[1].abs())

@@ -1,5 +1,5 @@
 //! Splats that reach the near plane, or whose depth range is large compared with their distance. They are mapped
-//! exactly, without filter, in f64 (§3, last paragraph).
+//! exactly, without filter, in f64 (rendering model §3, last paragraph).
 
 use crate::cull::object::ObjectView;
 use crate::scene::cloud::{Chunk, StoredShape};
@@ -20,7 +20,7 @@ use surfel_math::{V2, bounds};
 use surfel_model::Cull;
 use surfel_render::View;
 
-/// A splat at the near plane, on the screen.
+/// A splat at the near plane projected to the screen in f64, by the exact mapping and without a filter.
 pub(crate) struct NearSplat {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -36,8 +36,8 @@ pub(crate) struct NearSplat {
 }
 
 impl NearSplat {
-    /// Sets up a splat and returns its box of pixels: first column, first row, end column, end row. `None` if the splat
-    /// is drawn in no pass.
+    /// Projects a splat, and returns it with its box of pixels: first column, first row, end column, end row. `None` if
+    /// the splat is drawn in no pass.
     pub(crate) fn new(
         splat: &ViewSplat<f64>,
         shading: DVec3,
@@ -113,13 +113,14 @@ impl NearSplat {
         Some((near, [columns[0], rows[0], columns[1], rows[1]]))
     }
 
-    /// Returns the record that represents the splat in the tiles' lists.
+    /// Returns the record that represents the splat in the tiles' lists; `index` is the splat's index among the near
+    /// splats.
     pub(crate) fn record(&self, index: usize) -> Record {
         let index = self.facing.with_object(index as u32);
         Record::near(index, self.limits[0] as f32 * (1.0 - 1e-6), self.color, self.normal, self.epsilon)
     }
 
-    /// Returns ρ² and depth at a pixel inside the footprint.
+    /// Returns ρ² and the depth at a pixel; `None` if the pixel is outside the footprint.
     pub(crate) fn hit(&self, x: i32, y: i32) -> Option<(f32, f32)> {
         let d = V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - self.anchor;
         let (u, v, w) = self.footprint.at(d);
@@ -133,7 +134,7 @@ impl NearSplat {
 }
 
 impl ObjectView<'_> {
-    /// Sets up splats that reach the near plane one by one in f64.
+    /// Sets up those splats of a group that reach the near plane, one by one in f64.
     #[cold]
     pub(crate) fn push_near<S: Simd>(
         &self,

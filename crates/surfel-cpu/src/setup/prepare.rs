@@ -16,7 +16,7 @@ use fearless_simd::Simd;
 use surfel_render::Region;
 use surfel_render::clock::Instant;
 
-/// Memory that is reused from one cell's setup to the next.
+/// Buffers that are reused from one cell's setup to the next.
 #[derive(Default)]
 pub(crate) struct SetupPool {
     segments: Pool<Segment>,
@@ -29,27 +29,30 @@ impl SetupPool {
     }
 }
 
-/// Data shared by the setup of all cells of a view.
+/// Data that the setup of all cells of a view shares.
 #[derive(Clone, Copy)]
 pub(crate) struct CellSetup<'a> {
     pub instructions: Instructions,
     pub objects: &'a [ObjectView<'a>],
-    /// Finder of tiny splats, if setup evaluates these.
+    /// Finder of tiny splats, if setup computes the fragments of tiny splats.
     pub tiny: Option<&'a TinyFinder>,
     pub pool: &'a SetupPool,
 }
 
-/// Splats of a cell, set up and sorted into tiles.
+/// The splats of a cell after setup: projected to records and sorted into tiles.
 #[derive(Default)]
+/// Opaque splats, one segment for each setup of chunks.
 pub(crate) struct CellSplats {
+    /// Transparent splats, one segment for each setup of chunks.
     pub segments: Vec<Segment>,
+    /// Splats at the near plane, which are evaluated in f64.
     pub transparent: Vec<TransparentSegment>,
     pub near: Vec<NearSplat>,
     pub clips: CellClips,
 }
 
 impl CellSplats {
-    /// Returns the largest ε of the opaque splats whose facings are separated.
+    /// Returns the largest depth tolerance ε of the opaque splats whose facings are kept apart.
     pub(crate) fn largest_epsilon(&self) -> f32 {
         self.segments.iter().fold(0.0, |largest, segment| largest.max(segment.largest_epsilon))
     }
@@ -58,7 +61,7 @@ impl CellSplats {
         self.segments.iter().chain(self.transparent.iter().map(|t| &t.segment))
     }
 
-    /// Returns the number of splats in chunks that were processed.
+    /// Returns the number of splats in the chunks that were set up.
     pub(crate) fn set_up(&self) -> u64 {
         self.segments.iter().map(|s| s.set_up).sum()
     }
@@ -68,18 +71,18 @@ impl CellSplats {
         self.segments.iter().map(|s| s.drawn).sum()
     }
 
-    /// Returns the fraction of setup's time that sorting into tiles took.
+    /// Returns the fraction of the setup's time that sorting records into tiles took.
     pub(crate) fn sort_share(&self) -> f64 {
         let [set_up, sort] = self.segments.iter().fold([0.0; 2], |[a, b], s| [a + s.set_up_s, b + s.sort_s]);
         if sort > 0.0 { sort / (set_up + sort) } else { 0.0 }
     }
 
-    /// Returns the number of pairs of record and tile.
+    /// Returns the number of entries in tiles' lists: pairs of a record and a tile that it touches.
     pub(crate) fn tile_pairs(&self) -> u64 {
         self.all().map(|s| s.lists.len() as u64).sum()
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that records, lists and clips use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let transparent: usize = self.transparent.iter().map(|t| size_of_val(t.splats.as_slice())).sum();
         let near = size_of_val(self.near.as_slice());
@@ -89,7 +92,8 @@ impl CellSplats {
 
 impl CellSetup<'_> {
     /// Sets up the splats of these chunks that may touch the grid's region, and appends them to `splats`, sorted into
-    /// the grid's tiles. `counted` is the part of the region that belongs to no other cell.
+    /// the grid's tiles. `counted` is the part of the region that belongs to no other cell; splats with a centre there
+    /// count as drawn.
     pub(crate) fn add(&self, chunks: &[VisibleChunk], grid: &Grid, counted: Region, splats: &mut CellSplats) {
         self.add_some(chunks, grid, counted, DrawnBlocks::default(), splats);
     }
@@ -144,7 +148,7 @@ impl CellSetup<'_> {
     }
 }
 
-/// Removes the entries without a drawn block.
+/// Removes the entries of records that touch no drawn block of their tile.
 fn retain(entries: &mut Entries, drawn: DrawnBlocks<'_>) {
     let mut count = 0;
     for at in 0..entries.len() {

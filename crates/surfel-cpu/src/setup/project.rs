@@ -31,41 +31,43 @@ use surfel_math::{Real, V2, V3};
 use surfel_model::{ClipPolicy, Cull, Filter};
 use surfel_render::Region;
 
-/// Relative slack of a fragment's depth: several roundings.
+/// Amount by which a fragment's depth is widened in tests against z_near and z_far, relative to the depth. It exceeds
+/// the several roundings of a depth.
 const RANGE_SLACK: f64 = 1e-6;
 
-/// Slack of a record's pixel box: far above the f32 rounding of box and anchor, and still far below a pixel.
+/// Amount by which a record's box of pixels is widened on every side, in pixels. It is far above the f32 rounding of
+/// box and projected centre, and still far below a pixel.
 const BOX_SLACK_PX: f64 = 2e-3;
 
-/// Destination of the records, clips and near splats of some chunks.
+/// Destination of the records, clips and near splats of the chunks that are set up.
 pub(crate) struct SetupOutput<'a> {
-    /// Grid over the drawn part of the view.
+    /// Grid over the part of the view that is drawn.
     pub grid: Grid,
-    /// Region whose splats are counted as drawn, by their centres. Regions of different cells don't overlap, although
-    /// their grids may.
+    /// Region in which splats, by their centres, are counted as drawn. Regions of different cells don't overlap,
+    /// although their grids may.
     pub counted: Region,
-    /// Finder of tiny splats, if they are evaluated here.
+    /// Finder of tiny splats, if setup computes the fragments of tiny splats.
     pub tiny: Option<&'a TinyFinder>,
     pub segment: &'a mut Segment,
-    /// Entries that assign records to tiles, in splat order.
+    /// Entries, which assign records to tiles, in splat order.
     pub entries: &'a mut Entries,
-    /// Blocks that are drawn; others need no entries.
+    /// Blocks that are drawn; splats need no entries for others.
     pub drawn: DrawnBlocks<'a>,
-    /// Destination of transparent splats, if the plan separates them.
+    /// Destination of transparent splats, if the plan draws them in layers of their own.
     pub transparent: Option<&'a mut TransparentOutput>,
 }
 
-/// Destination of the transparent splats of some chunks.
+/// Destination of the transparent splats of the chunks that are set up.
 #[derive(Default)]
 pub(crate) struct TransparentOutput {
     pub segment: Segment,
     pub entries: Entries,
-    /// Additional data of the splats, one for each record.
+    /// Opacity and position of each splat, which records don't contain, in the order of the records.
     pub splats: Vec<TransparentSplat>,
 }
 
 impl SetupOutput<'_> {
-    /// Returns the destination of a splat's record, which is separate for transparent splats.
+    /// Returns the destination of a splat's record: a separate one if the splat is transparent.
     #[inline(always)]
     pub(crate) fn part(&mut self, transparent: Option<TransparentSplat>) -> SetupOutput<'_> {
         match (transparent, &mut self.transparent) {
@@ -93,7 +95,7 @@ impl SetupOutput<'_> {
         }
     }
 
-    /// Appends splat `i` of a group and returns the index of its record.
+    /// Appends the record of splat `i` of a group, and its entries. Returns the index of the record.
     #[inline(always)]
     fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm<'_>) -> usize {
         let index = self.segment.records.len();
@@ -103,7 +105,7 @@ impl SetupOutput<'_> {
         index
     }
 
-    /// Appends a splat that is listed in every block of its box.
+    /// Appends the record of a splat that is listed in every block of its box.
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm<'_>) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
@@ -114,7 +116,8 @@ impl SetupOutput<'_> {
 }
 
 impl ObjectView<'_> {
-    /// Returns the data that a transparent splat has besides its record; `center` is in view space.
+    /// Returns the data that a transparent splat has besides its record; `None` for an opaque splat. `center` computes
+    /// its position in view space.
     #[inline(always)]
     pub(crate) fn transparent(&self, slot: usize, center: impl FnOnce() -> [f32; 3]) -> Option<TransparentSplat> {
         let alphas = self.object.alphas.as_ref().filter(|_| self.is_transparent())?;
@@ -122,7 +125,7 @@ impl ObjectView<'_> {
         Some(TransparentSplat { alpha, center: center(), lit: [0.0; 3] })
     }
 
-    /// Appends the records of a chunk.
+    /// Projects a chunk's splats and appends their records. `index` is the chunk's index in the object.
     #[inline(always)]
     pub(crate) fn project_chunk<S: Simd>(&self, simd: S, index: usize, sides: &RegionSides, out: &mut SetupOutput<'_>) {
         let (chunk, bounds) = (&self.object.chunks[index], &self.object.groups[index]);
@@ -204,7 +207,7 @@ impl ObjectView<'_> {
         self.project(simd, &splats, group, out);
     }
 
-    /// Appends the records of a group.
+    /// Projects a group's splats, which are in view space, and appends their records.
     #[inline(always)]
     fn project<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, group: Group<'_>, out: &mut SetupOutput<'_>) {
         let classes = self.classify(simd, splats, group.active);
@@ -223,7 +226,7 @@ impl ObjectView<'_> {
         self.emit(simd, records, group.at, &stages, out);
     }
 
-    /// Classifies splats by their depth range: outside, at the near plane, or ordinary.
+    /// Classifies a group's splats by their depth range: outside, at the near plane, or ordinary.
     #[inline(always)]
     fn classify<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, active: usize) -> DepthClasses<S> {
         let GroupLanes { splat, radius, .. } = *splats;
@@ -252,7 +255,8 @@ impl ObjectView<'_> {
         }
     }
 
-    /// Projects and filters splats; returns `None` if no ordinary splat faces the eye.
+    /// Projects and filters a group's ordinary splats. Returns `None` if none is left after the culling of back-facing
+    /// and edge-on splats.
     #[inline(always)]
     fn filter<S: Simd>(
         &self,
@@ -318,7 +322,8 @@ impl ObjectView<'_> {
         Some(FootprintLanes { projected, back_facing, keep, epsilon, visible, visible_turn, filtered, extent_px })
     }
 
-    /// Bounds splats in pixels, and counts those that are drawn; returns `None` if none touches the region.
+    /// Computes the pixels that a group's splats may touch, and counts the splats that are drawn. Returns `None` if
+    /// none touches the region.
     #[inline(always)]
     fn bounds<S: Simd>(
         &self,
@@ -354,7 +359,7 @@ impl ObjectView<'_> {
         Some(PixelBounds { inverse_z, base, fraction, ranges: [columns.0, columns.1, rows.0, rows.1], keep })
     }
 
-    /// Computes each splat's depth as a function of pixels, and the range of the depths.
+    /// Computes the depth of each splat of a group as a linear form over pixels, and the range of the depths.
     #[inline(always)]
     fn depth_lanes<S: Simd>(
         &self,
@@ -378,7 +383,7 @@ impl ObjectView<'_> {
         DepthLanes { gradient, range, z_min: z - extent, z_max: z + extent }
     }
 
-    /// Chooses how splats are evaluated, and the gradients of their footprints.
+    /// Chooses the evaluator of each splat of a group, and the gradients of the footprint to evaluate.
     #[inline(always)]
     fn evaluation<S: Simd>(
         &self,
@@ -424,7 +429,7 @@ impl ObjectView<'_> {
         Evaluation { unfiltered, cheap, u, v, w }
     }
 
-    /// Assembles the records of a group.
+    /// Assembles the records of a group from the results of the other stages.
     #[inline(always)]
     fn records<S: Simd>(
         &self,
@@ -496,7 +501,8 @@ impl ObjectView<'_> {
         }
     }
 
-    /// Returns the field of records that stores the number of the object or of the splat, and the facing.
+    /// Returns the field of records that stores the object's index, or the slot's number if slots are numbered,
+    /// together with the facing.
     #[inline(always)]
     fn object_bits<S: Simd>(&self, simd: S, at: usize, back_facing: mask32x16<S>) -> Lanes<S> {
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
@@ -517,7 +523,7 @@ impl ObjectView<'_> {
         }
     }
 
-    /// Appends records, their clips, and their entries in blocks.
+    /// Appends the records of a group, their clips, and their entries in tiles' lists.
     #[inline(always)]
     fn emit<S: Simd>(
         &self,
@@ -586,7 +592,7 @@ impl ObjectView<'_> {
         }
     }
 
-    /// Returns the object's clips, unless the plan ignores them.
+    /// Returns the object's clips; `None` if it has none or the plan ignores them.
     #[inline(always)]
     fn clips(&self) -> Option<&StoredClips> {
         self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off)
@@ -594,8 +600,9 @@ impl ObjectView<'_> {
 }
 
 impl ObjectView<'_> {
-    /// Returns the shading normals as drawn. If the material is two-sided, normals of back-facing splats are turned to
-    /// the eye. A splat that reaches past the contour of an oriented surface is an exception (§2).
+    /// Returns the shading normals as they are drawn. If the material is two-sided, normals of back-facing splats are
+    /// turned to the eye. Splats that reach past the contour of an oriented surface are an exception (rendering model
+    /// §2).
     #[inline(always)]
     fn shown_normal<S: Simd>(
         &self,
@@ -622,97 +629,102 @@ impl ObjectView<'_> {
     }
 }
 
-/// A group of 16 splats of a chunk.
+/// A group of up to 16 splats of a chunk, which are set up together in lanes.
 #[derive(Clone, Copy)]
 struct Group<'a> {
     chunk: &'a Chunk,
-    /// Slot of the group's first splat.
+    /// Slot of the group's first splat, an index into the object's columns.
     at: usize,
-    /// Number of splats in the group; the other lanes repeat one.
+    /// Number of splats in the group. Further lanes repeat one of them and are ignored.
     active: usize,
 }
 
-/// The splats of a group, in view space.
+/// The splats of a group in view space, with their attributes.
 struct GroupLanes<S: Simd> {
     splat: ViewSplat<Lanes<S>>,
-    /// Radii, if the splats are disks and the transform is a similarity.
+    /// Radii in world units, if the splats are disks and the object's matrix scales all directions alike.
     radius: Option<Lanes<S>>,
-    /// Area vectors, if they can be computed without the half-axes.
+    /// Area vectors s × t in factors ([`Area`]), if they can be computed without the half-axes.
     area: Option<Area<Lanes<S>>>,
-    /// Shading normals, in world space.
+    /// Shading normals in world space.
     shading: V3<Lanes<S>>,
     color: V3<Lanes<S>>,
 }
 
 /// A group's splats in view space, with their classes by depth range.
 struct DepthClasses<S: Simd> {
-    /// Bits of the splats at the near plane, which are projected in f64.
+    /// Bits of the splats at the near plane, which are projected one by one in f64.
     near: u64,
-    /// Bits of the splats that are projected here.
+    /// Bits of the splats that are projected in lanes, in f32.
     ordinary: u64,
-    /// The splats; those that aren't ordinary have a harmless depth.
+    /// The splats in view space. Those that aren't ordinary have a harmless depth in place of their own.
     splat: ViewSplat<Lanes<S>>,
-    /// Radii, if the splats are disks and the transform is a similarity.
+    /// Radii in world units, if the splats are disks and the object's matrix scales all directions alike.
     radius: Option<Lanes<S>>,
-    /// Half the range of each splat's depths.
+    /// Half the depth range of each splat's disk, in world units.
     extent: Lanes<S>,
 }
 
-/// A group's splats in the image, with and without the filter.
+/// A group's splats projected to the image, with and without the filter.
 struct FootprintLanes<S: Simd> {
     projected: Projected<Lanes<S>>,
     back_facing: mask32x16<S>,
-    /// Mask of the splats that are neither edge-on nor culled.
+    /// Mask of the splats that are neither edge-on nor culled as back-facing.
     keep: mask32x16<S>,
-    /// Depth tolerances ε, in world units.
+    /// Depth tolerance ε of each splat, in world units.
     epsilon: Lanes<S>,
-    /// Footprints of the unfiltered splats.
+    /// Footprints of the splats without the filter, by which visibility is decided.
     visible: Footprint<Lanes<S>>,
-    /// Turns from the stored half-axes to those of `visible`.
+    /// Maps from the (u, v) of `visible` to the (u, v) of the stored half-axes, in which clips are stated.
     visible_turn: Turn<Lanes<S>>,
+    /// Footprints of the splats with the filter, and the factors of their weights.
     filtered: Filtered<Lanes<S>>,
-    /// Boxes of the footprints around the projected centres, in pixels.
+    /// Bounding boxes of the footprints, in pixels from the projected centres.
     extent_px: Extent<Lanes<S>>,
 }
 
-/// Pixels that a group's splats may touch.
+/// Pixels that the splats of a group may touch, one lane per splat.
 struct PixelBounds<S: Simd> {
-    /// Reciprocal depths; 1 for orthographic views.
+    /// Reciprocals of the centres' depths; 1 in orthographic views.
     inverse_z: Lanes<S>,
-    /// Pixels that contain the projected centres.
+    /// Column and row of the pixel that contains each splat's projected centre.
     base: V2<Lanes<S>>,
-    /// Projected centres relative to `base`, in pixels.
+    /// Projected centre of each splat, in pixels from the upper left corner of pixel `base`.
     fraction: V2<Lanes<S>>,
-    /// First column, end of the columns, first row, end of the rows.
+    /// Range of pixels that each splat may touch, clipped to the region: first column, end column, first row, end row.
     ranges: [Lanes<S>; 4],
-    /// Bits of the splats that touch the region.
+    /// Bits of the splats that may touch the region.
     keep: u64,
 }
 
-/// Depths of a group's splats over the image, in the form of the plan's mapping.
+/// Depths of a group's splats as linear forms over pixels: of p_z/z, or of z if depth is linear.
 struct DepthLanes<S: Simd> {
     /// Change of the depth form per pixel to the right and down.
     gradient: V2<Lanes<S>>,
-    /// Minimum and maximum of the fragments' depths, in the same form.
+    /// Smallest and largest value of the form over each splat's disk.
     range: [Lanes<S>; 2],
-    /// Least planar depth of each splat, in world units.
+    /// Smallest planar depth of each splat, in world units.
     z_min: Lanes<S>,
     /// Largest planar depth of each splat, in world units.
     z_max: Lanes<S>,
 }
 
-/// Classes of evaluation of a group's splats, and the gradients of the footprints that are evaluated.
+/// Classes by which a group's splats are evaluated, and the gradients of the footprints that are evaluated.
 struct Evaluation<S: Simd> {
-    /// Mask of splats whose filtered footprint is the unfiltered one.
+    /// Mask of the splats that the filter doesn't change.
     unfiltered: mask32x16<S>,
-    /// Mask of the cheap splats, whose depth is nearly constant over the disk.
+    /// Mask of the cheap splats ([`Class::Cheap`](crate::setup::record::Class::Cheap)), whose depth is nearly constant
+    /// over the disk.
+    /// Change of the filtered u·w' per pixel to the right and down.
     cheap: mask32x16<S>,
+    /// Change of the filtered v·w' per pixel to the right and down.
     u: V2<Lanes<S>>,
+    /// Change of the filtered w' per pixel to the right and down.
     v: V2<Lanes<S>>,
     w: V2<Lanes<S>>,
 }
 
-/// Results of the stages before a group's records.
+/// Results of the stages of setup from which a group's records are assembled.
 struct Stages<S: Simd> {
     classes: DepthClasses<S>,
     footprints: FootprintLanes<S>,
@@ -721,12 +733,12 @@ struct Stages<S: Simd> {
     evaluation: Evaluation<S>,
 }
 
-/// Clips of a group's splats, and the data to convert them to pixels.
+/// Clips of a group's splats, and the data to convert them to forms over pixels.
 struct Clips<'a> {
     clips: &'a StoredClips,
-    /// Slot of the group's first splat.
+    /// Slot of the group's first splat, an index into the object's columns.
     at: usize,
-    /// Bits of the splats that have a clip.
+    /// Bits of the group's splats that have a clip.
     clipped: u64,
     policy: ClipPolicy,
     projective: bool,
@@ -736,7 +748,8 @@ struct Clips<'a> {
 }
 
 impl Clips<'_> {
-    /// Clips splat `i` of the group, whose record has this index, if it has a clip.
+    /// Converts the clip of splat `i` of the group, if it has one, and stores the clip's number in the record with
+    /// index `index`.
     #[inline(always)]
     fn clip(&self, i: usize, index: usize, segment: &mut Segment) {
         let Some(clip) = self.clips.get(self.at + i, self.policy) else { return };
@@ -750,7 +763,8 @@ impl Clips<'_> {
     }
 }
 
-/// Returns a mask of the pixels that are in the second range after clamping to the first. Ranges are (start, length).
+/// Returns a mask of the pixels that are in the second range after they are clamped to the first. Ranges are (start,
+/// length), along one axis.
 #[inline(always)]
 fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
     let k = |v: u32| at.constant(f64::from(v));
@@ -758,12 +772,13 @@ fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, coun
     k(start).le(at) & at.lt(k(start + count))
 }
 
-/// Returns the indices of set bits.
+/// Returns the indices of the set bits, from the lowest.
 fn lanes_of(bits: u64) -> impl Iterator<Item = usize> {
     (0..LANES).filter(move |i| bits >> i & 1 == 1)
 }
 
-/// Returns the pixel that contains a point of this slope (orthographic: coordinate) along one axis.
+/// Returns the column (or row) of the pixel that contains a point. `slope` is the point's x/z (or y/z), in an
+/// orthographic view its coordinate.
 #[inline(always)]
 fn pixel_of<S: Simd>(slope: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
     Lanes(slope.mul_add(slope.constant(focal_px), slope.constant(principal_px)).0.floor())

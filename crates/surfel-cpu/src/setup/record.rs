@@ -1,4 +1,4 @@
-//! Records: splats on the screen, as the tile loops read them.
+//! Records: splats projected to the screen, in the form in which the tiles' loops read them.
 
 use crate::setup::tiny::TinyLanes;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,66 +8,71 @@ use crate::tiles::pool::Reused;
 use fearless_simd::Simd;
 use surfel_math::mapping::{Footprint, Linear};
 
-/// Class of a record, which selects the evaluator.
+/// Class of a record, which selects the function that evaluates it at pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// A splat whose fragments all are between z_near and z_far, with the exact mapping and a nearly constant depth.
+    /// A splat with the exact mapping and a nearly constant depth, all of whose fragments are between z_near and z_far.
     /// The depth differs by less than a 64th over the disk and by less than a 12th over its blocks.
     Cheap,
-    /// Every other splat that is set up in lanes.
+    /// Any other splat that is set up in lanes.
     General,
-    /// A [tiny splat](crate::setup::tiny): its depths and weights are stored pixel by pixel.
+    /// A [tiny splat](crate::setup::tiny), of at most 3×3 pixels: its record stores depths and weights pixel by pixel.
     Tiny,
-    /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
+    /// A splat at the near plane, which is set up and evaluated in f64: [`Record::object`] is its index among the near
+    /// splats.
     Near,
 }
 
-/// Facing of a splat: the side of its surface that the splat shows, if facings are separated (§5).
+/// Facing of a splat: the side, front or back, that its oriented surface shows. Used where the sides are kept apart
+/// (rendering model §5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
-    /// The splat's cloud isn't oriented, or the plan doesn't separate facings.
+    /// The splat counts for both sides: its cloud isn't oriented, or the plan doesn't keep sides apart.
     Undeclared,
+    /// The splat faces the eye with its outward side.
     Front,
+    /// The splat faces the eye with its inward side.
     Back,
 }
 
-/// Position of the facing among the bits of an object's index.
+/// Index of the lowest of the two bits in [`Record::object_bits`] that store the facing; the bits below store the
+/// object's index.
 const FACING: u32 = 30;
 
 impl Facing {
-    /// Returns the facing of a splat of an oriented cloud.
+    /// Returns the facing of a splat of an oriented cloud, by whether it is back-facing.
     pub(crate) fn of(back_facing: bool) -> Self {
         if back_facing { Self::Back } else { Self::Front }
     }
 
-    /// Returns an object's index with the facing in its high bits.
+    /// Returns an object's index with the facing in the two highest bits, as [`Record::object_bits`] stores them.
     pub(crate) fn with_object(self, object: u32) -> u32 {
         object | (self as u32) << FACING
     }
 }
 
-/// Class bits of a cheap splat whose filtered and unfiltered footprints are equal.
+/// Class bits of a cheap splat that the filter doesn't change.
 pub(crate) const UNFILTERED: u32 = 0;
-/// Class bits of any other cheap splat.
+/// Class bits of a cheap splat whose filtered footprint may differ from the unfiltered one.
 pub(crate) const FILTERED: u32 = 1;
-/// Class bits of a general splat.
+/// Class bits of a general splat ([`Class::General`]).
 pub(crate) const GENERAL: u32 = 4;
-/// Class bits of a splat near the eye.
+/// Class bits of a splat at the near plane ([`Class::Near`]).
 const NEAR: u32 = 8;
-/// Class bits of tiny splats of 2×2 and of 3×3 pixels.
+/// Class bits of tiny splats ([`Class::Tiny`]) of 2×2 and of 3×3 pixels.
 pub(crate) const TINY: [u32; 2] = [16, 32];
 
-/// Bit of a class that marks a splat with a clip.
+/// Bit that is added to the class bits of a splat with a clip.
 const CLIPPED: u32 = 64;
 
-/// Method by which a batch of 4 splats is evaluated.
+/// Method by which the four splats of a batch are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Batch {
-    /// Together: all are cheap and unfiltered, and none has a clip.
+    /// The four splats are evaluated together: all are cheap and unfiltered, and none has a clip.
     Unfiltered,
-    /// Together: all are cheap, and none has a clip.
+    /// The four splats are evaluated together: all are cheap, some may be filtered, and none has a clip.
     Filtered,
-    /// One by one: some splat isn't cheap or has a clip.
+    /// The splats are evaluated one by one, because some splat isn't cheap or has a clip.
     Scalar,
 }
 
@@ -82,18 +87,19 @@ impl Batch {
     }
 }
 
-/// Returns the union of four splats' class bits.
+/// Returns the bits that are set in the class bits of any of four splats.
 #[inline(always)]
 fn any([a, b, c, d]: [&Record; 4]) -> u32 {
     let bits = |bits: f32| bits.to_bits();
     bits(a.class_bits()) | bits(b.class_bits()) | bits(c.class_bits()) | bits(d.class_bits())
 }
 
-/// Number of fields of a record.
+/// Number of f32 fields of a record.
 pub(crate) const FIELDS: usize = 32;
 
-/// A splat's footprint and attributes, in two cache lines. All forms are relative to the anchor, the projected centre,
-/// in pixels.
+/// A splat's footprint and attributes, in two cache lines. All linear forms are relative to the anchor, which is the
+/// splat's projected centre, in pixels. In u·w', v·w' and w' the homogeneous coordinate is scaled to w' = 1 at the
+/// anchor.
 ///
 /// The first line has the data of an unfiltered splat's footprint. Fields are read by name through the methods. The
 /// alignment covers both lines: CPUs fetch lines in such pairs.
@@ -107,14 +113,14 @@ macro_rules! fields {
             $($(#[$doc])* #[inline(always)] pub(crate) fn $name(&self) -> f32 { self.0[$at] })*
         }
 
-        /// The records of a group in lanes, field by field.
+        /// The records of a group of 16 splats in lanes, field by field.
         #[derive(Clone, Copy)]
         pub(crate) struct RecordLanes<S: Simd> {
             $(pub $name: Lanes<S>,)*
         }
 
         impl<S: Simd> RecordLanes<S> {
-            /// Loads one record into all lanes. Unused fields cost nothing.
+            /// Copies one record into all lanes. Unused fields cost nothing.
             #[inline(always)]
             pub(crate) fn splat(simd: S, record: &Record) -> Self {
                 Self { $($name: Lanes::splat(simd, record.$name()),)* }
@@ -132,19 +138,19 @@ macro_rules! fields {
 }
 
 fields! {
-    /// Column of the anchor's pixel.
+    /// Column of the pixel that contains the splat's projected centre.
     base_x = 0;
-    /// Row of the anchor's pixel.
+    /// Row of the pixel that contains the splat's projected centre.
     base_y = 1;
-    /// Depth tolerance ε, in world units.
+    /// Depth tolerance ε of the splat, in world units.
     epsilon = 2;
-    /// Lower bound of the depth of the splat's fragments: [`Listable::z_min`].
+    /// Lower bound of the depth of the splat's fragments, in world units ([`Listable::z_min`]).
     nearest = 3;
-    /// Bits of the [`Class`], and one more bit that marks a splat with a clip.
+    /// Bits of the [`Class`], and one more bit that marks a splat with a clip, as the bits of a float.
     class_bits = 4;
-    /// Offset in x from the anchor to its pixel's centre: ½ minus the anchor's fraction.
+    /// Offset in x, in pixels, from the projected centre to the centre of the pixel that contains it.
     offset_x = 5;
-    /// Offset in y from the anchor to its pixel's centre.
+    /// Offset in y, in pixels, from the projected centre to the centre of the pixel that contains it.
     offset_y = 6;
     /// Change of u·w' per pixel to the right, in the filtered footprint.
     u_x = 7;
@@ -154,16 +160,17 @@ fields! {
     v_x = 9;
     /// Change of v·w' per pixel down, in the filtered footprint.
     v_y = 10;
-    /// Change of the plane's depth form per pixel to the right: of p_z/z (perspective), or of z.
+    /// Change of the plane's depth form per pixel to the right: of p_z/z in perspective with the exact mapping, else of
+    /// z.
     depth_x = 11;
-    /// Change of the plane's depth form per pixel down.
+    /// Change of the plane's depth form, p_z/z or z, per pixel down.
     depth_y = 12;
-    /// Depth at the anchor, in world units.
+    /// Planar depth of the splat's centre, in world units.
     z = 13;
-    /// Minimum over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the minimum of p_z/z − 1;
-    /// for an unfiltered one it is unlimited.
+    /// Smallest value over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the smallest p_z/z
+    /// − 1. For an unfiltered one it is unlimited.
     range_min = 14;
-    /// Maximum over the disk of the same form.
+    /// Largest value over the disk of the depth form, with the same exceptions as [`Self::range_min`].
     range_max = 15;
     /// Change of u·w' per pixel to the right, in the unfiltered footprint.
     visible_u_x = 16;
@@ -177,37 +184,39 @@ fields! {
     w_x = 20;
     /// Change of w' per pixel down, in the filtered footprint.
     w_y = 21;
-    /// Factor of the kernel's weight, which the filter sets.
+    /// Factor of the kernel's weight by which a filter accounts for the widened area; else 1.
     weight_scale = 22;
     red = 23;
     green = 24;
     blue = 25;
-    /// World shading normal in x, turned to the eye if the material is two-sided.
+    /// World shading normal, x coordinate; the normal is turned to the eye if the material is two-sided.
     normal_x = 26;
-    /// World shading normal in y.
+    /// World shading normal, y coordinate.
     normal_y = 27;
-    /// World shading normal in z.
+    /// World shading normal, z coordinate.
     normal_z = 28;
-    /// Coverage per unit of weight, without the factor of the cloud's W0.
+    /// Factor from weight to coverage by which a filter accounts for the widened area. The factor 1/W0 of the cloud
+    /// isn't included.
     coverage_scale = 29;
-    /// Bits of the object's index, for its material, or of a near splat's own index. The two highest bits are the
-    /// facing.
+    /// Bits of the index of the splat's object, which selects its material; of a slot's number if slots are numbered;
+    /// or of a near splat's index. The two highest bits are the [`Facing`].
     object_bits = 30;
-    /// Bits of 1 plus the number of the splat's clip; 0 without a clip.
+    /// Bits of 1 plus the number of the splat's clip; 0 for a splat without a clip.
     clip_bits = 31;
 }
 
-/// First of the eighteen fields of forms, in which a [tiny splat](crate::setup::tiny) stores depths and weights.
+/// First of the eighteen fields in which a [tiny splat](crate::setup::tiny) stores depths and weights in place of
+/// linear forms.
 pub(crate) const FORMS: usize = 5;
 
 const _: () = assert!(size_of::<Record>() == RECORD_BYTES, "lists count records by their bytes");
 
-/// Index of the field [`Listable::z_min`] in a record.
+/// Index of the field [`Record::nearest`] in a record.
 const Z_MIN: usize = 3;
 
-/// Index of the field of the class in a record.
+/// Index of the field [`Record::class_bits`] in a record.
 pub(crate) const CLASS: usize = 4;
-/// First of the colour's three fields. The normal's three fields follow.
+/// Index of the first of the colour's three fields in a record. The normal's three fields follow.
 pub(crate) const COLOR: usize = 23;
 
 impl Record {
@@ -227,7 +236,7 @@ impl Record {
         matches!(self.class_bits().to_bits() & !CLIPPED, FILTERED | GENERAL)
     }
 
-    /// Returns the side of a tiny splat, in pixels.
+    /// Returns the side of a tiny splat in pixels, 2 or 3.
     #[inline(always)]
     pub(crate) fn tiny_side(&self) -> usize {
         if self.class_bits().to_bits() == TINY[0] { 2 } else { 3 }
@@ -247,7 +256,7 @@ impl Record {
         }
     }
 
-    /// Returns the unfiltered footprint relative to the anchor; undefined for a near splat.
+    /// Returns the unfiltered footprint, relative to the splat's projected centre; undefined for a near splat.
     #[inline(always)]
     pub(crate) fn visible_footprint(&self, projective: bool) -> Footprint<f32> {
         let (x, y) = if projective { (self.depth_x(), self.depth_y()) } else { (0.0, 0.0) };
@@ -258,7 +267,7 @@ impl Record {
         }
     }
 
-    /// Returns the filtered footprint relative to the anchor; undefined for a near splat.
+    /// Returns the filtered footprint, relative to the splat's projected centre; undefined for a near splat.
     #[inline(always)]
     pub(crate) fn filtered_footprint(&self) -> Footprint<f32> {
         Footprint {
@@ -268,7 +277,7 @@ impl Record {
         }
     }
 
-    /// Returns the number of the clip.
+    /// Returns the number of the splat's clip; `None` without a clip.
     #[inline(always)]
     pub(crate) fn clip(&self) -> Option<u32> {
         self.clip_bits().to_bits().checked_sub(1)
@@ -279,13 +288,14 @@ impl Record {
         self.0[CLASS] = f32::from_bits(self.class_bits().to_bits() | CLIPPED);
     }
 
-    /// Returns the colour and the normal.
+    /// Returns the colour and the world shading normal.
     #[inline(always)]
     pub(crate) fn attributes(&self) -> [f32; 6] {
         [self.red(), self.green(), self.blue(), self.normal_x(), self.normal_y(), self.normal_z()]
     }
 
-    /// Adds an offset to the index of a near splat.
+    /// Adds `first_near` to the index of a near splat, after the near splats are moved to the cell's list. Other
+    /// records don't change.
     pub(crate) fn renumber(&mut self, first_near: usize) {
         if self.class() == Class::Near {
             self.0[30] = f32::from_bits(self.facing().with_object((self.object() + first_near) as u32));
@@ -306,7 +316,7 @@ impl Record {
     }
 }
 
-/// A record without any fragment, which pads batches.
+/// A record without any fragment, which fills the last batch of a list.
 static EMPTY: Record = {
     let mut fields = [0.0; FIELDS];
     fields[0] = f32::NAN;
@@ -326,7 +336,7 @@ impl Listable for Record {
 pub(crate) type Records = Reused<Record>;
 
 impl Records {
-    /// Appends the records of a group whose bits are set in `keep`. Returns the index of the first.
+    /// Appends those records of a group whose bits are set in `keep`. Returns the index of the first one.
     #[inline(always)]
     pub(crate) fn push_group<S: Simd>(
         &mut self,
@@ -362,7 +372,7 @@ impl Records {
 pub(crate) struct BlockBox(pub [u32; 4]);
 
 impl<S: Simd> RecordLanes<S> {
-    /// Returns the records one by one.
+    /// Converts the records from lanes to one record per splat.
     #[inline(always)]
     pub(crate) fn transposed(self) -> [Record; LANES] {
         let [low, high] = self.to_fields();

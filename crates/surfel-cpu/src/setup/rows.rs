@@ -1,4 +1,5 @@
-//! Search for the columns of blocks that a footprint may touch, by rows of blocks, for a group of 16 splats at a time.
+//! Search for the columns of blocks that a footprint may touch in each row of blocks, for a group of 16 splats at a
+//! time.
 
 use crate::simd::lanes::Lanes;
 use crate::tiles::grid::BLOCK;
@@ -6,49 +7,59 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
 
-/// Half of a block's extent between pixel centres, in pixels.
+/// Distance in pixels from a block's centre to the centres of its outermost pixels, along x or y.
 pub(crate) const HALF: f32 = 1.5;
 
-/// Slack of the test, in pixels and relative. The slack is far above the rounding of the forms, so that no block with a
-/// covered pixel is lost. A superfluous block only costs time.
+/// Amount by which footprints are enlarged in the search for touched blocks, in pixels and relative to their size. It
+/// is far above the rounding of the forms, so that no block with a covered pixel is lost. A superfluous block only
+/// costs time.
 pub(crate) const SLACK: f32 = 2e-3;
 
-/// Footprints over pixels, relative to their anchors.
+/// Footprints of a group's splats as linear forms over pixels, relative to the splats' projected centres.
 pub(crate) struct MaskForms<S: Simd> {
-    /// Offset from the anchor to the centre of its pixel.
+    /// Offset, in pixels, from each projected centre to the centre of the pixel that contains it.
     pub offset: V2<Lanes<S>>,
-    /// Column and row of the pixel that contains the anchor.
+    /// Column and row of the pixel that contains each projected centre.
     pub base: V2<Lanes<S>>,
-    /// Gradient of the filtered u·w'.
+    /// Change of the filtered footprint's u·w' per pixel to the right and down.
     pub u: V2<Lanes<S>>,
-    /// Gradient of the filtered v·w'.
+    /// Change of the filtered footprint's v·w' per pixel to the right and down.
     pub v: V2<Lanes<S>>,
-    /// Upper bound of the footprint's w'.
+    /// Upper bound of the homogeneous coordinate w' over the footprint.
     pub w: Lanes<S>,
 }
 
-/// Footprints with w' replaced by its maximum: slightly larger ellipses, which cover a range of columns in every row of
-/// blocks.
+/// Ellipses around a group's footprints, for finding the range of columns that a footprint may touch in each row of
+/// blocks. They are slightly larger than the footprints, because the homogeneous coordinate w' is replaced by its
+/// maximum.
+///
+/// At offset y from the projected centre, in pixels, an ellipse extends over a range of columns of blocks. The first
+/// column is begin + slope·y − √(most − square·y²)·scale. The column after the last is end + slope·y + √(most −
+/// square·y²)·scale.
 pub(crate) struct Conic<S: Simd> {
-    /// Mask of the splats that are tested; the others count with their whole box.
+    /// Mask of the splats whose ellipse is tested; the others touch all columns of their box.
     tested: mask32x16<S>,
-    /// First of six coefficients of the minimum and maximum column, in blocks, at an offset y from the anchor. The
-    /// minimum is begin + slope·y − √(most − square·y²)·scale, the maximum end + slope·y + √(most − square·y²)·scale.
+    /// Constant of the ellipse's first column, in blocks.
     begin: Lanes<S>,
+    /// Constant of the column after the ellipse's last, in blocks.
     end: Lanes<S>,
+    /// Change of the ellipse's middle column, in blocks, per pixel down.
     slope: Lanes<S>,
+    /// Factor from the root of `most` − `square`·y² to half of the ellipse's extent in columns.
     scale: Lanes<S>,
+    /// Minuend under the root of the ellipse's half extent.
     most: Lanes<S>,
+    /// Factor of y² under the root of the ellipse's half extent.
     square: Lanes<S>,
-    /// Offset y at which the maximum column is reached; the minimum is reached at −y.
+    /// Offset y, in pixels, at which the ellipse reaches its largest column; the smallest is reached at −y.
     rightmost: Lanes<S>,
-    /// Offset from the anchor to the first row of pixels.
+    /// Offset in y, in pixels, from the projected centre to the first row of pixels of the box.
     first_y: Lanes<S>,
 }
 
 impl<S: Simd> Conic<S> {
-    /// Computes the coefficients. With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ± √(A·w² − (A·C
-    /// − B²)·y²))/A.
+    /// Computes the ellipses' coefficients. With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ±
+    /// √(A·w² − (A·C − B²)·y²))/A.
     #[inline(always)]
     pub(crate) fn of(forms: &MaskForms<S>, anchor_x: Lanes<S>, first_y: Lanes<S>, tested: mask32x16<S>) -> Self {
         let (u, v) = (&forms.u, &forms.v);
@@ -72,7 +83,7 @@ impl<S: Simd> Conic<S> {
         }
     }
 
-    /// Returns the range of columns that a row of blocks may touch, first to end.
+    /// Returns the range of columns, first to end, that the ellipses may touch in a row of blocks.
     #[inline(always)]
     fn columns(&self, row: usize) -> [Lanes<S>; 2] {
         let k = |c: f32| Lanes::splat(self.first_y.0.simd, c);
@@ -85,7 +96,7 @@ impl<S: Simd> Conic<S> {
         [Lanes(least.0.ceil()), Lanes(greatest.0.floor())]
     }
 
-    /// Returns half of the ellipse's extent in columns at an offset y.
+    /// Returns half of the ellipses' extent, in columns of blocks, at an offset `y` in pixels.
     #[inline(always)]
     fn half(&self, y: Lanes<S>) -> Lanes<S> {
         let left = (-(self.square * y)).mul_add(y, self.most);
@@ -93,19 +104,20 @@ impl<S: Simd> Conic<S> {
     }
 }
 
-/// Rows of blocks of sixteen boxes no larger than a tile.
+/// Boxes of blocks of sixteen splats, each no larger than a tile, from which rows of touched blocks are computed.
 pub(crate) struct Rows<S: Simd> {
-    /// First column, relative to the first tile's side.
+    /// First column of each box, in blocks from the left side of the tile that contains its first block.
     pub left: Lanes<S>,
-    /// End column, relative to the first tile's side.
+    /// End column of each box, in blocks from the left side of the same tile.
     pub right: Lanes<S>,
+    /// Number of rows of blocks in each box.
     pub height: Lanes<S>,
-    /// Number of columns of a tile.
+    /// Number of columns of blocks in a tile.
     pub bits: u32,
 }
 
 impl<S: Simd> Rows<S> {
-    /// Returns bits of the columns in the range `begin..end`, which may be empty.
+    /// Returns a mask with one bit for each column in the range `begin..end`, which may be empty.
     #[inline(always)]
     fn between(&self, begin: Lanes<S>, end: Lanes<S>) -> i32x16<S> {
         let (begin, end): (i32x16<S>, i32x16<S>) = (begin.0.to_int(), end.max(begin).0.to_int());
@@ -113,13 +125,13 @@ impl<S: Simd> Rows<S> {
         (one << end) - (one << begin)
     }
 
-    /// Splits bits between the first tile's columns and the next tile's.
+    /// Splits a mask of columns into those of the box's first tile and those of the next tile.
     #[inline(always)]
     fn split(&self, bits: i32x16<S>) -> [i32x16<S>; 2] {
         [bits & i32x16::splat(bits.simd, (1 << self.bits) - 1), bits >> self.bits]
     }
 
-    /// Returns all blocks of boxes of up to two rows.
+    /// Returns the masks of all blocks of boxes that have at most two rows, in the form of [`Self::four_rows`].
     #[inline(always)]
     pub(crate) fn up_to_two(&self) -> [[i32x16<S>; 2]; 2] {
         let zero = i32x16::splat(self.left.0.simd, 0);
@@ -128,7 +140,8 @@ impl<S: Simd> Rows<S> {
         [[left | is_two.select(left << 8, zero), zero], [right | is_two.select(right << 8, zero), zero]]
     }
 
-    /// Returns four rows, eight bits each, in the first tile's columns and in the next one's.
+    /// Returns masks of the touched blocks in four rows from row `first` on, eight bits a row: in the box's first tile,
+    /// and in the next tile.
     #[inline(always)]
     pub(crate) fn four_rows(&self, first: usize, conic: Option<&Conic<S>>) -> [i32x16<S>; 2] {
         let zero = i32x16::splat(self.left.0.simd, 0);

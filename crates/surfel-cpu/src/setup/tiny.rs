@@ -15,22 +15,23 @@ use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
 use surfel_render::{FramePlan, View};
 
-/// Data that the records of a group's tiny splats store in place of forms: depths row by row, then weights. A weight is
-/// NaN in a pixel outside the filtered footprint, and negative in a pixel inside the unfiltered one.
+/// Fragments of a group's tiny splats, which their records store in place of linear forms: depths row by row, then
+/// weights. A weight is NaN in a pixel outside the filtered footprint, and negative in a pixel inside the unfiltered
+/// one.
 pub(crate) struct TinyLanes<S: Simd> {
-    /// Mask of the splats of 2×2 pixels.
+    /// Mask of the tiny splats of 2×2 pixels.
     four: mask32x16<S>,
-    /// Mask of the splats of 3×3 pixels.
+    /// Mask of the tiny splats of 3×3 pixels.
     nine: mask32x16<S>,
-    /// Column and row of the first pixel, as the bits of integers.
+    /// Column and row of each splat's first pixel, as the bits of integers.
     first_px: V2<Lanes<S>>,
-    /// Depths of 3×3 pixels, row by row.
+    /// Depths of each splat's fragments in 3×3 pixels, row by row.
     depths: [Lanes<S>; 9],
-    /// Signed weights of 3×3 pixels, row by row.
+    /// Signed weights of each splat's fragments in 3×3 pixels, row by row; the sign marks the unfiltered footprint.
     weights: [Lanes<S>; 9],
 }
 
-/// Indices of the first 2×2 of 3×3 pixels.
+/// Indices, in a row-by-row list of 3×3 pixels, of the upper left 2×2.
 const CORNER: [usize; 4] = [0, 1, 3, 4];
 
 impl<S: Simd> TinyLanes<S> {
@@ -64,7 +65,7 @@ impl<S: Simd> TinyLanes<S> {
     }
 }
 
-/// The finder of tiny splats, configured by the plan.
+/// Finder of tiny splats, which evaluates their fragments.
 pub(crate) struct TinyFinder {
     frame: FrameConstants,
 }
@@ -74,7 +75,8 @@ impl TinyFinder {
         Self { frame: FrameConstants::new(plan, view) }
     }
 
-    /// Finds the tiny splats of a group by their ranges of pixels.
+    /// Finds the tiny splats of a group by their ranges of pixels, and evaluates their fragments. `None` if tiny splats
+    /// are too few for a gain.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(
         &self,
@@ -118,7 +120,7 @@ impl TinyFinder {
     }
 }
 
-/// Sixteen fragments in the form stored in records.
+/// Depths and weights of sixteen fragments, in the form stored in tiny splats' records.
 struct Numbers<S: Simd> {
     depth: Lanes<S>,
     weight: Lanes<S>,
@@ -132,7 +134,7 @@ impl<S: Simd> Numbers<S> {
         Self { depth: fragment.z, weight: Lanes::select(fragment.inside, fragment.weight, nan).copysign(sign) }
     }
 
-    /// Selects `self` in the lanes of a mask, `others` elsewhere.
+    /// Returns `self` in the lanes of a mask, and `others` elsewhere.
     #[inline(always)]
     fn where_else(&self, mask: mask32x16<S>, others: Self) -> Self {
         Self {
@@ -142,7 +144,7 @@ impl<S: Simd> Numbers<S> {
     }
 }
 
-/// Converts whole numbers to integers, and returns the integers' bits in lanes.
+/// Converts whole f32 numbers to integers, and returns the integers' bits in f32 lanes.
 #[inline(always)]
 fn whole_bits<S: Simd>(v: Lanes<S>) -> Lanes<S> {
     let whole: i32x16<S> = v.0.to_int();

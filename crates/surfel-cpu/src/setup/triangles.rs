@@ -1,4 +1,4 @@
-//! Projection of triangles to the screen, sorted into tiles (§6).
+//! Projection of triangles to the screen, sorted into tiles (rendering model §6).
 
 use crate::cull::chunks::MeshPart;
 use crate::scene::mesh::StoredMesh;
@@ -15,7 +15,8 @@ use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_render::View;
 
-/// Margin of a box, in pixels: far above the rounding of its corners, and too small to cost time.
+/// Amount by which a triangle's box of pixels is widened on every side, in pixels. It is far above the rounding of its
+/// corners, and too small to cost time.
 const BOX_SLACK_PX: f64 = 1e-3;
 
 /// A triangle projected to the screen.
@@ -24,35 +25,38 @@ pub(crate) struct ScreenTriangle {
     pub mesh: u32,
     /// Index of the triangle in the mesh.
     pub index: u32,
-    /// The triangle, relative to the origin of all pixels, so that adjacent triangles test a shared edge by the same
-    /// number. Edges are multiplied by a power of two that makes their gradients about 1. This rounds nothing, so
-    /// adjacent triangles still agree.
+    /// Edges of the triangle as linear forms over pixels, and the depths of its vertices. The forms are relative to the
+    /// image's corner, so that adjacent triangles test a shared edge by the same number.
+    ///
+    /// Edges are multiplied by a power of two that makes their gradients about 1. This rounds nothing, so adjacent
+    /// triangles still agree.
     pub triangle: Triangle<f64>,
-    /// Σ E over the values E of the three edges.
+    /// Σ E: the sum of the three edges' forms E, by which interpolated attributes are divided.
     pub weight: Linear<f64>,
-    /// Σ E·z over the edges: the depth is this form divided by `weight`.
+    /// Σ E·z: the sum of the edges' forms E times the depths z of the opposite vertices. A pixel's depth is this form
+    /// divided by `weight`.
     pub depth: Linear<f64>,
-    /// Lower bound of the depth of fragments.
+    /// Lower bound of the depth of the triangle's fragments, in world units.
     pub z_min: f32,
-    /// True if the triangle faces away from the eye.
+    /// True if the triangle's outward side faces away from the eye.
     pub back_facing: bool,
 }
 
-/// Some triangles of a mesh in the mesh's order, with a list of the triangles that touch each tile.
+/// Projected triangles of a part of a mesh, in the mesh's order, with each tile's list of the triangles that touch it.
 pub(crate) struct TriangleSegment {
     pub triangles: Vec<ScreenTriangle>,
     pub lists: TileLists,
 }
 
 impl TriangleSegment {
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that triangles and lists use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.triangles.as_slice()) + self.lists.bytes()
     }
 }
 
-/// Projects the triangles of these mesh parts that may touch the grid's region, in scene order. [`Cull::None`] disables
-/// back-face culling, overriding the materials.
+/// Projects the triangles of the mesh parts `parts` that may touch the grid's region, in scene order. [`Cull::None`]
+/// disables back-face culling, overriding the materials.
 pub(crate) fn project(
     instructions: Instructions,
     meshes: &[StoredMesh],
@@ -89,7 +93,7 @@ pub(crate) fn project_some(
     segments
 }
 
-/// Data shared by all triangles of a mesh in a view.
+/// A mesh in a view: the data that the projection of all its triangles shares.
 struct Projector<'a> {
     mesh: &'a StoredMesh,
     /// Index of the mesh in the scene's list of meshes.
@@ -109,7 +113,7 @@ impl<'a> Projector<'a> {
         Self { mesh, index, view, cull, drawn, linear, origin }
     }
 
-    /// Projects some of the mesh's triangles and sorts them into tiles.
+    /// Projects the triangles with these indices and sorts them into tiles.
     #[inline(always)]
     fn all(&self, indices: &[u32], grid: &Grid) -> TriangleSegment {
         let (mut triangles, mut entries) = (Vec::new(), Entries::default());
@@ -161,8 +165,8 @@ impl<'a> Projector<'a> {
     }
 }
 
-/// Scales the edges so that their largest gradient is between 1 and 2; `None` if all gradients are zero or one isn't
-/// finite.
+/// Multiplies the edges' forms by a power of two so that their largest gradient is between 1 and 2. `None` if all
+/// gradients are zero or one isn't finite.
 #[inline(always)]
 fn scaled(mut t: Triangle<f64>) -> Option<Triangle<f64>> {
     let largest = t.edges.iter().fold(0.0f64, |m, e| m.max(e.x.abs()).max(e.y.abs()));
@@ -179,7 +183,7 @@ fn scaled(mut t: Triangle<f64>) -> Option<Triangle<f64>> {
     Some(t)
 }
 
-/// Adds an entry for every tile whose pixels a triangle may cover.
+/// Adds an entry for every tile whose pixels a triangle may cover. `extent` is the triangle's box of pixels.
 #[inline(always)]
 fn for_tiles(
     t: &ScreenTriangle,
@@ -217,8 +221,8 @@ fn for_tiles(
     }
 }
 
-/// Returns the first and last block, from the grid's origin, of the pixels of a range whose centres are between two
-/// coordinates.
+/// Returns the first and last block that has pixel centres between the coordinates `min` and `max` along one axis.
+/// Pixels are limited to the range [start, length], and blocks count from the grid's origin. `None` if there are none.
 fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (f64::from(start), f64::from(start + length));
     // Saturating casts: a box that isn't finite is clipped to the region.
@@ -227,14 +231,14 @@ fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<
     (first < end).then(|| [(first - origin) / BLOCK, (end - 1 - origin) / BLOCK])
 }
 
-/// True unless an edge excludes every pixel of the block with this centre.
+/// True if a triangle may cover a pixel of the block with this centre, that is, if no edge excludes all of them.
 #[inline(always)]
 fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
     let [a, b, c] = &t.triangle.edges;
     reaches(a, center) && reaches(b, center) && reaches(c, center)
 }
 
-/// True if an edge's inner side reaches the block with this centre.
+/// True if the inner side of a triangle's edge contains a pixel centre of the block with this centre.
 #[inline(always)]
 fn reaches(edge: &Linear<f64>, center: V2<f64>) -> bool {
     // Pixel centres are at most 1.5 from the block's centre.

@@ -1,4 +1,4 @@
-//! Lighting and compositing of balls among the other surfaces of a block (§11).
+//! Lighting and compositing of balls among the other surfaces of a block (rendering model §11).
 
 use crate::raster::balls::{BallFragments, BallList, hit_of};
 use crate::shade::lighting::Lighting;
@@ -14,52 +14,53 @@ use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V3};
 use surfel_model::{BallLight, Shader};
 
-/// Shading parameters of an object of balls.
+/// Material factors and stored light of an object of balls, by which its balls are shaded.
 #[derive(Clone, Copy)]
 pub(crate) struct BallLook<'a> {
-    /// Ambient, diffuse, specular and shininess factors.
+    /// Ambient, diffuse, specular and shininess factors of the object's material.
     pub factors: [f32; 4],
-    /// Light stored in every slot (§12), if the shader shows it.
+    /// Stored light of a sky (rendering model §12), one per slot; `None` if the balls have none or the shader doesn't
+    /// show it.
     pub light: Option<&'a [BallLight]>,
 }
 
-/// The balls of a block whose fragments are gathered.
+/// The balls of a block and their sorted fragments, ready for lighting and compositing.
 pub(crate) struct BallBlock<'a, S: Simd> {
     pub simd: S,
     pub list: BallList<'a>,
     pub lighting: &'a Lighting,
-    /// Shading parameters of each object of balls.
+    /// Material factors and stored light of each object of balls.
     pub looks: &'a [BallLook<'a>],
     pub fragments: &'a mut BallFragments,
 }
 
-/// Colours composited so far, front to back.
+/// Colours of a block's pixels, composited front to back so far.
 #[derive(Clone, Copy)]
 pub(crate) struct Composited<S: Simd> {
     /// Composited colour, linear and premultiplied.
     pub color: V3<Lanes<S>>,
-    /// Fraction of the light from behind that the colours let through.
+    /// Fraction of the light from behind that the composited colours let through.
     pub transmittance: Lanes<S>,
-    /// Number of fragments composited per pixel.
+    /// Number of fragments composited in each pixel, for the plane that counts them.
     pub fragments: Lanes<S>,
 }
 
 impl<S: Simd> Composited<S> {
-    /// Returns an empty composite: no colour, and a transmittance of 1.
+    /// Returns an empty composite: a colour of 0, and a transmittance of 1.
     #[inline(always)]
     pub(crate) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         Self { color: V3::new(zero, zero, zero), transmittance: zero.one(), fragments: zero }
     }
 
-    /// Adds a colour of this opacity behind all others.
+    /// Composites a colour of opacity `alpha` behind all colours so far.
     #[inline(always)]
     pub(crate) fn add_behind(&mut self, color: V3<Lanes<S>>, alpha: Lanes<S>) {
         self.color = self.color + color * (alpha * self.transmittance);
         self.transmittance = self.transmittance * (alpha.one() - alpha);
     }
 
-    /// Composites the colours over others.
+    /// Returns the composited colours over the premultiplied colours of what is behind them.
     #[inline(always)]
     pub(crate) fn over(&self, [r, g, b, a]: [Lanes<S>; 4]) -> [Lanes<S>; 4] {
         let (t, c) = (self.transmittance, &self.color);
@@ -68,7 +69,7 @@ impl<S: Simd> Composited<S> {
 }
 
 impl<S: Simd> BallBlock<'_, S> {
-    /// Composites the fragments that are nearer than `until`, and weren't composited before, behind all others.
+    /// Composites the balls' fragments that are nearer than `until`, and not composited yet, behind all colours so far.
     #[inline(never)]
     pub(crate) fn composite(&mut self, until: Lanes<S>, composited: &mut Composited<S>) {
         let until = until.to_array();
@@ -88,7 +89,8 @@ impl<S: Simd> BallBlock<'_, S> {
         );
     }
 
-    /// Returns fragments as surfaces, and their opacities.
+    /// Returns one fragment per pixel as a surface, and the fragments' opacities. `found` has the fragments' indices,
+    /// `bits` the pixels that have one.
     #[inline(always)]
     fn surface(&self, found: &[usize; LANES], bits: u64) -> (Surface<S>, Lanes<S>) {
         let simd = self.simd;
@@ -157,7 +159,7 @@ impl<S: Simd> BallBlock<'_, S> {
         (surface, lane(10))
     }
 
-    /// Returns the stored light of fragments with these unit normals in world space; 1 for balls without any.
+    /// Returns the stored light of one fragment per pixel, at unit world normals `n`; 1 for balls without stored light.
     #[inline(always)]
     fn stored_light(&self, found: &[usize; LANES], bits: u64, n: V3<Lanes<S>>) -> Lanes<S> {
         let mut stored = [[0.0f32; LANES]; 9];
@@ -178,7 +180,7 @@ impl<S: Simd> BallBlock<'_, S> {
         Lanes::select(mask32x16::from_bitmask(self.simd, without), n.x.one(), light)
     }
 
-    /// Returns the colours that the plan's shader computes.
+    /// Returns the colours of surfaces of balls by the plan's shader.
     #[inline(always)]
     fn color(&self, surface: &Surface<S>) -> V3<Lanes<S>> {
         let simd = self.simd;

@@ -1,4 +1,4 @@
-//! The lights of a frame, and lighting of surfaces (§5), sixteen pixels at a time.
+//! The lights of a frame, and lighting of surfaces (rendering model §5), sixteen pixels at a time.
 
 use crate::shade::matcap::MatcapSphere;
 use crate::shade::shadow_map::{self, ShadowMap};
@@ -16,20 +16,22 @@ use surfel_math::{Real, V3, toon};
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Attributes, FramePlan, Planes, SAMPLES_SIDE, View};
 
-/// Position or direction of a light. Positions are relative to the eye, so that they stay precise far from the origin.
+/// Kind of a light, with its position or direction. Positions are relative to the eye, so that they stay precise far
+/// from the origin.
 enum Source {
     Directional { to_light: Vec3 },
     Point { position: Vec3 },
     Spot { position: Vec3, direction: Vec3, inner: f64, outer: f64 },
 }
 
-/// A light as the shader reads it. Colours are multiplied by the diffuse and the specular factor if all objects share
-/// them.
+/// A light in the form in which the shader reads it.
 struct FrameLight {
     source: Source,
-    /// Shadow maps of the light.
+    /// Shadow maps of the light; empty if the light casts no shadows.
     maps: Vec<ShadowMap>,
+    /// Colour of the light, multiplied by the diffuse factor if all objects share it.
     diffuse: Vec3,
+    /// Colour of the light, multiplied by the specular factor if all objects share it.
     specular: Vec3,
 }
 
@@ -39,20 +41,22 @@ pub(crate) struct Lighting {
     pub planes: Planes,
     pub attributes: Attributes,
     lights: Arc<[FrameLight]>,
-    /// Ambient light, multiplied by the ambient factor if all objects share it.
+    /// Colour of the ambient light, multiplied by the ambient factor if all objects share it.
     ambient: Vec3,
-    /// True if every light has the same direction everywhere, so that positions of surfaces don't matter.
+    /// True if all lights are directional and cast no shadow, so that positions of surfaces needn't be computed.
     are_afar: bool,
-    /// Ambient, diffuse, specular and shininess factors, if all objects share them.
+    /// Ambient, diffuse, specular and shininess factors of the first object's material, which all objects share unless
+    /// these factors are accumulated per pixel.
     pub material: [f32; 4],
-    /// Shininess that all objects share, if it suits [`whole_power`], with the least base of its power.
+    /// The whole shininess that all objects share, and the smallest base of its power ([`whole_power`]). `None` if the
+    /// shininess isn't a whole number up to 256, or differs.
     whole_shininess: Option<(u32, f32)>,
     /// Background colour, linear and premultiplied.
     pub background: [f32; 4],
-    /// Image of the shader `matcap`; `None` for other shaders.
+    /// Lit sphere of the shader `matcap`; `None` for other shaders.
     pub matcap: Option<MatcapSphere>,
     pub rays: ViewRays,
-    /// Side of a pixel of the image, in pixels of the view.
+    /// Side of a pixel of the image, in pixels of the view: 1, or the number of samples along a pixel's side.
     pub pixel_px: f64,
     view: View,
 }
@@ -111,13 +115,13 @@ impl Lighting {
         }
     }
 
-    /// Adds the image that the shader `matcap` samples, if the frame uses it.
+    /// Adds the image of a lit sphere that the shader `matcap` samples, if the frame uses that shader.
     pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
         let wanted = self.shader == Shader::Matcap && self.planes.shows_color();
         Self { matcap: wanted.then(|| MatcapSphere::new(image.unwrap_or_else(Matcap::builtin))), ..self }
     }
 
-    /// Returns the same lighting for the colours of the view of samples.
+    /// Returns the same lighting for a view whose pixels are samples.
     pub(crate) fn of_samples(&self, plan: &FramePlan, view: &View) -> Self {
         Self {
             planes: plan.planes,
@@ -130,12 +134,12 @@ impl Lighting {
         }
     }
 
-    /// Returns the background, linear and premultiplied; `None` if no colour is needed.
+    /// Returns the background colour, linear and premultiplied; `None` if the frame needs no colour.
     pub(crate) fn background_color(&self) -> Option<[f32; 4]> {
         self.planes.shows_color().then_some(self.background)
     }
 
-    /// Converts a view position to a world position relative to the eye.
+    /// Converts a position in view space to one in world axes, relative to the eye.
     pub(crate) fn world_from_view(&self, p: Vec3) -> Vec3 {
         self.rays.world_from_view * p
     }
@@ -150,32 +154,34 @@ impl Lighting {
         &self.view.projection
     }
 
-    /// Returns z_near.
+    /// Returns the smallest depth that is drawn, z_near, in world units.
     pub(crate) fn near(&self) -> f32 {
         self.view.projection.near as f32
     }
 }
 
-/// Returns a whole exponent up to 256 and the least base whose power is a normal number. For such exponents a few
-/// multiplications are faster than a logarithm. Smaller bases would yield subnormal products, which slow the CPU down.
-/// 256 roundings are 1.5e-5 of a highlight.
+/// Returns the exponent if it is a whole number up to 256, and the smallest base whose power is a normal number;
+/// otherwise `None`. For such exponents a few multiplications are faster than a logarithm. Smaller bases would yield
+/// subnormal products, which slow the CPU down. 256 roundings are 1.5e-5 of a highlight.
 fn whole_power(exponent: f64) -> Option<(u32, f32)> {
     let suits = (1.0..=256.0).contains(&exponent) && exponent.fract() == 0.0;
     suits.then(|| (exponent as u32, 1e-36f64.powf(1.0 / exponent) as f32))
 }
 
-/// Intermediate results while a surface is lit.
+/// Intermediate results while lights are added to a surface.
 struct Lit<S: Simd> {
     normal: V3<Lanes<S>>,
     view_ray: ViewRay<S>,
-    /// 2(n·s), with s the view ray before normalisation.
+    /// 2(n·s), where n is the normal and s the view ray before normalisation.
     along_ray: Lanes<S>,
+    /// Sum of ambient and diffuse light, by which the albedo is multiplied.
     matte: V3<Lanes<S>>,
+    /// Sum of specular light.
     gloss: V3<Lanes<S>>,
 }
 
 impl<S: Simd> Lit<S> {
-    /// Returns n·l and r·v, where l is the unit vector to a light. The vector r = 2(n·l)n − l is the mirror image of l,
+    /// Returns n·l and r·v for a light in the unit direction l. The vector r = 2(n·l)n − l is the mirror image of l,
     /// and v = −s/|s| is the unit vector to the eye.
     #[inline(always)]
     fn cosines(&self, to_light: V3<Lanes<S>>) -> (Lanes<S>, Lanes<S>) {
@@ -192,7 +198,8 @@ fn plus<S: Simd>(sum: V3<Lanes<S>>, color: Vec3, by: Lanes<S>) -> V3<Lanes<S>> {
     V3::new(c.x.mul_add(by, sum.x), c.y.mul_add(by, sum.y), c.z.mul_add(by, sum.z))
 }
 
-/// Lights a surface; with the toon shader's steps and lines if `TOON`.
+/// Returns the colour of a surface under the frame's lights. `TOON` selects the shader `toon`, with light in steps,
+/// instead of `phong`.
 #[inline(always)]
 pub(crate) fn phong<S: Simd, const TOON: bool>(
     simd: S,
@@ -237,7 +244,8 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
     c
 }
 
-/// Adds lights of any kind, with their shadows. Not inlined, so that the more frequent kinds stay in registers.
+/// Adds lights of any kind, with their shadows. Not inlined, so that the code for directional lights, which are more
+/// frequent, keeps its operands in registers.
 #[inline(never)]
 fn nearby<S: Simd, const TOON: bool>(
     simd: S,
@@ -306,7 +314,7 @@ fn add_all<S: Simd, const TOON: bool>(
     lit
 }
 
-/// Returns (r·v)^shininess.
+/// Returns the strength of a highlight, (r·v)^shininess, where `mirrored` is r·v.
 #[inline(always)]
 fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<S>) -> Lanes<S> {
     match lighting.whole_shininess {
@@ -315,7 +323,8 @@ fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<
     }
 }
 
-/// Returns the strength of a spot light: smoothstep between its half-angles. Scalar, since it needs an arctangent.
+/// Returns the strength of a spot light in the direction of a surface: smoothstep of the angle between the half-angles
+/// `inner` and `outer` (degrees). Lane by lane, since it needs an arctangent.
 #[cold]
 fn spot_strength<S: Simd>(simd: S, to_light: V3<Lanes<S>>, direction: Vec3, inner: f64, outer: f64) -> Lanes<S> {
     let (x, y, z) = (to_light.x.to_array(), to_light.y.to_array(), to_light.z.to_array());

@@ -1,4 +1,4 @@
-//! The shader `matcap` (§5): an image of a lit sphere, sampled at the normals of a block.
+//! The shader `matcap` (rendering model §5): an image of a lit sphere, sampled at the normals of a block.
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,11 +8,11 @@ use std::sync::Arc;
 use surfel_math::{Real, V2, V3, matcap};
 use surfel_model::Matcap;
 
-/// The sphere's image, as a frame samples it.
+/// The lit sphere of the shader `matcap`: its image, in the form in which a frame samples it.
 #[derive(Clone)]
 pub(crate) struct MatcapSphere {
     image: Arc<Matcap>,
-    /// Width and height in texels, between the centres of the outermost texels.
+    /// Width and height of the image in texels, from centre to centre of the outermost texels.
     span: [f32; 2],
     width: usize,
 }
@@ -23,8 +23,8 @@ impl MatcapSphere {
         Self { span: size.map(|side| (side - 1) as f32), width: size[0] as usize, image }
     }
 
-    /// Returns the sphere's colours at the normals of surfaces, black in lanes that aren't covered. The normal, the
-    /// direction to the eye and the view's down direction have the same axes.
+    /// Returns the sphere's colours at the normals of surfaces; black in lanes that aren't covered. The normal, the
+    /// direction to the eye and the view's down direction must be given in the same axes.
     #[inline(always)]
     pub(crate) fn color<S: Simd>(
         &self,
@@ -39,7 +39,8 @@ impl MatcapSphere {
         self.sample(simd, covered, at)
     }
 
-    /// Samples bilinearly, lane by lane, since not every machine has a gather instruction.
+    /// Samples the sphere's image bilinearly at positions `at`, lane by lane, since not every machine has a gather
+    /// instruction.
     #[inline(always)]
     fn sample<S: Simd>(&self, simd: S, covered: mask32x16<S>, at: V2<Lanes<S>>) -> V3<Lanes<S>> {
         let (x, y) = (at.x.to_array(), at.y.to_array());

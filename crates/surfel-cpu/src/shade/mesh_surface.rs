@@ -1,4 +1,4 @@
-//! Evaluation of triangles' surfaces at pixels, before lighting (§6).
+//! Evaluation of triangles' surfaces at pixels, before lighting (rendering model §6).
 
 use crate::raster::triangles::{Nearest, center, pixel_of};
 use crate::scene::mesh::StoredMesh;
@@ -14,7 +14,7 @@ use surfel_math::triangle::interpolate;
 use surfel_math::{Real, V2, V3};
 
 impl<S: Simd> Nearest<S> {
-    /// Returns the surfaces in the lanes of `mask`; other lanes have none.
+    /// Returns the surfaces of the nearest polygons in the lanes of `mask`; other lanes have no surface.
     #[inline(never)]
     pub(crate) fn surface(
         &self,
@@ -54,7 +54,7 @@ impl<S: Simd> Nearest<S> {
     }
 }
 
-/// Returns the albedo and unit world normal of a triangle at a pixel, in f64.
+/// Returns the albedo and the unit world normal of a triangle at a pixel position, in f64.
 #[inline(always)]
 fn look(t: &ScreenTriangle, resident: &StoredMesh, pixel: V2<f64>) -> (DVec3, DVec3) {
     let mesh = &*resident.mesh;

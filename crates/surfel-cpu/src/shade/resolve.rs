@@ -1,4 +1,4 @@
-//! Division of a block's sums, and their lighting (§5), sixteen pixels at a time.
+//! Division of a block's weighted sums, and lighting of the results (rendering model §5), sixteen pixels at a time.
 
 use crate::raster::sums::Sums;
 use crate::shade::lighting::{Lighting, phong};
@@ -13,7 +13,7 @@ use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3, toon};
 use surfel_model::Shader;
 
-/// Divides and lights the block whose first pixel is `at`.
+/// Divides the sums of the block whose first pixel is `at`, and returns the finished pixels.
 #[inline(always)]
 pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at: (i32, i32)) -> Pixels<S> {
     lit(simd, lighting, divided(simd, lighting, sums), at).over_background(
@@ -23,7 +23,7 @@ pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at:
     )
 }
 
-/// Lights the surfaces of a block.
+/// Lights the surfaces of the block whose first pixel is `at`.
 #[inline(always)]
 pub(crate) fn lit<S: Simd>(simd: S, lighting: &Lighting, surface: Surface<S>, at: (i32, i32)) -> Shaded<S> {
     let zero = Lanes::splat(simd, 0.0);
@@ -35,7 +35,7 @@ pub(crate) fn lit<S: Simd>(simd: S, lighting: &Lighting, surface: Surface<S>, at
     Shaded { covered, color, z, normal, weight }
 }
 
-/// Divides a block's sums by Σw.
+/// Divides a block's weighted sums by the sums of weights, Σw, and returns the surfaces.
 #[inline(always)]
 pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> Surface<S> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -65,7 +65,7 @@ pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> 
     Surface { covered, albedo, normal, z, material, weight: sums.weight }
 }
 
-/// Returns the colour that the plan's shader computes for a surface.
+/// Returns the colours of surfaces at `place` by the plan's shader.
 #[inline(always)]
 pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>, place: Place<S>) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -111,7 +111,8 @@ fn scaled3<S: Simd>([x, y, z]: [Lanes<S>; 3], by: Lanes<S>) -> [Lanes<S>; 3] {
     [x * by, y * by, z * by]
 }
 
-/// Returns the greatest depth of a block's neighbours at which no line is drawn (§5, `toon`).
+/// Returns, for each pixel of a block, the largest depth that a neighbour may have without an outline (rendering model
+/// §5, `toon`).
 #[inline(always)]
 pub(crate) fn outline_limit<S: Simd>(simd: S, lighting: &Lighting, surface: &Shaded<S>, at: (i32, i32)) -> Lanes<S> {
     let k = |v: f32| Lanes::splat(simd, v);

@@ -1,4 +1,5 @@
-//! Drawing of shadow maps (§5): depth thresholds seen from the lights, by the same cells, setup and tiles as an image.
+//! Drawing of shadow maps (rendering model §5). A map has the depth thresholds seen from a light, and is drawn by the
+//! same cells, setup and tiles as an image.
 
 use crate::cull::balls::BallView;
 use crate::cull::cells::{self, CellLimits, OtherParts};
@@ -31,19 +32,19 @@ use surfel_math::projection::Projection;
 use surfel_model::Cull;
 use surfel_render::{Attributes, FramePlan, Region, ShadowMap as PlannedMap, View};
 
-/// Inputs for drawing the shadow maps of a frame.
+/// A frame whose shadow maps are drawn, and the resources to draw them.
 pub(crate) struct ShadowDrawing<'a> {
     pub instructions: Instructions,
     pub tuning: Tuning,
     pub pool: &'a SetupPool,
     pub scene: &'a ResidentScene,
     pub plan: &'a FramePlan,
-    /// View of the image.
+    /// View of the image, in whose pixels radii of balls may be given.
     pub image: &'a View,
 }
 
 impl ShadowDrawing<'_> {
-    /// Draws all maps of the plan. Everything opaque casts a shadow, whichever side faces the light or the eye.
+    /// Draws all shadow maps of the plan. Everything opaque casts a shadow, whichever side faces the light or the eye.
     pub(crate) fn draw_all(&self) -> Vec<ShadowMap> {
         self.plan.shadow_maps.iter().map(|map| self.draw(map)).collect()
     }
@@ -104,10 +105,10 @@ impl ShadowDrawing<'_> {
     }
 }
 
-/// Per-thread lists of splats and triangles, and of balls, reused between cells.
+/// Per-thread block lists for shadow maps, reused between cells: of splats and triangles, and of balls.
 type MapScratch<'a> = (ListScratch<'a>, ItemLists<&'a BallRecord>);
 
-/// A cell of a shadow map.
+/// A cell of a shadow map: its content, sorted into tiles.
 struct MapCell<'a> {
     listing: Listing<'a>,
     triangles: &'a [TriangleSegment],

@@ -1,4 +1,4 @@
-//! Shadow maps (§5), which determine the fraction of a light that reaches a point.
+//! Shadow maps (rendering model §5), which determine the fraction of a light that reaches a point.
 
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::transform;
@@ -10,22 +10,24 @@ use surfel_math::projection::Projection;
 use surfel_math::shadow::{TAPS, lookup_bias, tap_weights};
 use surfel_math::{Real, V2, V3};
 
-/// A shadow map after drawing.
+/// A drawn shadow map, in which lighting looks up whether points are lit.
 pub(crate) struct ShadowMap {
-    /// Index of the light in the scene.
+    /// Index in the scene of the light that casts the shadows.
     pub light: usize,
     pub projection: Projection,
+    /// Rotation from world axes to the axes of the map's view.
     pub map_from_world: Mat3,
-    /// Vector from the light to the eye of the image, in world space.
+    /// Vector from the eye of the map's view to the eye of the image, in world space.
     pub to_eye: Vec3,
+    /// Number of texels along each side of the map.
     pub side: usize,
-    /// Maximum depth at which each texel is lit, including the bias.
+    /// Largest depth at which a point is lit, for each texel row by row; it includes the bias.
     pub thresholds: Vec<f32>,
 }
 
-/// Returns the fraction of a light that reaches points. If the light has several maps, the map along whose axis a point
-/// is farthest is used. `position` is relative to the eye, `normal` a unit vector, both in world space. Only the lanes
-/// of `wanted` are meaningful.
+/// Returns the fraction of a light, whose shadow maps are `maps`, that reaches points. Of several maps, the one along
+/// whose axis a point is farthest is used. `position` is relative to the eye, `normal` a unit vector, both in world
+/// axes. Only the lanes of `wanted` are meaningful.
 #[inline(always)]
 pub(crate) fn reaching<S: Simd>(
     simd: S,
@@ -52,12 +54,12 @@ pub(crate) fn reaching<S: Simd>(
 }
 
 impl ShadowMap {
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the map uses, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.thresholds.as_slice())
     }
 
-    /// Converts a position relative to the eye to the map's view.
+    /// Converts a position relative to the image's eye to the map's view space.
     #[inline(always)]
     fn in_map<S: Simd>(&self, simd: S, position: V3<Lanes<S>>) -> V3<Lanes<S>> {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -65,7 +67,7 @@ impl ShadowMap {
         transform(&self.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
     }
 
-    /// Returns the fraction of the light that reaches points with these normals, both in the map's view.
+    /// Returns the fraction of the light that reaches points `p` with these normals, both in the map's view space.
     #[inline(never)]
     fn share<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
         simd.vectorize(
@@ -103,7 +105,8 @@ impl ShadowMap {
         Lanes::select(before, one, share)
     }
 
-    /// Returns the threshold of this column and row; +∞ outside the map, where nothing casts a shadow.
+    /// Returns the largest lit depth of the texel in this column and row; +∞ outside the map, where nothing casts a
+    /// shadow.
     #[inline(always)]
     fn texel(&self, x: i32, y: i32) -> f32 {
         let (x, y) = (x as u32 as usize, y as u32 as usize);
@@ -111,7 +114,8 @@ impl ShadowMap {
     }
 }
 
-/// Returns the first column (or row) and the weights of a lookup.
+/// Computes [`surfel_math::shadow::taps`] in lanes: the first column (or row) of a lookup, and the weights of its
+/// texels.
 #[inline(always)]
 fn taps<S: Simd>(texel: Lanes<S>) -> (Lanes<S>, [Lanes<S>; TAPS]) {
     let from_center = texel - texel.constant(0.5);

@@ -9,13 +9,13 @@ use surfel_math::{Real, V3};
 /// The surfaces of sixteen pixels before lighting.
 #[derive(Clone, Copy)]
 pub(crate) struct Surface<S: Simd> {
-    /// Mask of pixels with a surface; in other lanes numbers are finite but meaningless.
+    /// Mask of the pixels that have a surface. In other lanes, numbers are finite but meaningless.
     pub covered: mask32x16<S>,
     pub albedo: V3<Lanes<S>>,
-    /// Unit normal in world space, or zero.
+    /// Unit shading normal in world space, or zero if the normals cancel.
     pub normal: V3<Lanes<S>>,
     pub z: Lanes<S>,
-    /// Ambient, diffuse, specular and shininess factors.
+    /// Ambient, diffuse, specular and shininess factors of the surface's material.
     pub material: [Lanes<S>; 4],
     pub weight: Lanes<S>,
 }
@@ -24,7 +24,7 @@ pub(crate) struct Surface<S: Simd> {
 #[derive(Clone, Copy)]
 pub(crate) struct Shaded<S: Simd> {
     pub covered: mask32x16<S>,
-    /// Lit colour. Colour, depth and normal are meaningless in lanes that aren't covered.
+    /// Lit colour, linear. Colour, depth and normal are meaningless in lanes that aren't covered.
     pub color: V3<Lanes<S>>,
     pub z: Lanes<S>,
     pub normal: V3<Lanes<S>>,
@@ -32,7 +32,7 @@ pub(crate) struct Shaded<S: Simd> {
 }
 
 impl<S: Simd> Shaded<S> {
-    /// Returns a value with no surface in any lane.
+    /// Returns surfaces of which no lane is covered.
     #[inline(always)]
     pub(crate) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
@@ -40,13 +40,14 @@ impl<S: Simd> Shaded<S> {
         Self { covered: zero.lt(zero), color: none, z: zero, normal: none, weight: zero }
     }
 
-    /// Returns the depths; +∞ in lanes without a surface.
+    /// Returns the surfaces' depths; +∞ in lanes without a surface.
     #[inline(always)]
     pub(crate) fn depth_or_infinite(&self) -> Lanes<S> {
         Lanes::select(self.covered, self.z, self.z.constant(f64::INFINITY))
     }
 
-    /// Returns finished pixels: the surface, or the background where there is none. `None` if no colour is needed.
+    /// Returns finished pixels: the surfaces, or the background where there are none. Without a `background`, no colour
+    /// is needed.
     #[inline(always)]
     pub(crate) fn over_background(&self, simd: S, background: Option<[f32; 4]>, fragments: Lanes<S>) -> Pixels<S> {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -67,7 +68,7 @@ impl<S: Simd> Shaded<S> {
         }
     }
 
-    /// Returns this surface, or `other` in lanes without this surface.
+    /// Returns this surface, with `other` in the lanes that this surface doesn't cover.
     #[inline(always)]
     pub(crate) fn or(&self, other: &Self) -> Self {
         let (mask, pick) = (self.covered, |a: V3<Lanes<S>>, b: V3<Lanes<S>>| V3::select(self.covered, a, b));
@@ -80,7 +81,8 @@ impl<S: Simd> Shaded<S> {
         }
     }
 
-    /// Blends this surface over another, if there is one, with weight `share`: colour, depth and normal alike (§6).
+    /// Blends this surface over the surface `behind` it, where there is one, with weight `share`. Colour, depth and
+    /// normal are blended alike (rendering model §6).
     #[inline(always)]
     pub(crate) fn blended_over(&self, behind: &Self, share: Lanes<S>) -> Self {
         let one = share.one();
@@ -108,7 +110,7 @@ impl<S: Simd> Shaded<S> {
     }
 }
 
-/// Clamps a colour to the range of colours (§10).
+/// Limits a colour to the range of colours (rendering model §10), so that blending never overflows.
 #[inline(always)]
 pub(crate) fn limited<S: Simd>(color: V3<Lanes<S>>) -> V3<Lanes<S>> {
     V3::new(limit_color(color.x), limit_color(color.y), limit_color(color.z))

@@ -1,4 +1,4 @@
-//! Lighting and compositing of transparent layers, front to back (§8).
+//! Lighting and compositing of transparent layers, front to back (rendering model §8).
 
 use crate::raster::layers::{Layer, LayerScratch, TransparentBlock};
 use crate::setup::record::Record;
@@ -17,14 +17,14 @@ use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, V3};
 use surfel_render::{FramePlan, Pass};
 
-/// Selection of the layers that are drawn.
+/// Kinds and number of the transparent layers that a plan draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Layers {
-    /// Maximum number of peeled layers.
+    /// Largest number of layers that are drawn one by one, front to back; unlimited for an A-buffer.
     peeled: u32,
-    /// True if the remaining fragments are blended into one more layer.
+    /// True if the fragments behind the peeled layers are blended into one more layer.
     remaining: bool,
-    /// True if surfaces are weighted by their coverage (Z01 §6).
+    /// True if a layer's opacity is multiplied by its coverage, as in an A-buffer (Z01 §6).
     by_coverage: bool,
 }
 
@@ -37,28 +37,28 @@ impl Layers {
     }
 }
 
-/// Result of compositing a block's transparent layers.
+/// A block's transparent layers, composited.
 pub(crate) struct CompositedLayers<S: Simd> {
-    /// Colours of the layers, and of the balls between them.
+    /// Composited colours of the layers, and of the balls between them.
     pub colors: Composited<S>,
-    /// Depth, normal and weight of the nearest layer.
+    /// Depth, normal and weight of the nearest layer in each pixel.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
-    /// Numbers of the nearest splats, if needed.
+    /// Numbers of the nearest transparent splats, if the frame outputs them.
     numbers: Option<[u32; LANES]>,
-    /// Number of layers that aren't empty.
+    /// Number of layers in each pixel that aren't empty.
     pub count: Lanes<S>,
-    /// Minimum depth of the nearest layer: its depth threshold minus ε.
+    /// Depth at which the nearest layer begins, for edges by samples: its depth threshold minus ε.
     pub begin: Lanes<S>,
-    /// Maximum depth of the nearest layer: its depth threshold plus ε.
+    /// Depth at which the nearest layer ends, for edges by samples: its depth threshold plus ε.
     pub end: Lanes<S>,
-    /// Number of block-splat pairs computed.
+    /// Number of transparent splats computed in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of these pairs that nothing opaque occludes.
+    /// Number of fragments of these splats that nothing opaque occludes, for statistics.
     pub inside: u32,
 }
 
-/// Draws all layers of a block, nearest first.
+/// Computes, lights and composites all transparent layers of a block, nearest first.
 #[inline(always)]
 pub(crate) fn composite<S: Simd>(
     block: &TransparentBlock<'_, S>,
@@ -119,8 +119,8 @@ impl<S: Simd> CompositedLayers<S> {
         }
     }
 
-    /// Composites the balls in front of a surface, and then the surface, behind the existing layers. The result equals
-    /// blending back to front (Z01 eq. 12).
+    /// Composites a layer's surface behind the layers so far, after the balls in front of the surface. The result
+    /// equals blending back to front (Z01 eq. 12).
     #[inline(always)]
     fn add_behind(
         &mut self,
@@ -144,7 +144,7 @@ impl<S: Simd> CompositedLayers<S> {
         self.fragments = self.fragments + fragments;
     }
 
-    /// Writes the numbers of the nearest splats to the pixels with a layer, if needed.
+    /// Writes the numbers of the nearest splats to the pixels that have a layer, if the frame outputs them.
     pub(crate) fn put_index(&self, target: &mut Target<'_>, at: (i32, i32)) {
         let Some(numbers) = self.numbers else { return };
         let mut shown = target.index(at);
@@ -152,7 +152,7 @@ impl<S: Simd> CompositedLayers<S> {
         target.put_index(at, shown);
     }
 
-    /// Composites the layers over the pixels behind them.
+    /// Returns finished pixels: the layers over the pixels behind them.
     #[inline(always)]
     pub(crate) fn over(&self, behind: &Pixels<S>) -> Pixels<S> {
         let (n, there) = (&self.nearest, self.nearest.covered);

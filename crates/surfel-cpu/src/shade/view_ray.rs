@@ -8,21 +8,21 @@ use surfel_math::projection::Projection;
 use surfel_math::{Real, V3};
 use surfel_render::View;
 
-/// Positions of sixteen surfaces that are lit.
+/// Positions of the sixteen surfaces that are lit together.
 #[derive(Clone, Copy)]
 pub(crate) enum Place<S: Simd> {
-    /// On the rays of the block with this first pixel.
+    /// Surfaces in the pixels of the block with this first pixel, on the view rays through the pixels' centres.
     Block((i32, i32)),
-    /// At these positions, in world axes relative to the eye.
+    /// Surfaces at these positions, in world axes relative to the eye.
     Points(V3<Lanes<S>>),
 }
 
-/// Rays from the eye to surfaces.
+/// View rays to sixteen surfaces, in world axes.
 #[derive(Clone, Copy)]
 pub(crate) struct ViewRay<S: Simd> {
-    /// Direction of the ray, of any length.
+    /// Direction of each ray away from the eye, of any length.
     pub ray: V3<Lanes<S>>,
-    /// 1 over the length of `ray`.
+    /// Reciprocal of the length of `ray`.
     pub inverse_length: Lanes<S>,
 }
 
@@ -34,16 +34,16 @@ impl<S: Simd> ViewRay<S> {
     }
 }
 
-/// The rays through the pixels of a view.
+/// The view rays through the pixels of a view, in world axes. In perspective, a ray extends to z = 1 in view space; in
+/// an orthographic view, all rays are the forward direction.
 pub(crate) struct ViewRays {
     pub world_from_view: Mat3,
     projection: Projection,
-    /// Change of a ray per column. Rays extend to z = 1 in view space. All rays of an orthographic view are its forward
-    /// direction.
+    /// Change of the ray from a pixel to the next one on its right.
     across: Vec3,
-    /// Change of a ray per row.
+    /// Change of the ray from a pixel to the next one below.
     down: Vec3,
-    /// Ray through the centre of the image's first pixel.
+    /// Ray through the centre of the image's upper left pixel.
     first: Vec3,
 }
 
@@ -61,7 +61,7 @@ impl ViewRays {
         Self { world_from_view: axes.as_mat3(), projection, across, down, first }
     }
 
-    /// Returns the view ray to a place.
+    /// Returns the view rays to the surfaces at a place.
     #[inline(always)]
     pub(crate) fn view_ray<S: Simd>(&self, simd: S, place: Place<S>) -> ViewRay<S> {
         let (first, one) = (vector(simd, self.first), Lanes::splat(simd, 1.0));
@@ -84,7 +84,8 @@ impl ViewRays {
         }
     }
 
-    /// Returns the position of a place at depth z; `ray` is the view ray to the place.
+    /// Returns the positions, in world axes relative to the eye, of surfaces at depths `z`; `ray` are the view rays to
+    /// the place.
     #[inline(always)]
     pub(crate) fn position<S: Simd>(&self, simd: S, place: Place<S>, ray: V3<Lanes<S>>, z: Lanes<S>) -> V3<Lanes<S>> {
         match place {
@@ -97,7 +98,8 @@ impl ViewRays {
         }
     }
 
-    /// Returns x/z and y/z of the rays through a block's pixels (orthographic: x and y), in view space.
+    /// Returns the slopes x/z and y/z, in view space, of the rays through a block's pixels; in an orthographic view,
+    /// the coordinates x and y.
     #[inline(always)]
     pub(crate) fn slopes<S: Simd>(&self, simd: S, at: (i32, i32)) -> (Lanes<S>, Lanes<S>) {
         let (p, (x, y)) = (&self.projection, Lanes::block_pixels(simd, at));
@@ -105,7 +107,7 @@ impl ViewRays {
     }
 }
 
-/// Returns a ray's slope along one axis.
+/// Returns the slope along one axis of the rays through the centres of pixels; in an orthographic view, the coordinate.
 #[inline(always)]
 fn slope<S: Simd>(pixel: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
     pixel.mul_add(pixel.constant(1.0 / focal_px), pixel.constant((0.5 - principal_px) / focal_px))

@@ -1,11 +1,11 @@
-//! Indices of the set bits of words.
+//! Conversion of words of bits to the indices of the bits that are set.
 
 use fearless_simd::Simd;
 
 /// Number of bits in a word.
 pub(crate) const BITS: usize = 64;
 
-/// Returns the index of each set bit, from the lowest.
+/// Returns the index of each set bit of a word, from the lowest.
 #[inline(always)]
 pub(crate) fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -15,10 +15,11 @@ pub(crate) fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// Number of indices that are written at once.
+/// Number of indices that are written together, even if fewer bits are set.
 const FOUR: usize = 4;
 
-/// Writes the index of each set bit, plus `first`, in order. Entries after these are meaningless.
+/// Writes `first` plus the index of each set bit, in order, to the front of `to`. Later elements of `to` are
+/// meaningless.
 ///
 /// The number of set bits is hard to predict, so a branch per bit costs more than a few superfluous writes.
 #[inline(always)]
@@ -63,7 +64,7 @@ mod x86 {
     };
 
     fearless_simd::kernel!(
-        /// Writes all indices at once, by compressing the bytes 0 to 63.
+        /// Writes all indices as [`super::set_bits`] does, at once, by compressing the bytes 0 to 63.
         #[inline]
         pub(super) fn set_bits(avx512: Avx512, bits: u64, first: u32, to: &mut [u32; BITS]) {
             let [a, b, c, d, e, f, g, h] = NUMBERS;

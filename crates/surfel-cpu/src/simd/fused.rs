@@ -32,8 +32,8 @@ macro_rules! fused {
 
 fused!(fused_4, f32x4; fused_8, f32x8; fused_16, f32x16);
 
-/// Returns the number of errors of [`fused_16`] in `count` random and hard cases, by the standard library's
-/// `f32::mul_add`.
+/// Tests [`fused_16`] on `count` random and hard cases, and returns the number of results that differ from the standard
+/// library's `f32::mul_add`.
 #[cfg(any(test, target_family = "wasm"))]
 #[inline(always)]
 pub(crate) fn errors<S: Simd>(simd: S, count: usize) -> usize {
@@ -64,7 +64,8 @@ pub(crate) fn errors<S: Simd>(simd: S, count: usize) -> usize {
     wrong
 }
 
-/// Returns three numbers of any size, or three whose f64 sum lies at or next to the middle of two f32.
+/// Returns three numbers for testing the fused multiply-add. They are of any size, or their f64 sum is at or next to
+/// the middle of two f32, where rounding twice errs.
 #[cfg(any(test, target_family = "wasm"))]
 fn hard_case(random: &mut impl FnMut() -> u64) -> [f32; 3] {
     let any = f32::from_bits(random() as u32);

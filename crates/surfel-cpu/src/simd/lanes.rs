@@ -9,14 +9,15 @@ use surfel_math::Real;
 /// Number of lanes, independent of the SIMD level, so that results don't depend on the machine.
 pub(crate) const LANES: usize = 16;
 
-/// True if a level has no SIMD instructions, so that sixteen inlined lanes are hundreds of instructions.
+/// True for a SIMD level without SIMD instructions, where an operation on sixteen inlined lanes would be hundreds of
+/// instructions.
 const fn is_scalar<S: Simd>() -> bool {
     // Of the levels that an x86-64 build has, only the scalar one has vectors of four.
     cfg!(target_arch = "x86_64") && <S::f32s as SimdBase<S>>::LEN == 4
 }
 
-/// Inlines a block, except at the scalar level. With out-of-line functions that level is a tenth of the program's code
-/// instead of most of it.
+/// Inlines a block of code, except at the scalar level. With out-of-line functions that level is a tenth of the
+/// program's code instead of most of it.
 macro_rules! in_line_unless_scalar {
     ($level:ident, ($($argument:ident: $type:ty),*) -> $result:ty $body:block) => {{
         #[inline(never)]
@@ -35,7 +36,7 @@ impl<S: Simd> Lanes<S> {
         Self(f32x16::splat(simd, value))
     }
 
-    /// Loads the first sixteen numbers of a slice; zeros if the slice has fewer.
+    /// Loads the first sixteen numbers of a slice; zeros if the slice has fewer than sixteen.
     #[inline(always)]
     pub(crate) fn load(simd: S, values: &[f32]) -> Self {
         match values.first_chunk::<LANES>() {
@@ -44,7 +45,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// Stores to the first sixteen numbers of a slice, if it has as many.
+    /// Stores the lanes to the first sixteen numbers of a slice; does nothing if the slice has fewer than sixteen.
     #[inline(always)]
     pub(crate) fn store(self, values: &mut [f32]) {
         if let Some(chunk) = values.first_chunk_mut::<LANES>() {
@@ -57,25 +58,25 @@ impl<S: Simd> Lanes<S> {
         self.0.to_array()
     }
 
-    /// Returns these magnitudes with the signs of others, including those of NaN.
+    /// Returns the magnitudes of `self` with the signs of `signs`, including those of NaN.
     #[inline(always)]
     pub(crate) fn copysign(self, signs: Self) -> Self {
         Self(self.0.copysign(signs.0))
     }
 
-    /// Returns the columns of a 4×4 block: 0 1 2 3, four times.
+    /// Returns the columns of a block's 4×4 pixels: 0 1 2 3, four times.
     #[inline(always)]
     pub(crate) fn block_columns(simd: S) -> Self {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i % 4) as f32)))
     }
 
-    /// Returns the rows of a 4×4 block: 0 four times, 1 four times, …
+    /// Returns the rows of a block's 4×4 pixels: 0 four times, 1 four times, …
     #[inline(always)]
     pub(crate) fn block_rows(simd: S) -> Self {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i / 4) as f32)))
     }
 
-    /// Returns the columns and rows of a block's pixels, given its first pixel.
+    /// Returns the columns and the rows of a block's pixels in the image, given the block's first pixel.
     #[inline(always)]
     pub(crate) fn block_pixels(simd: S, (x, y): (i32, i32)) -> (Self, Self) {
         let k = |v: i32| Self::splat(simd, v as f32);
@@ -97,7 +98,8 @@ impl<S: Simd> Lanes<S> {
         v
     }
 
-    /// Interleaves four planes of a 4×4 block to four rows of pixels with four numbers each.
+    /// Converts four planes of a 4×4 block, such as r, g, b and a, to four rows of pixels. A pixel's four numbers are
+    /// then side by side.
     #[inline(always)]
     pub(crate) fn interleave4([r, g, b, a]: [Self; 4]) -> [Self; 4] {
         let (rb, ga) = ((r.0.zip_low(b.0), r.0.zip_high(b.0)), (g.0.zip_low(a.0), g.0.zip_high(a.0)));
@@ -114,7 +116,7 @@ impl<S: Simd> Lanes<S> {
         in_line_unless_scalar!(S, (x: Lanes<S>) -> Lanes<S> { x.guess_near_one().halley(x).halley(x) })
     }
 
-    /// Returns the best linear guess of 1/x in [`Self::reciprocal_near_one`].
+    /// Returns the best linear approximation of 1/x on [0.66, 2.01], from which [`Self::reciprocal_near_one`] starts.
     #[inline(always)]
     pub(crate) fn guess_near_one(self) -> Self {
         // Chebyshev: 1 − x·r = T₂((2x − a − b)/(b − a))/T₂((a + b)/(b − a)) on [a, b].
@@ -126,7 +128,7 @@ impl<S: Simd> Lanes<S> {
         self.mul_add(self.constant(SLOPE), self.constant(CONSTANT))
     }
 
-    /// Improves this guess of 1/x by a Halley step.
+    /// Improves `self`, an approximation of 1/x, by a Halley step, which cubes the relative error.
     #[inline(always)]
     pub(crate) fn halley(self, x: Self) -> Self {
         let error = (-x).mul_add(self, x.one());
@@ -201,7 +203,7 @@ impl<S: Simd> Lanes<S> {
         Self::select(vanishes, zero, scaled.max(least).exp2())
     }
 
-    /// Returns self to the n-th power, n ≥ 1, by squaring: the relative error is below n·2⁻²⁴.
+    /// Returns self to the n-th power, n ≥ 1, by repeated squaring: the relative error is below n·2⁻²⁴.
     #[inline(always)]
     pub(crate) fn whole_power(self, n: u32) -> Self {
         let mut square = self;
@@ -223,7 +225,7 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
-/// True if the level has a fused multiply-add; known at compile time.
+/// True if the SIMD level has an instruction for the fused multiply-add; known at compile time.
 #[inline(always)]
 pub(crate) fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
     !simd.level().is_fallback()

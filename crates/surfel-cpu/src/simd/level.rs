@@ -6,7 +6,7 @@ use fearless_simd::Level;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512};
 
-/// SIMD instructions of a renderer. The choice changes the speed, but no bit of an image.
+/// SIMD instructions that a renderer may use. The choice changes the speed, but no bit of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SimdLevel {
@@ -15,14 +15,14 @@ pub enum SimdLevel {
     Best,
     /// AVX2, even if the CPU has better instructions; on other architectures the best.
     Avx2,
-    /// No SIMD instructions, for CPUs without any of the others. Far slower, and as much code as all other levels
+    /// No SIMD instructions, for CPUs that have none of the others. Far slower, and as much code as all other levels
     /// together.
     #[cfg(feature = "scalar")]
     Scalar,
 }
 
 impl SimdLevel {
-    /// All levels of this build.
+    /// All levels that this build of the crate supports.
     pub const ALL: &'static [Self] = &[
         Self::Best,
         Self::Avx2,
@@ -48,7 +48,7 @@ pub(crate) enum Instructions {
 }
 
 impl Instructions {
-    /// Returns the instructions for a level on this CPU, if it has them.
+    /// Returns the instructions of a level; `None` if this CPU lacks them.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         let best = Level::new();
@@ -63,7 +63,7 @@ impl Instructions {
         found
     }
 
-    /// Returns the instructions for a level on this CPU, if it has them.
+    /// Returns the instructions of a level; `None` if this CPU lacks them.
     #[cfg(not(target_arch = "x86_64"))]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         Some(match level {
@@ -73,7 +73,7 @@ impl Instructions {
         })
     }
 
-    /// Returns the name of the instructions.
+    /// Returns the name of the instructions, for messages.
     pub(crate) fn name(self) -> &'static str {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -88,7 +88,7 @@ impl Instructions {
     }
 }
 
-/// Runs an expression with the token of some [`Instructions`].
+/// Runs an expression of SIMD code with the token that some [`Instructions`] contain.
 macro_rules! with_instructions {
     ($instructions:expr, $simd:ident => $run:expr) => {
         match $instructions {

@@ -1,4 +1,4 @@
-//! Vectors over lanes.
+//! Vectors and matrices in SIMD lanes.
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
@@ -14,7 +14,7 @@ pub(crate) fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     )
 }
 
-/// Returns a row's product with a vector. A function, since a closure isn't inlined into SIMD code.
+/// Returns the product of a matrix's row with a vector. A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
 fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
     let simd = v.x.0.simd;
@@ -29,7 +29,7 @@ pub(crate) fn unit<R: Real>(v: V3<R>) -> V3<R> {
     v * v.dot(v).inverse_sqrt()
 }
 
-/// Computes `surfel_math::basis::orthonormal` for unit normals in lanes.
+/// Computes [`surfel_math::basis::orthonormal`] for unit normals in lanes: a pair (s, t) perpendicular to each normal.
 #[inline(always)]
 pub(crate) fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
     let (zero, one) = (n.x.zero(), n.x.one());
@@ -42,7 +42,7 @@ pub(crate) fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
     )
 }
 
-/// Returns a vector with the same value in all lanes.
+/// Returns the vector `v` in all lanes.
 #[inline(always)]
 pub(crate) fn vector<S: Simd>(simd: S, v: Vec3) -> V3<Lanes<S>> {
     V3::new(Lanes::splat(simd, v.x), Lanes::splat(simd, v.y), Lanes::splat(simd, v.z))
@@ -59,7 +59,7 @@ pub(crate) fn unit_or_zero<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     v * Lanes::select(there, v.dot(v), one).inverse_sqrt()
 }
 
-/// Conversion of a mask to bits.
+/// Conversion of a mask of lanes to a word with one bit per lane.
 pub(crate) trait Bits {
     fn bits(self) -> u64;
 }

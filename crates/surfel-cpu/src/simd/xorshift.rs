@@ -14,7 +14,7 @@ impl Xorshift {
         self.0
     }
 
-    /// Returns a number in [0, 1).
+    /// Returns a pseudo-random number in [0, 1).
     pub(crate) fn share(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }

@@ -1,29 +1,30 @@
-//! Stable sorting of items into tiles.
+//! Stable sorting of records into the lists of the tiles that they touch.
 
 use crate::tiles::grid::Grid;
 use crate::tiles::pool::Reused;
 
-/// Size of a splat's record, in bytes.
+/// Size of a splat's record, in bytes. The cull module estimates memory by it.
 pub(crate) const RECORD_BYTES: usize = 128;
 
-/// An entry of a tile's list: a record that may touch the tile.
+/// An entry of a tile's list: a record that may touch the tile, and the blocks that it may touch there.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Entry {
-    /// Blocks of the tile that the record may touch, one bit per block, row by row, eight bits a row.
+    /// Blocks of the tile that the record may touch: one bit per block, row by row, eight bits a row.
     pub blocks: u64,
-    /// Index of the record in its segment.
+    /// Index of the record in the segment's list of records.
     pub record: u32,
-    /// Index of the tile, with [`Kind`] in the two highest bits.
+    /// Index of the tile, with the splat's [`Kind`] in the two highest bits.
     place: u32,
 }
 
-/// Kind of a splat: a tiny one, whose fragments setup has computed, or any other.
+/// Kind of a record in a tile's list: a tiny splat, whose fragments setup has computed, or any other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
+    /// Any splat, ball or triangle that isn't a tiny splat.
     Any = 0,
-    /// A tiny splat of 2×2 pixels.
+    /// A tiny splat of at most 2×2 pixels, whose fragments setup has computed.
     Tiny2 = 1,
-    /// A tiny splat of 3×3 pixels.
+    /// A tiny splat of at most 3×3 pixels, whose fragments setup has computed.
     Tiny3 = 2,
 }
 
@@ -34,13 +35,13 @@ impl Entry {
         Self::at(blocks, record, Self::place(tile, kind as u32))
     }
 
-    /// Creates an entry from a packed [`Self::place`].
+    /// Creates an entry from a tile and a kind that [`Self::place`] has packed.
     #[inline(always)]
     pub(crate) fn at(blocks: u64, record: u32, place: u32) -> Self {
         Self { blocks, record, place }
     }
 
-    /// Packs a tile and the number of a splat's [`Kind`].
+    /// Packs the index of a tile and the number of a splat's [`Kind`] into an integer.
     #[inline(always)]
     pub(crate) fn place(tile: u32, kind: u32) -> u32 {
         tile | kind << 30
@@ -61,20 +62,21 @@ impl Entry {
     }
 }
 
-/// Maximum number of entries of a group of 16 splats no larger than a tile.
+/// Largest number of entries of a group of 16 splats whose boxes are no larger than a tile: four tiles each.
 pub(crate) const OF_GROUP: usize = 64;
 
-/// A list of entries, sorted or unsorted.
+/// A list of entries, sorted by tile or not.
 pub(crate) type Entries = Reused<Entry>;
 
-/// The entries of each tile, in the order in which they were found.
+/// The entries of a grid's tiles, tile by tile. A tile's entries are in the order in which they were found, which is
+/// splat order.
 #[derive(Default)]
 pub(crate) struct TileLists {
-    /// Index of each tile's first entry; empty if there are no entries.
+    /// Index in `entries` of each tile's first entry; empty if there are no entries.
     starts: Vec<u32>,
-    /// Index of each tile's next entry, during sorting.
+    /// Index in `entries` at which each tile's next entry is put; used only while sorting.
     next: Vec<u32>,
-    /// Entries sorted by tile.
+    /// Entries sorted by tile, stably.
     entries: Entries,
 }
 
@@ -122,7 +124,7 @@ impl TileLists {
         self.entries.len()
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory that the lists use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.starts.as_slice()) + size_of_val(&*self.entries)
     }

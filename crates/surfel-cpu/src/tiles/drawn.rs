@@ -2,24 +2,25 @@
 
 use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 
-/// A set of blocks of a grid, with a fast test for rectangles.
+/// A set of blocks of a grid, with a fast test whether a rectangle of pixels contains some of them.
 pub(crate) struct BlockSet {
     pub grid: Grid,
-    /// Bits of the blocks of the set in each tile.
+    /// Bits of the set's blocks, per tile.
     tiles: Vec<u64>,
-    /// Summed-area table: number of tiles that have blocks of the set, left of and above each tile's corner.
+    /// Summed-area table: for each corner of the grid's tiles, the number of tiles to the left and above that have
+    /// blocks of the set.
     sums: Vec<u32>,
     /// Number of blocks in the set.
     pub count: u64,
 }
 
 impl BlockSet {
-    /// Returns an empty set.
+    /// Returns an empty set of blocks of a grid.
     pub(crate) fn new(grid: Grid) -> Self {
         Self { grid, tiles: vec![0; grid.tiles()], sums: Vec::new(), count: 0 }
     }
 
-    /// Adds the block that contains a pixel of the grid's region.
+    /// Adds the block that contains the pixel (x, y) of the grid's region.
     pub(crate) fn add(&mut self, x: i32, y: i32) {
         let [column, row] = [x, y].map(|px| px as u32 / BLOCK % self.grid.tile_blocks);
         if let Some(blocks) = self.tiles.get_mut(self.grid.tile_of(x, y)) {
@@ -28,7 +29,7 @@ impl BlockSet {
         }
     }
 
-    /// Computes the summed-area table. Call this after all blocks are added.
+    /// Computes the summed-area table that [`Self::touches`] needs. Call this after all blocks are added.
     pub(crate) fn finish(&mut self) {
         let (columns, rows) = (self.grid.columns as usize, self.grid.rows as usize);
         self.sums = vec![0; (columns + 1) * (rows + 1)];
@@ -42,12 +43,12 @@ impl BlockSet {
         }
     }
 
-    /// Returns the tiles that have blocks of the set, with the blocks' bits.
+    /// Returns the indices of the tiles that have blocks of the set, each with the bits of these blocks.
     pub(crate) fn tiles(&self) -> impl Iterator<Item = (usize, u64)> + '_ {
         self.tiles.iter().copied().enumerate().filter(|(_, blocks)| *blocks != 0)
     }
 
-    /// True if some of the blocks may contain pixels of a box: minimum x and y, maximum x and y.
+    /// True if some block of the set may contain pixels of a box: minimum x and y, maximum x and y.
     pub(crate) fn touches(&self, [x0, y0, x1, y1]: [f64; 4]) -> bool {
         let (size, columns, rows) = (self.grid.tile_px(), i64::from(self.grid.columns), i64::from(self.grid.rows));
         // Blocks from the grid's origin. A box may be infinite; casts saturate.
@@ -85,26 +86,27 @@ impl BlockSet {
     }
 }
 
-/// Maximum number of tiles that are tested block by block.
+/// Largest number of tiles under a box for which [`BlockSet::touches`] tests the tiles' blocks one by one. With more, a
+/// tile that has any block of the set suffices.
 const MOST_TILES: i64 = 9;
 
-/// The blocks of a grid that are drawn: all of them, or a set.
+/// The blocks of a grid that are drawn: all of them, or those of a set.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct DrawnBlocks<'a>(Option<&'a BlockSet>);
 
 impl<'a> DrawnBlocks<'a> {
-    /// Returns the blocks of a set.
+    /// Returns the drawn blocks if only those of a set are drawn.
     pub(crate) fn some(blocks: &'a BlockSet) -> Self {
         Self(Some(blocks))
     }
 
-    /// Returns the set, unless all blocks are drawn.
+    /// Returns the set of drawn blocks; `None` if all blocks are drawn.
     #[inline(always)]
     pub(crate) fn set(self) -> Option<&'a BlockSet> {
         self.0
     }
 
-    /// Returns the bits of a tile's blocks.
+    /// Returns the bits of a tile's blocks that are drawn.
     #[inline(always)]
     pub(crate) fn of(self, tile: u32) -> u64 {
         self.0.map_or(u64::MAX, |set| set.tiles.get(tile as usize).copied().unwrap_or_default())

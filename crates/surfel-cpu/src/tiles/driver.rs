@@ -1,19 +1,21 @@
-//! Execution of jobs on all threads in a given order, and counters.
+//! Execution of jobs on all threads in a given order, the parameters by which work is divided, and counters for
+//! statistics.
 
 use crate::tiles::grid::TILE_BLOCKS;
 use std::sync::{Mutex, PoisonError};
 
-/// Parameters of the division of work. They change the speed and memory, but no bit of an image.
+/// Parameters of the division of work. They change speed and memory, but no bit of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tuning {
-    /// Number of blocks along the side of a tile: 2, 4 or 8.
+    /// Number of blocks of 4×4 pixels along the side of a tile: 2, 4 or 8.
     pub tile_blocks: u32,
-    /// Maximum number of splats and triangles that a thread sets up before it draws them, as near as whole tiles allow.
-    /// At 140 bytes each they should about fit its cache. Splats on the border of two cells are set up twice.
+    /// Largest number of splats and triangles in a cell, which a thread sets up before it draws them, as near as whole
+    /// tiles allow. At 140 bytes each they should about fit the thread's cache. Splats on the border of two cells are
+    /// set up twice.
     pub cell_splats: usize,
-    /// True if chunks behind everything visible in a cell are culled.
+    /// True if chunks behind everything visible in a cell are culled (occlusion culling).
     pub culls_occluded: bool,
-    /// True if setup evaluates tiny splats, and tiles of them are drawn splat by splat.
+    /// True if setup computes the fragments of tiny splats, and tiles of tiny splats may be drawn splat by splat.
     pub finds_tiny: bool,
 }
 
@@ -23,7 +25,8 @@ impl Default for Tuning {
     }
 }
 
-/// Runs every job on some thread, in the given order, with a state of the thread's own. Returns the threads' states.
+/// Starts every job on some thread, in the given order. Each thread has a state of its own, which `own` creates and
+/// `take` gets with each job. Returns the threads' states.
 pub(crate) fn run<T: Send, A: Send>(
     jobs: Vec<T>,
     own: impl Fn() -> A + Sync,
@@ -41,18 +44,18 @@ pub(crate) fn run<T: Send, A: Send>(
     })
 }
 
-/// Counts of events while tiles are drawn.
+/// Counts of events while tiles are drawn, for a frame's statistics.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Counters {
-    /// Pairs of block and splat that were computed.
+    /// Number of pairs of a block and a splat whose fragments were computed.
     pub block_pairs: u64,
-    /// Fragments inside a filtered footprint.
+    /// Number of fragments inside the filtered footprints of these splats.
     pub inside: u64,
-    /// Pixels of these pairs that weren't computed, since the splat is tiny.
+    /// Number of the pairs' pixels that needn't be computed, since the splat is tiny and has fewer pixels than a block.
     pub spared: u64,
-    /// Fragments that contributed to a pixel.
+    /// Number of fragments that contributed to a pixel.
     pub contributing: u64,
-    /// Edge pixels that were blended.
+    /// Number of edge pixels that were antialiased.
     pub edge_pixels: u64,
 }
 

@@ -7,8 +7,9 @@ use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
 use surfel_math::srgb::encode_rgba8;
 
-/// Coefficients of 255·(1.055·v^(5/3) − 0.055) + ½ for v in [0.2365, 1], where v⁴ is the linear value. Chebyshev
-/// interpolation with an error of at most 1.3e-4.
+/// Coefficients, highest power first, of a polynomial in v, the fourth root of a linear value. It approximates the
+/// 8-bit sRGB level plus ½, 255·(1.055·v^(5/3) − 0.055) + ½, for v in [0.2365, 1]. Chebyshev interpolation with an
+/// error of at most 1.3e-4.
 const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
     -17.338_026_837_540_79,
     91.531_325_390_237_07,
@@ -20,11 +21,11 @@ const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
     -14.438_328_509_291_58,
 ];
 
-/// Distance from a level's bound within which the exact tables decide. It is twice the sum of the polynomial's error
-/// and the errors of roots and sums in f32, which are 1e-4 together.
+/// Largest distance of the approximate level from a bound between two levels at which the exact tables decide instead.
+/// It is twice the sum of the polynomial's error and the errors of roots and sums in f32, which are 1e-4 together.
 const UNSURE: f64 = 5e-4;
 
-/// Encodes a block's linear premultiplied colours to sRGB with straight alpha.
+/// Encodes a block's linear premultiplied colours as sRGB with straight alpha, 8 bits each.
 #[inline(always)]
 pub(super) fn rgba8<S: Simd>(color: [Lanes<S>; 4]) -> [[u8; 4]; LANES] {
     let [.., a] = color;

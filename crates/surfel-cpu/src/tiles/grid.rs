@@ -9,17 +9,17 @@ use surfel_render::Region;
 /// Side of a block in pixels. A block, the unit of rasterisation, has sixteen pixels, one for each lane.
 pub(crate) const BLOCK: u32 = 4;
 
-/// Maximum number of blocks along a tile's side, so that a `u64` has one bit for each block.
+/// Largest number of blocks along a tile's side, so that a `u64` has one bit for each block of a tile.
 pub(crate) const TILE_BLOCKS: u32 = 8;
 
-/// A region divided into tiles. Tile corners are multiples of the tile size in the image, so that a block's results
-/// don't depend on the region.
+/// A region of the image divided into tiles. Tile corners are multiples of the tile size in the image, so that a
+/// block's results don't depend on the region.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grid {
     pub region: Region,
-    /// Number of blocks along a tile's side: 2, 4 or 8.
+    /// Number of blocks of 4×4 pixels along a tile's side: 2, 4 or 8.
     pub tile_blocks: u32,
-    /// First column and row of the first tile, in pixels.
+    /// Column and row of the first tile's first pixel in the image.
     pub origin: [u32; 2],
     pub columns: u32,
     pub rows: u32,
@@ -42,7 +42,7 @@ impl Grid {
         self.columns as usize * self.rows as usize
     }
 
-    /// Returns the tile that contains a pixel of the region.
+    /// Returns the index of the tile that contains a pixel of the region.
     pub(crate) fn tile_of(&self, x: i32, y: i32) -> usize {
         let [column, row] =
             [(x, self.origin[0]), (y, self.origin[1])].map(|(at, first)| (at as u32 - first) / self.tile_px());
@@ -54,14 +54,14 @@ impl Grid {
         self.tile_blocks * BLOCK
     }
 
-    /// Returns the first pixel of a block of a tile.
+    /// Returns the first pixel of block `block` of a tile.
     pub(crate) fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
         let [x, y] = [tile as u32 % self.columns, tile as u32 / self.columns];
         let px = |tile: u32, axis: usize| (self.origin[axis] + tile * self.tile_px()) as i32;
         block_px((px(x, 0), px(y, 1)), block)
     }
 
-    /// Returns bits of a tile's blocks that have pixels of the region.
+    /// Returns bits of those blocks of a tile that have pixels of the region.
     pub(crate) fn blocks(&self, tile: usize) -> u64 {
         let rect = Rect::of_tile(self, tile, self.region);
         let (x, y) = self.block_px(tile, 0);
@@ -93,7 +93,7 @@ impl Rect {
         Self { x, y, end_x: x + w, end_y: y + h }
     }
 
-    /// Returns the part of a tile inside `region`, which may be empty.
+    /// Returns the rectangle of a tile's pixels inside `region`, which may be empty.
     pub(crate) fn of_tile(grid: &Grid, tile: usize, region: Region) -> Self {
         let size = grid.tile_px();
         let column = tile as u32 % grid.columns;
@@ -103,12 +103,12 @@ impl Rect {
         whole.common(&Self::of(region))
     }
 
-    /// Returns the smallest rectangle that contains both.
+    /// Returns the smallest rectangle that contains both rectangles.
     pub(crate) fn with(&self, o: &Self) -> Self {
         Self { x: self.x.min(o.x), y: self.y.min(o.y), end_x: self.end_x.max(o.end_x), end_y: self.end_y.max(o.end_y) }
     }
 
-    /// Returns the intersection of both, which may be empty.
+    /// Returns the intersection of both rectangles, which may be empty.
     pub(crate) fn common(&self, o: &Self) -> Self {
         Self { x: self.x.max(o.x), y: self.y.max(o.y), end_x: self.end_x.min(o.end_x), end_y: self.end_y.min(o.end_y) }
     }
@@ -118,12 +118,12 @@ impl Rect {
         self.x >= self.end_x || self.y >= self.end_y
     }
 
-    /// True if the pixel is inside.
+    /// True if the pixel (x, y) is inside the rectangle.
     pub(crate) fn has(&self, x: i32, y: i32) -> bool {
         (self.x..self.end_x).contains(&x) && (self.y..self.end_y).contains(&y)
     }
 
-    /// Returns a mask of the pixels inside.
+    /// Returns a mask of those pixels, given by columns and rows, that are inside the rectangle.
     #[inline(always)]
     pub(crate) fn holds<S: Simd>(&self, (x, y): (Lanes<S>, Lanes<S>)) -> mask32x16<S> {
         let k = |v: i32| f64::from(v);
@@ -131,7 +131,7 @@ impl Rect {
         column & y.constant(k(self.y)).le(y) & y.lt(y.constant(k(self.end_y)))
     }
 
-    /// Returns 1 for a block's pixels inside the rectangle, else 0.
+    /// Returns 1 for each pixel of a block that is inside the rectangle, else 0. (x, y) is the block's first pixel.
     #[inline(always)]
     pub(crate) fn lanes_inside<S: Simd>(&self, simd: S, (x, y): (i32, i32)) -> i32x16<S> {
         if self.x <= x && x + 4 <= self.end_x && self.y <= y && y + 4 <= self.end_y {
@@ -145,7 +145,7 @@ impl Rect {
         i32x16::load_array(simd, inside)
     }
 
-    /// Returns bits of a block's pixels inside the rectangle.
+    /// Returns bits of a block's pixels that are inside the rectangle. (x, y) is the block's first pixel.
     pub(crate) fn lanes_of_block(&self, (x, y): (i32, i32)) -> u64 {
         let row = (0..4).filter(|i| (self.x..self.end_x).contains(&(x + i))).fold(0u64, |bits, i| bits | 1 << i);
         let inside = |j: &i32| (self.y..self.end_y).contains(&(y + j));

@@ -1,31 +1,33 @@
-//! Lists of the splats, or triangles, of each block of a tile, in their order.
+//! Lists of the splats, or of the triangles, that touch each block of a tile, in splat order or scene order.
 
 use crate::simd::compress::{self, BITS};
 use crate::tiles::bins::Entry;
 use crate::tiles::pool::emptied;
 use fearless_simd::Simd;
 
-/// Number of splats in a batch, which are evaluated together.
+/// Number of splats in a batch, whose fragments are computed together.
 pub(crate) const BATCH: usize = 4;
 
-/// An item that can be listed by block.
+/// A record that block lists may contain.
 pub(crate) trait Listable: 'static {
-    /// An item without any fragment, which pads the last batch.
+    /// A record without any fragment, which pads the last batch of a list.
     const EMPTY: &'static Self;
 
-    /// Returns a lower bound of the item's depth.
+    /// Returns a lower bound of the depth of the record's fragments.
     fn z_min(&self) -> f32;
 }
 
-/// A splat's record and its [`Listable::z_min`], which is copied so that records behind all depth thresholds needn't be
-/// read.
+/// A splat's record, and a copy of its [`Listable::z_min`]. With the copy, records behind all depth thresholds needn't
+/// be read.
 pub(crate) type Listed<'a, R> = (&'a R, f32);
 
-/// The list of the splats that touch a block.
+/// The list of the splats that may touch a block, in splat order.
 pub(crate) struct BlockList<'a, 'b, R> {
-    /// All splats of the tile, and an empty one.
+    /// All splats of the tile, followed by a record without fragments.
     splats: &'b [Listed<'a, R>],
-    /// Indices of the block's splats, in their order, in batches of 4. Up to three at the end refer to the empty splat.
+    /// Indices in `splats` of the block's splats, in splat order, in batches of 4. Up to three at the end are of the
+    /// record without fragments.
+    /// Number of the block's splats, without padding.
     batches: &'b [[u32; BATCH]],
     count: usize,
 }
@@ -49,34 +51,37 @@ impl<'a, 'b, R> BlockList<'a, 'b, R> {
         self.count == 0
     }
 
-    /// Returns indices of the block's splats, in batches of 4. Up to three at the end refer to the empty splat.
+    /// Returns the indices of the block's splats for [`Self::get`], in batches of 4. Up to three at the end are of a
+    /// record without fragments.
     #[inline(always)]
     pub(crate) fn batches(&self) -> &'b [[u32; BATCH]] {
         self.batches
     }
 
-    /// Returns a splat by its index.
+    /// Returns the splat with an index from [`Self::batches`].
     #[inline(always)]
     pub(crate) fn get(&self, index: u32) -> Listed<'a, R> {
         self.splats[index as usize]
     }
 }
 
-/// Lists of all blocks of a tile, as a matrix of bits that is filled splat by splat and read block by block.
+/// Lists of the splats that touch each block of a tile, as a matrix of bits that is filled splat by splat and read
+/// block by block.
 ///
 /// Pushing each splat onto the lists of its blocks would cost a mispredicted branch per splat and a store per pair.
 /// Transposing the masks of 64 splats has a fixed cost. Filling also brings a tile's records into the cache, many at a
 /// time, where the blocks' loops would wait for one after another.
 pub(crate) struct BlockLists<'a, R> {
     splats: Vec<Listed<'a, R>>,
-    /// Bit matrices of 64 splats each. While the lists are filled, a word has the blocks of one splat. After that, a
-    /// word has the splats of one block.
+    /// Matrices of bits, one for every 64 splats. While the lists are filled, a word has the blocks of one splat.
+    /// [`Self::finish`] transposes the matrices, and a word then has the splats of one block.
     words: Vec<[u64; BITS]>,
-    /// Indices of the splats of [`ROW`] blocks, block by block, and room for superfluous writes beyond the end.
+    /// Indices in `splats` of the splats of one row of [`ROW`] blocks, block by block, and room for superfluous writes
+    /// beyond the end.
     order: Vec<u32>,
-    /// Start and length in `order` of each block's list.
+    /// Start and length in `order` of the list of each block of that row.
     parts: [(usize, usize); ROW],
-    /// Row of blocks whose lists are in `order`.
+    /// Row of blocks whose lists `order` contains; `None` if it contains none.
     row: Option<usize>,
 }
 
@@ -99,8 +104,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
     }
 
-    /// Appends the splats of a tile's entries to the lists of their blocks, as far as these are in `wanted` (one bit
-    /// per block).
+    /// Appends the splats of a tile's entries to the lists of the blocks that they touch. Only blocks in `wanted` (one
+    /// bit per block) get splats.
     #[inline(always)]
     pub(crate) fn extend(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         let first = self.splats.len();
@@ -115,8 +120,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         }
     }
 
-    /// Appends splats as [`Self::extend`] does, but skips splats that touch no block in `wanted`. Faster if `wanted`
-    /// has few blocks.
+    /// Appends splats as [`Self::extend`] does, but skips splats that touch no block in `wanted`. Faster if few bits of
+    /// `wanted` are set.
     pub(crate) fn extend_some(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         for entry in entries.iter().filter(|entry| entry.blocks & wanted != 0) {
             let at = self.splats.len() % BITS;
@@ -131,19 +136,19 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         }
     }
 
-    /// Finishes the lists. Call this after the last splat.
+    /// Finishes the lists for reading. Call this after the last splat.
     #[inline(always)]
     pub(crate) fn finish(&mut self) {
         self.words.iter_mut().for_each(transpose);
         self.splats.push((R::EMPTY, f32::INFINITY));
     }
 
-    /// Returns bits of the blocks whose lists aren't empty.
+    /// Returns bits of the blocks whose lists aren't empty; valid after [`Self::finish`].
     pub(crate) fn touched(&self) -> u64 {
         touched(&self.words)
     }
 
-    /// Returns the list of a block.
+    /// Returns the list of the splats that may touch a block.
     #[inline(always)]
     pub(crate) fn of<S: Simd>(&mut self, simd: S, block: u32) -> BlockList<'a, '_, R> {
         let block = block as usize % BITS;
@@ -155,8 +160,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         BlockList { splats: &self.splats, batches: order.as_chunks().0, count }
     }
 
-    /// Lists the splats of a row of blocks. Several blocks are listed together, since reading a list right after its
-    /// partial writes would stall.
+    /// Computes the lists of a row of blocks in `order`. Several blocks are listed together, since reading a list right
+    /// after its partial writes would stall.
     #[inline(always)]
     fn list_row<S: Simd>(&mut self, simd: S, row: usize) {
         self.row = Some(row);
@@ -186,20 +191,21 @@ impl<'a, R: Listable> BlockLists<'a, R> {
     }
 }
 
-/// Number of blocks that are listed together.
+/// Number of blocks, one row of a tile, whose lists are computed together.
 const ROW: usize = 8;
 
-/// Returns bits of the blocks whose lists aren't empty, from transposed words.
+/// Returns bits of the blocks whose lists aren't empty, from transposed matrices of bits.
 fn touched(words: &[[u64; BITS]]) -> u64 {
     let any = |block: &usize| words.iter().any(|word| word[*block] != 0);
     (0..BITS).filter(any).fold(0, |bits, block| bits | 1 << block)
 }
 
-/// Lists like [`BlockLists`] of items of any type, for content that few frames have.
+/// Lists of the items that touch each block of a tile, like [`BlockLists`] but of any type, for content that few frames
+/// have.
 pub(crate) struct ItemLists<T> {
     items: Vec<T>,
     words: Vec<[u64; BITS]>,
-    /// The list that was requested last.
+    /// The list that [`Self::of`] returned last; reused for the next block.
     list: Vec<T>,
 }
 
@@ -221,7 +227,7 @@ impl<T: Copy> ItemLists<T> {
         ItemLists { items: emptied(items), words, list: emptied(list) }
     }
 
-    /// Appends an item to the lists of `blocks`, given by bits.
+    /// Appends an item to the lists of the blocks whose bits are set in `blocks`.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T, blocks: u64) {
         let at = self.items.len() % BITS;
@@ -234,13 +240,14 @@ impl<T: Copy> ItemLists<T> {
         self.items.push(item);
     }
 
-    /// Finishes the lists and returns bits of the blocks whose lists aren't empty. Call this after the last item.
+    /// Finishes the lists for reading, and returns bits of the blocks whose lists aren't empty. Call this after the
+    /// last item.
     pub(crate) fn finish(&mut self) -> u64 {
         self.words.iter_mut().for_each(transpose);
         touched(&self.words)
     }
 
-    /// Returns the list of a block.
+    /// Returns the items that touch a block, in the order in which they were appended.
     pub(crate) fn of(&mut self, block: u32) -> &[T] {
         self.list.clear();
         for (word, items) in self.words.iter().zip(self.items.chunks(BITS)) {

@@ -3,12 +3,13 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// A pool of values that are reused. It never contains more values than were in use at once.
+/// A pool of values, such as buffers, that are reused instead of allocated anew. It never contains more values than
+/// were in use at once.
 #[derive(Default)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T: Default> Pool<T> {
-    /// Returns a used value with its old content, or a new one.
+    /// Takes a used value, with its old content, out of the pool; creates a new one if the pool is empty.
     pub(crate) fn take(&self) -> T {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
@@ -21,7 +22,8 @@ impl<T: Default> Pool<T> {
 /// A list that overwrites its old content, so that no memory has to be cleared.
 #[derive(Default)]
 pub(crate) struct Reused<T> {
-    /// Items; those past `used` are old content.
+    /// Items of the list; those past `used` are left over from earlier content.
+    /// Number of items in the list.
     slots: Vec<T>,
     used: usize,
 }
@@ -31,7 +33,7 @@ impl<T: Copy + Default> Reused<T> {
         self.used = 0;
     }
 
-    /// Sets the length; new items have unspecified values.
+    /// Sets the number of items; new items have unspecified values.
     pub(crate) fn resize(&mut self, count: usize) {
         if self.slots.len() < count {
             self.slots.resize(count, T::default());
@@ -39,14 +41,15 @@ impl<T: Copy + Default> Reused<T> {
         self.used = count;
     }
 
-    /// Reserves room for `more` items.
+    /// Reserves memory for `more` further items.
     pub(crate) fn make_room(&mut self, more: usize) {
         let used = self.used;
         self.resize(used + more);
         self.used = used;
     }
 
-    /// Returns the slots of the next `N` items. [`Self::advance`] then adds those that were written.
+    /// Returns slots for the next `N` items, to be written by the caller. [`Self::advance`] then adds those that were
+    /// written.
     #[inline(always)]
     pub(crate) fn room<const N: usize>(&mut self) -> Option<&mut [T; N]> {
         if self.slots.len() < self.used + N {
@@ -88,7 +91,8 @@ impl<T> std::ops::DerefMut for Reused<T> {
     }
 }
 
-/// Empties a list and converts it to another item type. The memory is reused if size and alignment are equal.
+/// Empties a list and converts it to a list of another type. The memory is reused if items of both types have the same
+/// size and alignment.
 pub(crate) fn emptied<T, U>(mut list: Vec<T>) -> Vec<U> {
     list.clear();
     list.into_iter().filter_map(|_| None).collect()

@@ -1,4 +1,4 @@
-//! Targets of tiles: planes divided into parts that threads own, in safe Rust.
+//! Targets of drawing: the frame's planes, divided into parts that threads own, in safe Rust.
 
 use crate::scene::numbers::SplatNumbers;
 use crate::simd::compress::ones;
@@ -12,7 +12,7 @@ use surfel_math::Real;
 use surfel_math::srgb::encode_rgba8;
 use surfel_render::{PlanesMut, Region};
 
-/// The values of a block's pixels in all planes.
+/// The values of a block's pixels in all planes, one lane per pixel.
 pub(crate) struct Pixels<S: Simd> {
     /// Colour, linear and premultiplied.
     pub color: [Lanes<S>; 4],
@@ -22,14 +22,14 @@ pub(crate) struct Pixels<S: Simd> {
     pub fragments: Lanes<S>,
 }
 
-/// The rows of a plane inside a rectangular part of its region.
+/// The part of a plane inside a rectangle, as one slice per row, which one thread owns.
 pub(crate) struct Rows<'a, T> {
     pub rect: Rect,
     rows: Vec<&'a mut [T]>,
 }
 
 impl<T: Copy> Rows<'_, T> {
-    /// Writes four pixels of a row from (x, y) on, as far as they are inside the part.
+    /// Writes four pixels of a row, from (x, y) on, as far as they are inside the rectangle.
     #[inline(always)]
     pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
         let row = y - self.rect.y;
@@ -54,7 +54,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes the pixels of a block that are inside the part.
+    /// Writes those pixels of a block that are inside the rectangle. (x, y) is the block's first pixel.
     #[inline(always)]
     fn put_block(&mut self, (x, y): (i32, i32), values: [T; LANES]) {
         for (y, four) in (y..).zip(values.as_chunks().0) {
@@ -62,7 +62,8 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes one value to the pixels of a tile's blocks whose bits are set, as far as they are inside the part.
+    /// Writes one value to the pixels of a tile's blocks whose bits are set, as far as they are inside the rectangle.
+    /// The tile begins at pixel `origin`.
     fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
         for block in ones(if self.rows.is_empty() { 0 } else { blocks }) {
             let (x, y) = block_px(origin, block as u32);
@@ -70,7 +71,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Returns up to `length` pixels of a row from (x, y) on, as far as they are inside a tile. Also returns the number
+    /// Returns those of the `length` pixels of a row, from (x, y) on, that are inside a tile. Also returns the number
     /// of pixels skipped before the first of them.
     fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
         let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
@@ -80,13 +81,13 @@ impl<T: Copy> Rows<'_, T> {
         ((start - x) as usize, row.get_mut(first..last).unwrap_or_default())
     }
 
-    /// Returns the value of a pixel; `None` if it is outside the part.
+    /// Returns the value of a pixel; `None` if it is outside the rectangle.
     fn get(&self, x: i32, y: i32) -> Option<T> {
         let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
         self.rows.get(row)?.get(column).copied()
     }
 
-    /// Returns the values of a block's pixels; `outside` for pixels outside the part.
+    /// Returns the values of a block's pixels; `outside` for pixels outside the rectangle.
     fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
         let mut values = [outside; LANES];
         for (j, four) in (0..).zip(values.chunks_exact_mut(4)) {
@@ -103,7 +104,7 @@ impl<T: Copy> Rows<'_, T> {
         values
     }
 
-    /// Writes one value to a rectangle's pixels, all of which are inside the part.
+    /// Writes one value to all pixels of `rect`, which must be inside this part's rectangle.
     fn fill(&mut self, rect: &Rect, value: T) {
         let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
         for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
@@ -113,7 +114,7 @@ impl<T: Copy> Rows<'_, T> {
 }
 
 impl Rows<'_, f32> {
-    /// Writes the pixels of a block that are inside the part, if the plane exists.
+    /// Writes those pixels of a block that are inside the rectangle, if the frame has the plane.
     #[inline(always)]
     pub(crate) fn put_lanes<S: Simd>(&mut self, at: (i32, i32), values: Lanes<S>) {
         if !self.rows.is_empty() {
@@ -145,7 +146,7 @@ pub(crate) fn cut<'a, T>(plane: &'a mut [T], region: Region, parts: &[Region]) -
     cut
 }
 
-/// Flags of an image's tiles that contain the background alone.
+/// Flags of an image's tiles, true where the frame contains only the background already.
 #[derive(Clone, Copy)]
 pub(crate) struct TileBackground<'a> {
     pub grid: &'a Grid,
@@ -153,22 +154,23 @@ pub(crate) struct TileBackground<'a> {
 }
 
 impl TileBackground<'_> {
-    /// Returns the flag of the tile that contains these pixels.
+    /// Returns the flag of the tile that contains these pixels; `None` for an empty rectangle.
     fn tile(&self, rect: &Rect) -> Option<&AtomicBool> {
         if rect.is_empty() { None } else { self.tiles.get(self.grid.tile_of(rect.x, rect.y)) }
     }
 }
 
-/// The frame's planes inside a part of its region, and the current tile.
+/// The part of a frame's planes that one thread draws, and the tile that it is drawing.
 pub(crate) struct Target<'a> {
-    /// Index of the current tile.
+    /// Index of the current tile in its grid.
     pub tile: usize,
-    /// Pixels of the current tile inside the part.
+    /// Pixels of the current tile that are inside this part of the frame.
     pub rect: Rect,
     background: TileBackground<'a>,
-    /// True if colours are encoded when they are written; else [`Self::encode`] encodes them.
+    /// True if colours are encoded to 8 bits when they are written. Otherwise [`Self::encode`] encodes them after the
+    /// last change.
     encodes: bool,
-    /// True if the current tile contains the background alone.
+    /// True if the frame contains only the background in the current tile.
     is_background: bool,
     color: Rows<'a, [f32; 4]>,
     rgba8: Rows<'a, [u8; 4]>,
@@ -180,7 +182,7 @@ pub(crate) struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    /// Divides the planes of a region into parts that partition it.
+    /// Divides a frame's planes into targets, one for each of the `parts` that partition the region.
     pub(crate) fn cut(
         planes: PlanesMut<'a>,
         region: Region,
@@ -214,13 +216,13 @@ impl<'a> Target<'a> {
         parts.iter().filter_map(target).collect()
     }
 
-    /// Selects a tile of a grid.
+    /// Makes a tile of a grid the current one.
     pub(crate) fn go_to(&mut self, grid: &Grid, tile: usize) {
         (self.tile, self.rect) = (tile, Rect::of_tile(grid, tile, grid.region).common(&self.color.rect));
         self.is_background = self.background.tile(&self.rect).is_some_and(|tile| tile.load(Ordering::Relaxed));
     }
 
-    /// Sets the flag of the tile that marks the background alone.
+    /// Sets the flag whether the current tile contains only the background.
     #[inline(always)]
     fn set_background(&mut self, is_background: bool) {
         if self.is_background != is_background {
@@ -231,12 +233,12 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// True if fragments are counted per pixel.
+    /// True if the frame has the plane that counts fragments per pixel.
     pub(crate) fn has_fragments(&self) -> bool {
         !self.fragments.rows.is_empty()
     }
 
-    /// Fills the whole tile with the values of empty pixels, unless it has them already.
+    /// Fills the current tile with the values of empty pixels, unless it has them already.
     pub(crate) fn fill_empty(&mut self, background: [f32; 4]) {
         if self.rect.is_empty() || self.is_background {
             return;
@@ -266,7 +268,7 @@ impl<'a> Target<'a> {
         self.index.put_all(origin, blocks, SplatNumbers::NOTHING);
     }
 
-    /// Returns a block's pixels as written; 0 for pixels outside the part.
+    /// Returns a block's pixels as they were written; 0 for pixels outside this part of the frame.
     pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
         let normal = self.normal.block(at, [0.0; 3]);
         let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
@@ -280,7 +282,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Returns a block's colours as written; 0 for pixels outside the part.
+    /// Returns a block's colours as they were written; 0 for pixels outside this part of the frame.
     #[inline(always)]
     pub(crate) fn color<S: Simd>(&self, simd: S, at: (i32, i32)) -> [Lanes<S>; 4] {
         let pixels = self.color.block(at, [0.0; 4]);
@@ -292,7 +294,7 @@ impl<'a> Target<'a> {
         Lanes::interleave4(Lanes::interleave4(rows))
     }
 
-    /// Writes the colour of a pixel, if it is inside the part.
+    /// Writes the colour of one pixel, if it is inside the current tile.
     pub(crate) fn put_one(&mut self, pixel: (i32, i32), color: [f32; 4]) {
         self.set_background(false);
         if let (_, [to]) = self.color.run(&self.rect, pixel, 1) {
@@ -300,7 +302,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Writes a block's colours.
+    /// Writes the colours of the block with this first pixel.
     #[inline(always)]
     pub(crate) fn put_color<S: Simd>(&mut self, (x, y): (i32, i32), color: [Lanes<S>; 4]) {
         self.set_background(false);
@@ -317,8 +319,8 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Encodes the tile's colours after they are written, unless they are encoded on writing. This is for tiles that
-    /// screen-space passes change.
+    /// Encodes the current tile's colours to 8 bits, unless they were encoded when they were written. This is for tiles
+    /// that screen-space passes change.
     pub(crate) fn encode<S: Simd>(&mut self, simd: S) {
         let Rect { x, y, end_x, end_y } = self.rect;
         if self.encodes || self.is_background || self.rgba8.rows.is_empty() {
@@ -329,7 +331,8 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they are inside the current tile.
+    /// Multiplies the colours, but not the alpha, of sixteen pixels of a row by `by`, as far as they are inside the
+    /// current tile.
     #[inline(always)]
     pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
         self.set_background(false);
@@ -346,7 +349,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Sets the colours of a block's pixels whose bits are set to black.
+    /// Sets the colours, but not the alpha, of those pixels of a block whose bits are set to black.
     pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
         self.set_background(false);
         for i in ones(bits.into()).map(|i| i as i32) {
@@ -362,12 +365,12 @@ impl<'a> Target<'a> {
         self.index.put_block(at, numbers);
     }
 
-    /// Returns the numbers of the nearest splats or polygons in a block's pixels, as written.
+    /// Returns the numbers of the nearest splats or polygons in a block's pixels, as they were written.
     pub(crate) fn index(&self, at: (i32, i32)) -> [u32; LANES] {
         self.index.block(at, SplatNumbers::NOTHING)
     }
 
-    /// Writes a block's pixels.
+    /// Writes the pixels of the block with this first pixel to all planes.
     #[inline(always)]
     pub(crate) fn put<S: Simd>(&mut self, at: (i32, i32), pixels: &Pixels<S>) {
         self.set_background(false);

@@ -7,9 +7,10 @@ use std::time::{Duration, SystemTime};
 const PREFIX: &str = ".surfel-";
 /// Suffix of the name of every temporary file.
 pub(super) const SUFFIX: &str = ".tmp";
-/// Number of random letters and digits in a name.
+/// Number of random letters and digits in the name of a temporary file.
 pub(super) const RANDOM_CHARACTERS: usize = 6;
-/// Time without a change after which a file counts as left over, whichever process wrote it.
+/// Age of a temporary file, since its last change, from which it may be removed as left over, whichever process wrote
+/// it.
 pub(super) const OLD: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// Host and process that wrote a temporary file, as stated in the file's name.
@@ -20,7 +21,7 @@ pub(super) struct Name {
 }
 
 impl Name {
-    /// Returns the prefix of the names of this process's temporary files.
+    /// Returns the prefix that all names of this process's temporary files share. It states the host and the process.
     pub(super) fn prefix_of_this_process() -> String {
         Self { host: this_host(), process: std::process::id() }.prefix()
     }
@@ -40,15 +41,16 @@ impl Name {
         is_own.then_some(found)
     }
 
-    /// True if the writer of a file has ended, or if the file, last modified at `modified`, is older than [`OLD`].
+    /// True if a temporary file is left over and may be removed. Its writer has ended, or the file, last modified at
+    /// `modified`, is older than [`OLD`].
     pub(super) fn is_left_over(self, modified: Option<SystemTime>) -> bool {
         let is_old = modified.is_some_and(|time| time.elapsed().is_ok_and(|age| age > OLD));
         is_old || (self.host == this_host() && has_ended(self.process))
     }
 }
 
-/// Returns a number that identifies this host: a hash of the running kernel and the process namespace on Linux, else of
-/// the host's name.
+/// Returns a number that identifies this host in names of temporary files. It is a hash of the running kernel and the
+/// process namespace on Linux, else of the host's name.
 fn this_host() -> u64 {
     let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
     let namespace = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
@@ -68,7 +70,7 @@ fn host_name() -> String {
     std::env::var("COMPUTERNAME").unwrap_or_default()
 }
 
-/// True if no process of this host has this id.
+/// True if this host has no process with the id `process`.
 #[cfg(unix)]
 fn has_ended(process: u32) -> bool {
     use rustix::process::{Pid, test_kill_process};

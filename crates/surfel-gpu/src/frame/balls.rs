@@ -1,5 +1,5 @@
-//! Balls and dots that may touch a tile (§11). They are set up in f64, as in the reference, listed by cells of pixels,
-//! and uploaded.
+//! Balls and dots that may touch a tile (rendering model §11). They are set up in f64, as in the reference, listed by
+//! cells of pixels, and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::passes::pass_list::{has_layers, is_of_shadow_map};
@@ -16,8 +16,8 @@ use surfel_shaders::layout;
 /// Number of balls per task when balls are set up in parallel; results don't depend on it.
 const BALLS_A_TASK: usize = 1024;
 
-/// Exclusive upper bound of the number of balls in a tile. Targets store the numbers of balls as f32, which is exact
-/// below 2²⁴.
+/// Smallest number of balls with which a tile is refused. Targets store indices of balls as f32, which is exact below
+/// 2²⁴.
 pub(crate) const MOST_BALLS: usize = 1 << 24;
 
 /// Size of the shaders' ball record in words.
@@ -26,7 +26,7 @@ const WORDS: usize = layout::BALL_WORDS as usize;
 /// Balls that may touch a tile, in the layout of the shaders.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TileBalls {
-    /// Words of the shaders' `balls`, at least one.
+    /// Contents of the shaders' buffer `balls`, in 32-bit words; at least one word.
     pub words: Vec<u32>,
     /// Identity of each ball: its object's index among the scene's objects of balls, and the ball's index in the
     /// object's cloud.
@@ -36,8 +36,10 @@ pub(crate) struct TileBalls {
 /// Ball projected to the screen.
 struct ScreenBall {
     record: [u32; WORDS],
-    /// Cells that the ball may touch, both ends included: first column, first row, last column, last row.
+    /// Cells (squares of pixels by which a tile's balls are listed) that the ball may touch: first column, first row,
+    /// last column, last row. All are included.
     cells: [u32; 4],
+    /// Identity of the ball, as in [`TileBalls::members`].
     member: [u32; 2],
 }
 
@@ -100,11 +102,13 @@ struct BallView<'a> {
     plan: &'a FramePlan,
     targets: Region,
     transform: ObjectTransform,
-    /// Length of an image pixel, in world units, at points of the object; `None` unless radii are in pixels.
+    /// Form that gives the length of an image pixel, in world units, at each point of the object. `None` unless the
+    /// balls' radii are in pixels.
     pixel: Option<surfel_render::BallPixelForm>,
     /// Scale from object to world units, by which radii are multiplied.
     scale: f64,
-    /// Smallest radius of a drawn ball, in pixels of the view.
+    /// Smallest radius with which a ball is drawn, in pixels of the view: smaller balls are enlarged to it. Only shadow
+    /// maps have a value above 0.
     least_px: f64,
     radii: &'a [f32],
     flat: bool,

@@ -12,7 +12,8 @@ use surfel_shaders::layout;
 /// Maximum number of cells of a tile of samples. The radix sort of cells uses two digits of eight bits.
 const MOST_SAMPLE_CELLS: u32 = 1 << 16;
 
-/// Number of image pixels along the side of a cell of samples.
+/// Number of image pixels along the side of a cell whose pixels are samples. Each image pixel has [`SAMPLES_SIDE`]
+/// samples along its side.
 const PIXELS_OF_CELL: u32 = layout::CELL_SIDE / SAMPLES_SIDE;
 
 /// A tile of pixels, followed by the tiles of its samples if edges are antialiased by samples.

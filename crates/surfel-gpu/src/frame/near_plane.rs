@@ -1,5 +1,5 @@
 //! Setup in f64 of splats that reach the near plane or span much of their distance from the eye. They are drawn with
-//! the exact mapping and without a filter (§3, last paragraph), from records that the CPU uploads.
+//! the exact mapping and without a filter (rendering model §3, last paragraph), from records that the CPU uploads.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -60,12 +60,14 @@ pub(crate) struct NearPlaneChunk<'a> {
 struct NearPlaneForms {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
-    /// Depth of the splat's plane at the anchor (or 1/z, see `is_reciprocal`).
+    /// Scale of the depth form. The depth at offset d from the anchor is `scale`/W(d) if `is_reciprocal`, where W is
+    /// the footprint's third form. Otherwise it is `scale` + `gradient`·d.
     scale: f64,
-    /// Change of the depth form per pixel, relative to `scale`.
+    /// Gradient of the depth form per pixel: of W if `is_reciprocal`, otherwise of the depth.
     gradient: V2<f64>,
-    /// True if 1/z is linear in the pixel (perspective), false if z is (orthographic).
+    /// True if 1/z is linear over the pixels (perspective projection), false if z is (orthographic projection).
     is_reciprocal: bool,
+    /// Bounding box of the splat on the screen, in image coordinates in pixels.
     extent_px: Extent<f64>,
 }
 
@@ -209,7 +211,8 @@ impl NearPlaneSetup<'_> {
         })
     }
 
-    /// Moves the forms' anchor to the middle of the pixel box, where rounding to f32 has the least effect.
+    /// Writes a splat's forms and depth range to a new record. They are relative to the middle of the pixel box, where
+    /// rounding to f32 has the least effect. Returns the record, and its footprint about this point.
     fn forms_words(
         &self,
         forms: &NearPlaneForms,

@@ -2,7 +2,7 @@
 
 use surfel_shaders::layout;
 
-/// Margin around a splat's pixel box, in pixels; the same as in the shaders.
+/// Margin by which the box of a splat's pixels is enlarged on each side, in pixels; the same as in the shaders.
 const BOX_SLACK_PX: f64 = layout::BOX_SLACK_PX as f64;
 
 /// Returns the pixels of the tile whose centres lie between `min` and `max`, both image coordinates in pixels. The

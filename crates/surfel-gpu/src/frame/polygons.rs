@@ -1,4 +1,4 @@
-//! Polygons that may touch a tile (§6). They are set up in f64, as in the reference, and uploaded.
+//! Polygons that may touch a tile (rendering model §6). They are set up in f64, as in the reference, and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;

@@ -1,5 +1,5 @@
-//! Samples of edge pixels (§5). Samples are the pixels of a finer view, which is drawn after a tile of pixels and into
-//! the tile's targets.
+//! Samples of edge pixels (rendering model §5). Samples are the pixels of a finer view, which is drawn after a tile of
+//! pixels and into the tile's targets.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;

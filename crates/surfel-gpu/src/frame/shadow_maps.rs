@@ -1,4 +1,4 @@
-//! Shadow maps (§5): views of lights, drawn as frames of their own.
+//! Shadow maps (rendering model §5): views of lights, drawn as frames of their own.
 
 use crate::frame::tile::TileData;
 use crate::frame::tiling::tiles;
@@ -33,7 +33,9 @@ pub const SHADOW_MAPS: &str = "shadow maps";
 pub struct ShadowMapCache<B> {
     /// Buffer of the maps' texels.
     pub texels: B,
+    /// Identity of the scene of which the maps were drawn.
     scene: Arc<()>,
+    /// Inputs of each map other than the scene: its view and its plan.
     maps: Vec<(View, FramePlan)>,
 }
 

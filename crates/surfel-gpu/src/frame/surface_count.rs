@@ -1,5 +1,5 @@
-//! Lower bound of the number of surfaces in a pixel of an A-buffer (§8), counted in f64 at a few pixels. A frame that
-//! needs more layers than a GPU draws is thus refused before most layers are drawn.
+//! Lower bound of the number of surfaces in a pixel of an A-buffer (rendering model §8), counted in f64 at a few
+//! pixels. A frame that needs more layers than a GPU draws is thus refused before most layers are drawn.
 
 use crate::frame::uniforms::FrameScene;
 use crate::passes::pass_list::is_of_shadow_map;
@@ -15,9 +15,10 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, StoredSplat};
 use surfel_render::{FramePlan, Pass, Region, View};
 
-/// Maximum number of pixels sampled. The pixels are centres of transparent splats, so that a stack of splats is found.
+/// Largest number of pixels in which surfaces are counted. Each contains the projected centre of a transparent splat,
+/// so that a stack of splats is found.
 const SAMPLES: usize = 32;
-/// Relative difference of two depths above which they differ in single precision, too.
+/// Smallest relative difference of two depths in f64 at which they surely differ in single precision, too.
 const APART: f64 = 1e-6;
 
 /// Unfiltered splat, projected to the screen.
@@ -31,6 +32,7 @@ struct Shape {
     footprint: Footprint<f64>,
     depth: DepthPlane<f64>,
     depth_form: DepthForm,
+    /// Depth tolerance ε of the splat, in view units.
     epsilon: f64,
 }
 
@@ -39,7 +41,8 @@ struct Shape {
 struct Pile {
     /// Depths z and z + ε of each transparent fragment.
     fragments: Vec<[f64; 2]>,
-    /// Depth from which an opaque splat hides fragments; `None` if no opaque splat covers the pixel.
+    /// Smallest depth from which on an opaque splat may hide the pixel's fragments; `None` if no opaque splat covers
+    /// the pixel.
     opaque: Option<f64>,
 }
 

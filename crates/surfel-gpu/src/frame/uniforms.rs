@@ -37,7 +37,7 @@ pub struct FrameScene {
     /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
     pub(crate) light_count: u32,
-    /// Location of the shadow map that the frame draws; the default if it draws none.
+    /// Location of the shadow map that this frame draws; the default value unless the frame is a light's view.
     shadow: ShadowMapSlot,
     pub(crate) transforms: Vec<ObjectTransform>,
 }

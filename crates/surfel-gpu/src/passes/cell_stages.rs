@@ -53,8 +53,9 @@ pub struct CellStage {
 /// Names of the entry points that rasterise the cells of a plan.
 struct RasterEntries {
     cells: &'static str,
-    /// Entry points for dense cells, which are split into parts: thresholds, sums, and combining the parts. `None` if
-    /// the sides of oriented splats are separated; dense cells are then drawn whole.
+    /// Entry points for dense cells, which have more than `DENSE_PAIRS` pairs and are split into parts: thresholds,
+    /// sums, and combining the parts. `None` if the sides of oriented splats are separated; dense cells are then drawn
+    /// whole.
     of_parts: Option<[&'static str; 3]>,
     /// Entry points that find edges and blend them by coverage. The first is for whole cells. The others are for parts
     /// of dense cells: thresholds, sums, and combining the parts.

@@ -46,21 +46,23 @@ impl GpuPath {
 /// Name of the counter of pairs of a splat and a cell that the compute path drew, excluding samples.
 pub const CELL_PAIRS: &str = "cell_pairs";
 
-/// Names of the counters for edge samples: active cells, and pairs of a splat and an active cell.
+/// Names of the counters for edge samples: active cells (those with a sampled pixel), and pairs of a splat and an
+/// active cell.
 const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 
-/// Round of the compute path. Some passes run several times in a tile; the round selects their bindings and uniform.
+/// Round of the compute path. Some shader passes run several times in a tile, on other buffers; the round selects their
+/// bindings and their uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellRound {
-    /// Counts and emits the pairs of groups.
+    /// Counts the pairs (of a record and a cell that it touches) of each group of records, and emits them.
     Groups,
-    /// Numbers the active cells of samples.
+    /// Numbers the active cells of a tile of samples, which are the cells with a sampled pixel.
     Active,
-    /// Sorts pairs by the lower digit of the cell's number.
+    /// Sorts pairs by the lower digit of their cell's number.
     Low,
-    /// Sorts pairs by the upper digit of the cell's number.
+    /// Sorts pairs by the upper digit of their cell's number, after [`CellRound::Low`].
     High,
-    /// Reads the sorted pairs.
+    /// Reads the pairs after they are sorted, to draw the cells.
     Sorted,
 }
 
@@ -69,19 +71,20 @@ pub enum CellRound {
 pub enum CellBuffer {
     /// Records of splats: the shaders' `cell_records`.
     Records,
-    /// Groups of records: the shaders' `cell_groups`.
+    /// Groups of records, which are set up together: those of a chunk, or up to 256 splats at the near plane. They are
+    /// the shaders' `cell_groups`.
     Groups,
     /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellRoom::holds`].
     Counters,
     /// Pairs of a splat and a cell: as emitted, and later fully sorted by cell.
     Pairs,
-    /// Pairs sorted by the lower digit.
+    /// Pairs sorted only by the lower digit of their cell's number.
     HalfSortedPairs,
-    /// Histograms of the radix sort: number of pairs per digit and block.
+    /// Histograms of the radix sort: number of pairs per value of the digit and block of pairs.
     Digits,
-    /// Sums per block of a prefix sum (scan).
+    /// Sum of each block of numbers, which a prefix sum (scan) computes first.
     Sums,
-    /// Depth thresholds and sums of the parts of dense cells.
+    /// Depth thresholds and sums of the parts into which dense cells are split.
     Parts,
     /// Number of active cells before each cell in a tile of samples: the shaders' `cell_active`.
     Active,
@@ -140,7 +143,7 @@ impl CellBuffer {
     }
 }
 
-/// Number of values of a radix digit.
+/// Number of values of a digit of the radix sort.
 const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
 /// Size of a tile's counters in [`CellBuffer::Counters`], in bytes. The host reads the whole buffer.
@@ -287,7 +290,7 @@ pub struct CellRoom {
     pub active: u32,
 }
 
-/// Required capacity: numbers of records, pairs and active cells.
+/// Capacity that a tile requires of the buffers: numbers of records, pairs and active cells, as in [`CellRoom`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct CellNeeds {
     records: u64,
@@ -327,7 +330,8 @@ fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
     counters.chunks_exact(layout::cell_counters::SIZE / 4).map(CellNeeds::of_one)
 }
 
-/// Capacity for active cells of samples before the first frame of a tile.
+/// Largest number of active cells of samples for which buffers are sized before the first frame. They grow if a tile
+/// has more.
 const FIRST_ACTIVE: u32 = 1 << 14;
 
 impl CellRoom {
@@ -405,7 +409,8 @@ impl CellRoom {
         (layout::record::SIZE as u64 + place) * u64::from(self.records)
     }
 
-    /// Returns the maximum number of parts of dense cells; 0 if there are too few pairs for any dense cell.
+    /// Returns the maximum number of parts into which dense cells are split; 0 if there are too few pairs for any dense
+    /// cell.
     pub(crate) fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }

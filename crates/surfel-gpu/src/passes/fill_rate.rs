@@ -6,7 +6,7 @@ use crate::passes::schedule::Step;
 use surfel_model::{Camera, Projection, Settings};
 use surfel_render::{Capabilities, FramePlan, Planes, RenderError, SceneSummary, Stats, View, plan};
 
-/// Number of times that the probes run.
+/// Number of runs of the fill-rate probes, of which the fastest counts.
 pub const FILL_RATE_RUNS: usize = 4;
 
 /// Measured fill rate.

@@ -1,4 +1,4 @@
-//! Indirect draws of transparent layers (§8). They end before the first layer without fragments.
+//! Indirect draws of transparent layers (rendering model §8). They end before the first layer without fragments.
 //!
 //! The GPU decides when to end. Between two layers, a shader looks for a pixel with a depth threshold in the layer. If
 //! there is none, the shader sets the instance counts of all further draws to 0; no count is read back. A layer without
@@ -10,7 +10,7 @@ use crate::struct_writer::StructWriter;
 use surfel_render::Stats;
 use surfel_shaders::layout::{draw_arguments, layer_draws as at};
 
-/// Name of the counter of [`count_layers`].
+/// Name of the counter of drawn layers in the statistics, which [`count_layers`] raises.
 const LAYERS_DRAWN: &str = "layers_drawn";
 
 /// Size of the header of the shaders' `LayerDraws`, in bytes: the words that [`count_layers`] and [`layers_remain`]

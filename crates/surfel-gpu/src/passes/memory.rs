@@ -39,13 +39,13 @@ impl Precision {
 /// Parameters that determine a tile's targets. Targets with equal keys can be reused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TargetKey {
-    /// Width and height in pixels.
+    /// Width and height of the targets, in pixels.
     pub size: [u32; 2],
     /// Precision of the sums.
     pub precision: Precision,
     /// Draws that write and read the targets.
     pub draws: Vec<Draw>,
-    /// Number of floats of the planes.
+    /// Number of floats in the tile's buffer of planes.
     pub floats: u32,
 }
 

@@ -39,9 +39,9 @@ pub(crate) fn has_layers(plan: &FramePlan) -> bool {
     has_steps || peeled_layers(plan) > 0 || plan.has(Pass::RemainingLayer)
 }
 
-/// Number of A-buffer layers that are drawn before the host reads back whether more layers remain.
+/// Number of layers of an A-buffer that are drawn before the host reads back whether more layers remain.
 const FIRST_LAYERS: usize = 16;
-/// Maximum number of layers. Shaders count layers in 8 bits.
+/// Maximum number of transparent layers. Shaders count layers in 8 bits.
 const MOST_LAYERS: usize = 255;
 
 /// Returns the number of layers to peel. It is the plan's number, and in an A-buffer at least [`FIRST_LAYERS`].

@@ -5,19 +5,19 @@
 pub enum Target {
     /// Depth buffer of the depth threshold, which is the smallest z + ε of a pixel, as the reversed depth z_near/z.
     DepthThreshold,
-    /// Σw·(colour, 1).
+    /// Sums Σw·(colour, 1) over the fragments of the nearest opaque surface, where w is a fragment's weight.
     Color,
-    /// Σw·(normal, z).
+    /// Sums Σw·(normal, z) of the nearest opaque surface.
     Surface,
-    /// Σw·material factors.
+    /// Sums Σw·(ambient, diffuse and specular factor, shininess) of the nearest opaque surface.
     Material,
-    /// Number of fragments, and coverage.
+    /// Number of fragments of the nearest opaque surface, and the coverage of the pixel by them.
     Counts,
     /// The depth threshold z + ε, and the tolerance ε of the splat that defines it.
     ThresholdTolerance,
     /// The depth threshold at edge pixels as a reversed depth; 0 elsewhere.
     EdgeThreshold,
-    /// Like `DepthThreshold`, for the edge background.
+    /// Like `DepthThreshold`, for the edge background: the surface behind the nearest one at edge pixels.
     EdgeBackgroundThreshold,
     /// Depth buffer of the nearest polygon, reversed.
     PolygonDepth,
@@ -41,15 +41,16 @@ pub enum Target {
     LayerSurface,
     /// Like `Material`, for a transparent layer.
     LayerMaterial,
-    /// Number of fragments, and Σw·alpha.
+    /// Number of fragments of a transparent layer, and Σw·alpha.
     LayerCounts,
-    /// Number of fragments, Σw·alpha, and the coverage of an A-buffer layer.
+    /// Number of fragments, Σw·alpha, and the coverage of the pixel by an A-buffer layer.
     LayerCoverage,
     /// Like `ThresholdTolerance`, for the nearest transparent splats.
     LayerTolerance,
     /// Depth buffer of the nearest splat fragment, reversed.
     NearestDepth,
-    /// Index plus one of the draw of the nearest splat, and the number of the splat's record within that draw.
+    /// Draw and record of the nearest splat: the index of its draw plus one, and the number of its record within that
+    /// draw.
     Nearest,
     /// Like `Nearest`, for transparent layers.
     LayerNearest,

@@ -9,7 +9,8 @@ use surfel_model::{ChunkSpace, Storage, stored_axes};
 use surfel_model::{Shape, SplatCloud};
 use surfel_shaders::layout;
 
-/// Offsets of the fields within a stored splat, in words, or in half-words if splats are quantised to 16 bits.
+/// Offsets of the fields within a stored splat, and its size (`stride`), in words, or in half-words if splats are
+/// quantised to 16 bits.
 pub(crate) struct StoredLayout {
     storage: Storage,
     is_disk: bool,

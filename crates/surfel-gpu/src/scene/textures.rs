@@ -9,7 +9,7 @@ use surfel_shaders::layout;
 pub(crate) struct TextureBuffer {
     /// Words of the buffer: linear values of the 256 sRGB bytes, then the textures. Empty without textures.
     pub words: Vec<u32>,
-    /// Textures in the buffer, with their offsets in words.
+    /// Textures that the buffer contains, each with its offset in words, so that none is stored twice.
     found: Vec<(Arc<Texture>, u32)>,
 }
 

@@ -13,14 +13,15 @@ use surfel_files::atomic::Pending;
 use surfel_files::error::IoError;
 use surfel_files::programs::Program;
 
-/// Name of ffmpeg's encoder for H.264.
+/// Name of ffmpeg's encoder for H.264 video.
 const ENCODER: &str = "libx264";
-/// Options of the encoder. The quality is visually lossless, so that flat areas and thin lines show no artefacts.
+/// Command-line options of ffmpeg for speed and quality. The quality is visually lossless, so that flat areas and thin
+/// lines show no artefacts.
 const QUALITY: [&str; 4] = ["-preset", "fast", "-crf", "17"];
 
 /// Advice in error messages if ffmpeg is missing.
 const HELP: &str = "install ffmpeg, or write .gif or .apng, which need no other program";
-/// Maximum number of bytes of ffmpeg's messages that an error contains.
+/// Maximum number of bytes that are kept of ffmpeg's messages. The last line of them is shown in an error.
 const MESSAGE: usize = 1 << 16;
 
 /// Installed ffmpeg that has an encoder for H.264.
@@ -29,7 +30,7 @@ pub struct Ffmpeg {
     version: String,
 }
 
-/// Formats program, version and encoder for a note.
+/// Formats program, version and encoder for the note that states how a film is encoded.
 impl fmt::Display for Ffmpeg {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "the installed ffmpeg {} ({ENCODER})", self.version)
@@ -94,7 +95,7 @@ impl Ffmpeg {
         pending.publish()
     }
 
-    /// Returns the command that encodes raw frames from its standard input.
+    /// Returns the command that encodes raw RGB frames from its standard input to the file `path`.
     fn command(path: &Path, options: &FilmOptions) -> Command {
         let [width, height] = even(options.size);
         let mut command = Command::new("ffmpeg");
@@ -113,12 +114,12 @@ impl Ffmpeg {
     }
 }
 
-/// Returns the version, such as 7.1, from the first line of ffmpeg's output.
+/// Returns ffmpeg's version, such as 7.1, from the first line of its output.
 fn version(text: &str) -> Option<&str> {
     text.lines().next()?.strip_prefix("ffmpeg version ")?.split_whitespace().next()
 }
 
-/// Returns a size with both sides rounded up to even numbers.
+/// Returns a frame size with both sides rounded up to even numbers, which chroma subsampling needs.
 fn even(size: [u32; 2]) -> [u32; 2] {
     size.map(|side| side.next_multiple_of(2))
 }

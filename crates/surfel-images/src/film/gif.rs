@@ -4,7 +4,7 @@ use super::palette::Quantiser;
 use super::{FilmOptions, Frames};
 use std::io::{self, Write};
 
-/// Number of units per second in which a GIF states delays.
+/// Unit of a GIF's delays, as units per second: a delay is in hundredths of a second.
 const UNITS: u64 = 100;
 
 /// Writes the frames as a GIF. The pixels must be opaque.

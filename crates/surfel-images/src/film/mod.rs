@@ -26,7 +26,8 @@ use std::thread::JoinHandle;
 use surfel_files::error::{IoError, WRITE};
 use surfel_math::srgb::nearest_8_bit;
 
-/// Maximum number of drawn frames that wait for the encoder.
+/// Maximum number of drawn frames that wait for the encoder. Drawing pauses while there are that many, so that memory
+/// stays bounded.
 const WAITING: usize = 2;
 
 /// File format of a film.
@@ -64,7 +65,7 @@ impl FilmFormat {
 pub struct FrameRate(u32);
 
 impl FrameRate {
-    /// Largest rate in frames per second.
+    /// Largest supported frame rate of films, in frames per second.
     pub const MOST: f64 = 240.0;
     /// Largest rate of a GIF in frames per second. A GIF states delays in hundredths of a second, and browsers slow
     /// down delays of less than two.
@@ -111,12 +112,12 @@ impl fmt::Display for FrameRate {
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FilmEncoder {
-    /// Surfel's encoder for animated PNG.
+    /// Surfel's own encoder for animated PNG.
     Apng,
-    /// Surfel's encoder for GIF.
+    /// Surfel's own encoder for GIF.
     #[cfg(feature = "gif")]
     Gif,
-    /// The installed program ffmpeg.
+    /// The installed program ffmpeg, for MP4.
     Mp4(Ffmpeg),
 }
 
@@ -162,7 +163,7 @@ impl fmt::Display for FilmEncoder {
     }
 }
 
-/// Properties of a film.
+/// Frame size, length, frame rate and background of a film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilmOptions {
     /// Width and height of the frames in pixels.
@@ -171,14 +172,14 @@ pub struct FilmOptions {
     pub frames: u32,
     /// Frame rate of the film.
     pub rate: FrameRate,
-    /// Background in linear RGB, onto which frames are blended in formats without alpha.
+    /// Background in linear RGB, onto which frames are blended in formats without alpha ([`FilmFormat::has_alpha`]).
     pub background: [f32; 3],
 }
 
 /// Pixels of a frame: sRGB-encoded with straight alpha, in rows from the top.
 type Pixels = Vec<[u8; 4]>;
 
-/// Receiving end of the channel from the writer to the encoder's thread.
+/// Frames that the encoder's thread receives from the [`FilmWriter`]. The message `None` follows the last one.
 struct Frames(Receiver<Option<Pixels>>);
 
 impl Frames {
@@ -201,7 +202,7 @@ pub struct FilmWriter {
     options: FilmOptions,
     has_alpha: bool,
     pushed: u32,
-    /// Channel to the encoder's thread; `None` after the thread has ended.
+    /// Sender of frames to the encoder's thread; `None` after the thread has ended.
     frames: Option<SyncSender<Option<Pixels>>>,
     thread: Option<JoinHandle<Result<(), IoError>>>,
 }
@@ -226,7 +227,7 @@ impl FilmWriter {
         Ok(Self { path: path.to_path_buf(), options, has_alpha, pushed: 0, frames: Some(sender), thread })
     }
 
-    /// Adds a frame: the encoded plane (`rgba8`) if there is one, or else the colour plane.
+    /// Adds a frame: its 8-bit sRGB plane (`rgba8`) if there is one, or else its colour plane.
     ///
     /// # Errors
     /// [`IoError::System`] if the frame has another size, or if the film already has all of its frames. Also errors of
@@ -284,7 +285,7 @@ impl Drop for FilmWriter {
     }
 }
 
-/// Returns an error for frames that a format doesn't support.
+/// Checks that a format supports the size, number and rate of a film's frames. Returns the reason if it doesn't.
 fn check(format: FilmFormat, options: &FilmOptions) -> Result<(), String> {
     let [width, height] = options.size;
     if options.frames == 0 || width == 0 || height == 0 {
@@ -300,7 +301,7 @@ fn check(format: FilmFormat, options: &FilmOptions) -> Result<(), String> {
     Ok(())
 }
 
-/// Encodes all frames of a channel, and writes the file.
+/// Encodes all frames that arrive, and writes the file. This is the work of the encoder's thread.
 fn encode(
     path: &Path,
     overwrite: bool,

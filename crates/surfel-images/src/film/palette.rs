@@ -12,21 +12,25 @@ use std::collections::HashMap;
 
 /// Maximum number of colours of a GIF frame.
 const COLORS: usize = 256;
-/// Number of leading bits per channel that distinguish colours in the histogram.
+/// Number of leading bits per channel that distinguish colours in [`samples`]. Colours with equal leading bits are
+/// merged.
 const BITS: u32 = 6;
-/// Limits on the mean squared error, in squared levels, up to which a palette is used for a further frame. The first
-/// one is a factor on the error of a new palette, the second one is added.
+/// Factor f and summand s of the limit up to which the last palette is used for the next frame. Its mean squared error
+/// may be f times that of a new palette plus s, in squared 8-bit levels.
 const WORSE: (f32, f32) = (1.25, 0.5);
-/// Reciprocal of the fraction of pixels above which a colour is in the palette exactly: 1/50.
+/// Divisor of a frame's number of pixels. A colour that more pixels than the quotient have (1/50 of the frame) is in
+/// the palette exactly.
 const LARGE: usize = 50;
-/// Weight of the squared error of single pixels in a mixture, relative to that of their mean.
+/// Weight of a mixture's noise relative to its error. The noise is the mean squared difference of single pixels from
+/// their mean; the error is the squared difference of that mean from the wanted colour.
 const ROUGHNESS: f32 = 0.15;
-/// Maximum number of colours whose mixtures are cached.
+/// Largest number of mixtures in the cache of a [`Quantiser`]. A larger cache is emptied, to bound its memory.
 const KNOWN: usize = 1 << 20;
 
-/// Side of the dither pattern in pixels.
+/// Width and height of the dither pattern in pixels.
 const SIDE: usize = 8;
-/// Dither thresholds in 64ths: the ordered pattern of Bayer (1973).
+/// Thresholds of the dither pattern in 64ths, by row and column: the ordered pattern of Bayer (1973). A pixel gets a
+/// mixture's second colour if its threshold is less than the second colour's share.
 const PATTERN: [[u8; SIDE]; SIDE] = [
     [0, 32, 8, 40, 2, 34, 10, 42],
     [48, 16, 56, 24, 50, 18, 58, 26],
@@ -40,18 +44,18 @@ const PATTERN: [[u8; SIDE]; SIDE] = [
 
 type Rgb = [f32; 3];
 
-/// Colours of a frame with equal leading bits: their mean, and the number of pixels.
+/// Mean of the colours of a frame that have equal leading bits ([`BITS`]), and the number of their pixels.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     color: Rgb,
     count: f32,
 }
 
-/// Mixture of two palette colours.
+/// Mixture of two palette colours that dithering shows for a colour between them.
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
     colors: [u8; 2],
-    /// Fraction of the second colour in 64ths, at most half.
+    /// Fraction of pixels with the second colour, in 64ths, at most half.
     share: u8,
 }
 
@@ -59,7 +63,7 @@ struct Mixture {
 #[derive(Debug, Default)]
 pub(super) struct Quantiser {
     palette: Vec<[u8; 3]>,
-    /// Cache of the mixtures for colours of frames with this palette.
+    /// Cache of the mixtures by frame colour, valid for the current palette.
     known: HashMap<[u8; 3], Mixture>,
 }
 
@@ -118,7 +122,7 @@ fn nearest(color: Rgb, colors: &[Rgb]) -> (usize, f32) {
     best
 }
 
-/// Returns the mixture of two of the colours that approximates a colour with the smallest error.
+/// Returns the mixture of two palette colours that approximates a colour with the smallest error.
 fn mixture(color: Rgb, colors: &[Rgb]) -> Mixture {
     let (first, mut least) = nearest(color, colors);
     let mut best = Mixture { colors: [first as u8; 2], share: 0 };
@@ -145,7 +149,7 @@ fn mixture(color: Rgb, colors: &[Rgb]) -> Mixture {
     best
 }
 
-/// Returns the number of pixels for each colour.
+/// Returns the number of pixels for each colour of a frame.
 fn counted(pixels: &[[u8; 4]]) -> HashMap<[u8; 3], usize> {
     let mut counts = HashMap::new();
     for run in pixels.chunk_by(|a, b| a[..3] == b[..3]) {
@@ -175,7 +179,7 @@ fn samples(pixels: &[[u8; 4]]) -> Vec<Sample> {
     used.map(sample).collect()
 }
 
-/// Returns the mean squared error of a palette, in squared levels.
+/// Returns the mean squared error of a frame's pixels in the nearest colours of a palette, in squared 8-bit levels.
 fn mean_error(samples: &[Sample], palette: &[[u8; 3]]) -> f32 {
     let colors: Vec<Rgb> = palette.iter().map(|color| color.map(f32::from)).collect();
     let (mut error, mut count) = (0.0_f64, 0.0_f64);
@@ -186,11 +190,11 @@ fn mean_error(samples: &[Sample], palette: &[[u8; 3]]) -> f32 {
     (error / count.max(1.0)) as f32
 }
 
-/// Group of colours that is represented by one colour of the palette.
+/// Group of a frame's colours that one colour of the palette represents.
 struct Group {
     samples: Vec<Sample>,
     mean: Rgb,
-    /// Channel with the largest squared error, along which the group is divided.
+    /// Channel with the largest squared error from the mean, along which the group is divided.
     axis: usize,
     error: f32,
 }

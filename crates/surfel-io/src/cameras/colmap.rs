@@ -5,17 +5,17 @@ use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DQuat, DVec3};
 use std::collections::BTreeMap;
 
-/// A COLMAP camera, which several images share.
+/// Image size and lens of a COLMAP camera, which several images share.
 pub(super) struct Intrinsics {
     size: [u32; 2],
     lens: Lens,
 }
 
-/// Cameras by COLMAP's id. A camera that can't be used is stored as its problem, which is reported only if an image
-/// uses the camera.
+/// COLMAP's cameras by id, to which the images refer. A camera that can't be used is stored as its problem, which is
+/// reported only if an image uses the camera.
 pub(super) type Lenses = BTreeMap<u32, Result<Intrinsics, Problem>>;
 
-/// COLMAP's camera models in the order of their ids: name and number of parameters.
+/// COLMAP's camera models in the order of their ids: name and number of parameters. Binary files state only the id.
 const MODELS: [(&str, usize); 12] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -31,8 +31,8 @@ const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// Returns the lens of a camera model. The parameters are f, cx, cy or fx, fy, cx, cy, then distortion, which must be
-/// zero; fisheye models are refused.
+/// Returns size and lens of a camera with COLMAP's camera model `model`. Its parameters `p` are f, cx, cy or fx, fy,
+/// cx, cy, then distortion. Distortion must be zero; fisheye models are refused.
 fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrinsics, Problem> {
     let of = |problem: Problem| Problem { what: format!("camera {id} {}", problem.what), ..problem };
     let (focal, principal, rest) = match model {
@@ -50,7 +50,8 @@ fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrins
     Ok(Intrinsics { size: [width, height], lens: lens(focal, principal).map_err(of)? })
 }
 
-/// Returns the camera of an image. The pose is the view-from-world transform, with a quaternion w, x, y, z.
+/// Returns the camera of an image. Its pose is the view-from-world transform: the quaternion `q`, as w, x, y, z, and
+/// the translation `t`.
 fn image(name: &str, q: [f64; 4], t: [f64; 3], camera: u32, lenses: &Lenses) -> Result<NamedCamera, Problem> {
     let of = |problem: Problem| Problem { what: format!("image {name} {}", problem.what), ..problem };
     let Some(intrinsics) = lenses.get(&camera) else {
@@ -158,7 +159,7 @@ fn push(images: &mut Vec<NamedCamera>, image: NamedCamera) -> Result<(), Problem
     Ok(())
 }
 
-/// Returns numbered lines, without comments.
+/// Returns the numbered lines of a text file, without comments.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.starts_with('#'))

@@ -6,7 +6,8 @@ use crate::scene_file::json_problem;
 use glam::{DMat3, DMat4, DVec3};
 use serde_json::{Map, Value};
 
-/// Half a pixel: the distance from the first pixel's centre to the image's corner.
+/// Half a pixel. OpenCV and Open3D measure from the first pixel's centre, so that this is added to their principal
+/// points; see the module [`cameras`](super).
 const HALF: f64 = 0.5;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Vec<NamedCamera>, Fault> {
@@ -48,17 +49,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<NamedCamera>, Fault> {
     Ok(cameras.collect::<Result<_, _>>()?)
 }
 
-/// Names of the matrix K.
+/// Names under which files store OpenCV's matrix K, with focal lengths and principal point.
 const K: &[&str] = &["K", "k", "camera_matrix", "intrinsic_matrix"];
 
-/// The keys of a camera, and the file's keys that apply to all cameras.
+/// The JSON values of a camera, and the values of the file that apply to all of its cameras.
 struct Keys<'a> {
     own: &'a Map<String, Value>,
     shared: &'a Map<String, Value>,
 }
 
 impl Keys<'_> {
-    /// Returns the value of the first existing key; the camera's keys have priority over the file's.
+    /// Returns the value of the first existing key among `keys`; the camera's values have priority over the file's.
     fn get(&self, keys: &[&str]) -> Option<&Value> {
         let of = |map: &'_ Map<String, Value>, key: &str| map.contains_key(key);
         let own = keys.iter().find(|key| of(self.own, key)).and_then(|key| self.own.get(*key));
@@ -73,7 +74,7 @@ impl Keys<'_> {
         }
     }
 
-    /// Returns `N` numbers, which may be nested arrays.
+    /// Returns the `N` numbers of the first existing key among `keys`. They may be nested arrays, such as a matrix.
     fn numbers<const N: usize>(&self, keys: &[&str]) -> Result<Option<[f64; N]>, Problem> {
         let Some(value) = self.get(keys) else { return Ok(None) };
         let mut flat = Vec::new();
@@ -88,7 +89,7 @@ impl Keys<'_> {
         self.numbers(keys)?.ok_or_else(|| Problem::new(format!("has no {}", keys[0])).expected(format!("{N} numbers")))
     }
 
-    /// Returns the image's size, from a pair of keys or from `size`.
+    /// Returns the image's size in pixels, from keys for width and height or from one key for both.
     fn size(&self) -> Result<Option<[u32; 2]>, Problem> {
         let sides = match self.numbers::<2>(&["size", "image_size", "resolution"])? {
             Some(size) => Some(size),
@@ -104,7 +105,7 @@ impl Keys<'_> {
         Ok(Some(sides.map(|side| side as u32)))
     }
 
-    /// Returns an error for a lens with distortion.
+    /// Checks that the camera has no lens distortion, which isn't supported. Returns an error otherwise.
     fn no_distortion(&self) -> Result<(), Problem> {
         let model = self.get(&["camera_model"]).and_then(Value::as_str).unwrap_or("PINHOLE");
         if !matches!(model, "PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV" | "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV") {
@@ -133,7 +134,7 @@ impl Keys<'_> {
     }
 }
 
-/// Collects the numbers of nested arrays, row by row, at most `limit`.
+/// Appends the numbers of nested arrays to `all`, row by row, until it has `limit` numbers.
 fn flatten(value: &Value, limit: usize, all: &mut Vec<f64>) {
     if all.len() >= limit {
         return;
@@ -215,7 +216,8 @@ fn of_opencv(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     calibrated(k, rotation, translation, keys.size()?)
 }
 
-/// Returns a camera from its matrices, with pixel coordinates from the first pixel's centre.
+/// Returns a camera from its matrix K, and its view-from-world rotation and translation. Pixel coordinates in K start
+/// at the first pixel's centre.
 pub(super) fn calibrated(
     k: DMat3,
     view_from_world: DMat3,

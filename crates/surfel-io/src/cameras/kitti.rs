@@ -6,7 +6,7 @@ use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Numbers by the name before the colon; empty for lines with other content.
+/// Numbers of each line of a calibration file, by the name before the colon. Lines with other content have no numbers.
 type Entries = BTreeMap<String, Vec<f64>>;
 
 fn entries(bytes: &[u8]) -> Result<Entries, Problem> {
@@ -26,7 +26,7 @@ fn entries(bytes: &[u8]) -> Result<Entries, Problem> {
     Ok(all)
 }
 
-/// Returns the 3×3 part and the last column of an entry's 3×4 matrix.
+/// Returns the 3×3 part and the last column of the 3×4 matrix with the name `name`, if the file has one.
 fn matrix(entries: &Entries, name: &str) -> Result<Option<(DMat3, DVec3)>, Problem> {
     let Some(m) = entries.get(name) else { return Ok(None) };
     let Ok(m) = <[f64; 12]>::try_from(m.as_slice()) else {

@@ -15,22 +15,24 @@ use glam::{DMat3, DVec3};
 use std::path::{Component, Path, PathBuf};
 use surfel_model::Camera;
 
-/// Maximum size of a camera file, in bytes: COLMAP's `images.bin` includes the points of each image.
+/// Largest size, in bytes, of a camera file that is read. COLMAP's `images.bin` is large, because it includes the
+/// points of each image.
 const MAX_BYTES: u64 = 4 << 30;
-/// Maximum number of cameras in a set.
+/// Maximum number of cameras in one file or folder.
 const MAX_CAMERAS: usize = 10_000_000;
-/// Maximum deviation from a rotation that is accepted as rounding: some files have only three decimals.
+/// Largest difference, between the product of a rotation matrix with its transpose and the identity, that is accepted
+/// as rounding. Some files have only three decimals.
 const ROUNDING: f64 = 2e-3;
-/// Near plane of cameras whose file states none, in world units.
+/// Distance of the near plane from the eye, in world units. The formats state none.
 const NEAR: f64 = 0.01;
 
-/// A camera of another program.
+/// A camera from a file of another program, with the name of its image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// Name of the image, without extension. Folder names that aren't common to all images are part of it, joined by
-    /// `_`.
+    /// Name of the camera's image, without extension. Folder names that aren't common to all images are part of it,
+    /// joined by `_`.
     pub name: String,
-    /// Width and height in pixels, if the file states them.
+    /// Width and height of the camera's image in pixels, if the file states them.
     pub size: Option<[u32; 2]>,
     eye: DVec3,
     /// Camera axes in world space, as columns: right, down, forward.
@@ -38,12 +40,12 @@ pub struct NamedCamera {
     lens: Lens,
 }
 
-/// Projection as stated in a camera's file.
+/// Projection of a camera, as its file states it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lens {
-    /// Focal lengths, and principal point from the upper left corner, in pixels of the stated image size.
+    /// Focal lengths, and principal point from the upper left corner, both in pixels of the stated image size.
     Pixels { focal: [f64; 2], principal: [f64; 2] },
-    /// Horizontal field of view, with square pixels and a centred principal point.
+    /// Horizontal field of view in radians. Pixels are square, and the principal point is the image's centre.
     FieldOfView { x_rad: f64 },
 }
 
@@ -175,7 +177,7 @@ fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     Err(Fault::from(problem).of(path))
 }
 
-/// Converts image paths to names: without common folders, and without extension.
+/// Converts the cameras' names from paths of images to names without common folders and without extension.
 fn name_all(cameras: &mut [NamedCamera]) {
     let parts = |name: &str| -> Vec<String> {
         let name = name.replace('\\', "/");
@@ -203,18 +205,19 @@ fn name_all(cameras: &mut [NamedCamera]) {
     }
 }
 
-/// Extensions of images, which are removed from a camera's name.
+/// Extensions of image files, which are removed from a camera's name.
 const EXTENSIONS: [&str; 12] = ["png", "jpg", "jpeg", "tif", "tiff", "exr", "webp", "bmp", "ppm", "pgm", "heic", "dng"];
 
-/// A camera in OpenCV's axes: x right, y down, z forward.
+/// Position and rotation of a camera whose axes are OpenCV's: x right, y down, z forward.
 struct Pose {
-    /// World-to-camera rotation and translation.
+    /// World-to-camera rotation; the field `translation` is applied after it.
     view_from_world: DMat3,
     translation: DVec3,
 }
 
 impl Pose {
-    /// Returns the eye, and the axes right, down and forward, in world space.
+    /// Returns the eye in world space, and a matrix whose columns are the camera's axes right, down and forward in
+    /// world space.
     fn in_world(&self) -> Result<(DVec3, DMat3), Problem> {
         let axes = rotation(self.view_from_world.transpose())?;
         let eye = -(axes * self.translation);
@@ -225,7 +228,7 @@ impl Pose {
     }
 }
 
-/// Orthonormalises a rotation whose digits were rounded; returns an error for other matrices.
+/// Orthonormalises a rotation matrix whose digits were rounded; returns an error for matrices that aren't rotations.
 fn rotation(m: DMat3) -> Result<DMat3, Problem> {
     let wrong = |what: &str| Problem::new(format!("has {what}")).expected("a rotation");
     let error = (m * m.transpose() - DMat3::IDENTITY).to_cols_array().map(f64::abs);
@@ -240,7 +243,8 @@ fn rotation(m: DMat3) -> Result<DMat3, Problem> {
     Ok(DMat3::from_cols(right, forward.cross(right), forward))
 }
 
-/// Returns a lens with validated focal lengths and principal point, the latter from the upper left corner.
+/// Returns a lens with focal lengths and principal point in pixels, the latter from the upper left corner. Returns an
+/// error if they aren't positive and finite.
 fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
     if !focal.iter().all(|f| *f > 0.0 && f.is_finite()) || !principal.iter().all(|c| c.is_finite()) {
         let problem = Problem::new(format!("has the focal lengths {focal:?} and the principal point {principal:?}"));
@@ -249,7 +253,7 @@ fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
     Ok(Lens::Pixels { focal, principal })
 }
 
-/// Returns the problem of a camera with distortion.
+/// Returns the problem of a camera with distortion, with a command that undistorts. `what` describes the camera.
 fn distorted(what: String) -> Problem {
     Problem::new(what).expected("a pinhole camera").help(
         "undistort the images first: colmap image_undistorter --image_path IMAGES --input_path SPARSE --output_path \

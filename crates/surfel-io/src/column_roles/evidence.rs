@@ -4,30 +4,34 @@ use crate::strided::{Strided, block_rows, read_rows};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Size of the sample of rows: `RUNS` runs, spread evenly over the file, of `RUN_ROWS` consecutive rows each.
+/// Number of consecutive rows in each run of the sample. The sample has [`RUNS`] runs, spread evenly over the file.
 pub(super) const RUN_ROWS: usize = 32;
+/// Number of runs of rows in the sample; each has [`RUN_ROWS`] rows.
 const RUNS: usize = 64;
-/// Maximum number of distinct values that are counted.
+/// Number of distinct values at which counting stops, since larger numbers mean the same.
 const MOST_DISTINCT: usize = 1024;
-/// Minimum number of rows for conclusions about a column's typical values.
+/// Smallest number of rows from which the values of a column are taken as typical of its role.
 pub(super) const MANY_ROWS: usize = 8;
 
-/// Statistics of one column.
+/// Statistics of one column, from which its possible roles are judged.
 #[derive(Clone, Debug)]
 pub(super) struct Column {
-    /// Minimum and maximum finite value of all rows; infinities if there is none.
+    /// Minimum finite value of all rows; +∞ if there is none.
     pub(super) least: f64,
+    /// Maximum finite value of all rows; −∞ if there is none.
     pub(super) most: f64,
     /// True if every finite value is a whole number.
     pub(super) is_whole: bool,
-    /// Difference between successive rows, if it is the same in all rows and a whole number.
+    /// Difference between successive rows, if it is the same in all rows and a whole number, as in a column of row
+    /// numbers.
     pub(super) step: Option<f64>,
-    /// True if the values ascend: `is_sorted` allows equal neighbours, `is_increasing` doesn't.
+    /// True if no value is less than the one before.
     pub(super) is_sorted: bool,
+    /// True if each value is greater than the one before.
     pub(super) is_increasing: bool,
-    /// Number of distinct values in the sample.
+    /// Number of distinct values in the sample, at most [`MOST_DISTINCT`].
     pub(super) distinct: usize,
-    /// Values of the sampled rows.
+    /// Values of the sampled rows, in runs of [`RUN_ROWS`] consecutive rows.
     pub(super) sample: Vec<f64>,
 }
 
@@ -37,12 +41,12 @@ impl Column {
         self.least >= self.most
     }
 
-    /// True if the column counts rows: each value differs from the one before by the same whole number.
+    /// True if the column counts rows: each value differs from the one before by the same whole number, other than 0.
     pub(super) fn counts(&self) -> bool {
         self.step.is_some_and(|step| step != 0.0)
     }
 
-    /// True if the column counts all rows from 0 or 1.
+    /// True if the column numbers all rows, from 0 or 1.
     pub(super) fn numbers_rows(&self) -> bool {
         self.step == Some(1.0) && (self.least == 0.0 || self.least == 1.0)
     }
@@ -53,7 +57,7 @@ impl Column {
         self.is_few() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
     }
 
-    /// True if the values are few distinct whole numbers in many rows.
+    /// True if the values are few distinct whole numbers in many rows, as instance ids are. They may have gaps.
     pub(super) fn is_sparse_label(&self) -> bool {
         self.is_few() && self.sample.len() >= 512 && self.distinct <= 40
     }
@@ -71,13 +75,13 @@ impl Column {
         gaps.len() >= 2 * MANY_ROWS && gaps.iter().all(|gap| *gap <= 3.0 * usual)
     }
 
-    /// Returns the pairs of sample values that are successive in the file.
+    /// Returns the pairs of sample values whose rows are neighbours in the file.
     pub(super) fn successive(&self) -> impl Iterator<Item = (f64, f64)> {
         self.sample.chunks(RUN_ROWS).flat_map(|run| run.windows(2).map(|pair| (pair[0], pair[1])))
     }
 }
 
-/// Statistics of a column over a block of rows.
+/// Statistics of a column over a block of rows. [`measure`] joins those of all blocks.
 #[derive(Clone, Copy)]
 struct Part {
     first: f64,
@@ -131,7 +135,7 @@ impl Part {
     }
 }
 
-/// Measures columns of equal length with at least one row.
+/// Returns the statistics of columns, which have equal lengths and at least one row.
 pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     let sample = sample(columns);
     let rows = columns[0].len();
@@ -169,7 +173,7 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     parts.map(column).collect()
 }
 
-/// Returns the sampled values of each column: those of runs of rows that are spread evenly over the file.
+/// Returns each column's values in the sample: runs of consecutive rows that are spread evenly over the file.
 fn sample(columns: &[Strided<'_>]) -> Vec<Vec<f64>> {
     let rows = columns[0].len();
     let starts: Vec<usize> = match rows {
@@ -196,7 +200,7 @@ fn distinct(sample: &[f64]) -> usize {
     found.len()
 }
 
-/// Largest value of a colour channel: 1, 255 or 65535.
+/// Range of colour channels: from 0 to 1, 255 or 65535.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scale {
     One,
@@ -214,7 +218,7 @@ impl Scale {
     }
 }
 
-/// Three neighbouring columns, tested as vectors or colours.
+/// Three neighbouring columns, which may be vectors or colours.
 pub(super) struct Triple<'a> {
     columns: [&'a Column; 3],
 }
@@ -228,7 +232,8 @@ impl<'a> Triple<'a> {
         (0..self.columns[0].sample.len()).map(|row| self.columns.map(|c| c.sample[row]))
     }
 
-    /// True if at least 95 % of the rows are unit vectors; zero vectors mean no vector and don't count.
+    /// True if at least 95 % of the rows are unit vectors, as normals are. Zero vectors mean that a point has no
+    /// normal, and don't count.
     pub(super) fn is_unit(&self) -> bool {
         let (mut unit, mut other) = (0, 0);
         for row in self.rows() {
@@ -243,7 +248,7 @@ impl<'a> Triple<'a> {
         unit > 0 && unit >= 19 * other
     }
 
-    /// Returns the scale of the values if they are colours; `None` if they can't be colours.
+    /// Returns the range of the colour channels if the columns can be colours, else `None`.
     pub(super) fn color_scale(&self) -> Option<Scale> {
         let [least, most] = self
             .columns
@@ -261,7 +266,8 @@ impl<'a> Triple<'a> {
         }
     }
 
-    /// Returns a score for colours: the larger, the more the three columns resemble colours.
+    /// Returns a score that grows with the resemblance of the three columns to colours; `None` if they can't be
+    /// colours.
     pub(super) fn color(&self) -> Option<f64> {
         let scale = self.color_scale()?;
         let c = &self.columns;
@@ -308,7 +314,8 @@ impl<'a> Triple<'a> {
         Some(score)
     }
 
-    /// Returns the mean difference between the largest and the smallest value of a row: colours are mostly near grey.
+    /// Returns the mean difference between the largest and the smallest value of a row. It is small for colours, which
+    /// are mostly near grey.
     fn mean_spread(&self) -> f64 {
         let spread = |row: [f64; 3]| {
             let [least, most] = row.iter().fold([f64::INFINITY, 0.0], |[lo, hi], v| [v.min(lo), v.max(hi)]);
@@ -317,7 +324,7 @@ impl<'a> Triple<'a> {
         self.rows().map(spread).sum::<f64>() / self.columns[0].sample.len().max(1) as f64
     }
 
-    /// True if the values are whole numbers divided by 255 and rounded, and aren't only 0 and 1.
+    /// True if the values are 8-bit levels divided by 255 and rounded, and aren't only 0 and 1.
     pub(super) fn are_bytes_over_255(&self) -> bool {
         let (mut near, mut far, mut between) = (0, 0, 0);
         for v in self.rows().flatten().filter(|v| v.is_finite()) {
@@ -332,5 +339,5 @@ impl<'a> Triple<'a> {
     }
 }
 
-/// Largest value that counts as a rounded 1 in colours from 0 to 1.
+/// Largest maximum of colour columns that counts as 1, so that the range is from 0 to 1. Rounding may exceed 1.
 pub(crate) const ROUNDED_ONE: f64 = 1.001;

@@ -19,7 +19,7 @@ use crate::strided::Strided;
 use evidence::{Column, MANY_ROWS, Scale, Triple, measure};
 use std::collections::{HashMap, HashSet};
 
-/// Role of one column or of neighbouring columns.
+/// Role of one column or of neighbouring columns, such as a position of three columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Role {
     /// Row index or identifier.
@@ -30,14 +30,15 @@ pub(crate) enum Role {
     Normal,
     /// Red, green, blue.
     Color,
-    /// Alpha after a colour: full opacity in all rows.
+    /// Alpha channel, which follows a colour. It is recognised only if all rows are opaque.
     Alpha,
     Intensity,
-    /// Classes or instance ids.
+    /// Whole numbers that recur, such as classes or instance ids.
     Label,
     ReturnNumber,
-    /// Two columns: return number, then number of returns. [`Self::ReturnsReversed`] has them in the other order.
+    /// Two columns: return number of a laser pulse, then number of returns of the pulse.
     Returns,
+    /// The same two columns in the other order.
     ReturnsReversed,
     Unknown,
 }
@@ -58,7 +59,7 @@ impl Role {
         Self::Unknown,
     ];
 
-    /// Returns the names of the role's columns.
+    /// Returns the names that the role's columns get.
     pub(crate) fn names(self) -> &'static [&'static str] {
         match self {
             Self::Index => &["index"],
@@ -76,13 +77,13 @@ impl Role {
         }
     }
 
-    /// True if only one column, or group of columns, can have the role.
+    /// True if only one column, or group of columns, of a file can have the role.
     fn is_single(self) -> bool {
         !matches!(self, Self::Index | Self::Label | Self::Unknown)
     }
 }
 
-/// A role and the index of its first column.
+/// A role and the index of its first column, as a part of a [`Layout`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Part {
     pub(crate) role: Role,
@@ -93,12 +94,12 @@ pub(crate) struct Part {
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     pub(crate) parts: Vec<Part>,
-    /// Reasons for the choice, for the note.
+    /// Reasons for the choice in words, for a note to the user.
     pub(crate) reasons: Vec<String>,
 }
 
-/// Chooses the roles of at least three columns with at least one row. `numbers` are the columns' numbers in their file,
-/// from 1, for messages.
+/// Chooses the roles of the columns of a file, which has at least three columns and one row. `numbers` are the columns'
+/// numbers in the file, from 1, for messages.
 ///
 /// # Errors
 /// [`Problem`] for columns that aren't points.
@@ -130,17 +131,17 @@ pub(crate) fn as_note(what: &str, reasons: &[String]) -> String {
     format!("{what}{reasons}; `columns` names them otherwise")
 }
 
-/// True if the first column is an index, judging from all columns.
+/// True if the first column is an index of the rows, judging from all columns.
 pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
     let measured = measure(columns);
     Choice { columns: &measured, best: HashMap::new() }.index(State::default()).is_some()
 }
 
-/// State of the search: the next column, and the roles chosen for the columns before it.
+/// State of the search for a layout: the next column, and the roles chosen for the columns before it.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 struct State {
     next: usize,
-    /// Bit mask of single roles that are already used.
+    /// Roles that may occur only once and are already used, as bits `1 << role`.
     taken: u16,
     before: Option<Role>,
 }
@@ -156,20 +157,21 @@ impl State {
     }
 }
 
-/// True if at least 99 % of the sampled pairs of x and y are distinct, as those of a raster's cells are.
+/// True if at least 99 % of the sampled pairs of x and y are distinct, as those of a raster's cells are. Whole numbers
+/// before columns of fractions are x and y only then.
 fn are_cells(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
 }
 
-/// The search for the layout with the largest score.
+/// The search for the layout with the largest sum of scores.
 struct Choice<'a> {
     columns: &'a [Column],
-    /// Best role of the columns at each state, with the sum of scores from there to the last column.
+    /// Best role for the next columns at each state, with the sum of scores from there to the last column.
     best: HashMap<State, (f64, Role)>,
 }
 
-/// Score of an impossible layout.
+/// Score of a layout without a position, which is impossible.
 const NEVER: f64 = -1e9;
 
 impl Choice<'_> {
@@ -211,12 +213,12 @@ impl Choice<'_> {
         Triple::of([0, 1, 2].map(|k| &self.columns[first + k]))
     }
 
-    /// True if a column has the same value in many rows.
+    /// True if a column has the same value in all of many rows, so that it says nothing about its role.
     fn says_nothing(&self, i: usize) -> bool {
         self.rows() >= MANY_ROWS && self.columns[i].is_constant()
     }
 
-    /// Returns the score of a role for the next columns; `None` if the role is impossible.
+    /// Returns the score of a role for the next columns; `None` if their statistics exclude the role.
     fn of_role(&self, role: Role, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -268,7 +270,8 @@ impl Choice<'_> {
         }
     }
 
-    /// Returns a score for a column of row numbers or identifiers, which is before all others or at the end.
+    /// Returns the score of the next column as row numbers or identifiers; `None` if it can't have this role. Such a
+    /// column is before all others or at the end.
     fn index(&self, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -300,7 +303,8 @@ impl Choice<'_> {
         (is_distinct && fractional == 3).then_some(3.0)
     }
 
-    /// Returns a score for ascending times since 1970 or 1980, in seconds or smaller units.
+    /// Returns the score of the next column as ascending times since 1970 or 1980, in seconds or smaller units. Returns
+    /// `None` if it can't have this role.
     fn time(&self, state: State) -> Option<f64> {
         const LEAST: f64 = 1e8;
         let column = &self.columns[state.next];
@@ -343,7 +347,7 @@ impl Choice<'_> {
         score - if constant == 3 { 6.0 } else { 0.5 * constant as f64 }
     }
 
-    /// True if a column contains return numbers, which ascend within a pulse and restart with 1.
+    /// True if a column contains return numbers of laser pulses, which ascend within a pulse and restart with 1.
     fn are_returns(&self, i: usize) -> bool {
         let column = &self.columns[i];
         let is_small = column.is_whole && column.least == 1.0 && column.most <= 15.0 && !column.is_constant();
@@ -355,7 +359,7 @@ impl Choice<'_> {
         is_small && self.rows() >= 2 * MANY_ROWS && f64::from(ordered) >= 0.9 * f64::from(all)
     }
 
-    /// True if the first column is a return number, and the second the number of returns of the same pulse.
+    /// True if the column `number` has return numbers, and the column `count` the number of returns of the same pulse.
     fn are_pairs_of_returns(&self, number: usize, count: usize) -> bool {
         let [number, count] = [number, count].map(|i| &self.columns[i]);
         let is_small = |c: &Column| c.is_whole && c.least >= 1.0 && c.most <= 15.0;
@@ -364,7 +368,7 @@ impl Choice<'_> {
         self.rows() >= MANY_ROWS && is_small(number) && is_small(count) && !count.is_constant() && is_within
     }
 
-    /// Returns the reason for a role as text; `None` if the role needs no explanation.
+    /// Returns the reason for a role in words, for the note to the user; `None` if the role needs no explanation.
     fn reason(&self, part: Part, numbers: &[usize]) -> Option<String> {
         let Part { role, first } = part;
         let last = first + role.names().len() - 1;

@@ -5,12 +5,12 @@ use crate::error::Problem;
 #[cfg(feature = "npy")]
 use crate::strided::Strided;
 
-/// Maximum deviation from a rotation that is accepted as rounding.
+/// Largest error of a rotation matrix that is accepted as rounding, in products of its rows.
 const ROUNDING: f64 = 2e-3;
-/// Minimum number of rows and columns of an image.
+/// Smallest number of rows and of columns from which an array may be an image.
 #[cfg(feature = "npy")]
 const IMAGE_SIDE: usize = 8;
-/// Minimum number of similar columns of a table that is assumed to be an image.
+/// Smallest number of columns from which an array with similar columns counts as an image, however its values differ.
 #[cfg(feature = "npy")]
 const WIDE: usize = 20;
 
@@ -31,7 +31,7 @@ pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     are_poses.then(problem)
 }
 
-/// True if the numbers are a matrix of three or four rows of four numbers, whose left part is a rotation.
+/// True if the numbers are a camera pose: three or four rows of four numbers, whose left part is a rotation.
 fn is_pose(m: &[f64]) -> bool {
     if m.len() == 16 && m[12..] != [0.0, 0.0, 0.0, 1.0] {
         // Column-major order.
@@ -47,7 +47,7 @@ fn is_rotation(rows: [[f64; 3]; 3]) -> bool {
     (0..3).all(|i| (i..3).all(|j| (dot(rows[i], rows[j]) - expected(i, j)).abs() <= ROUNDING))
 }
 
-/// Kind of matrices in an array.
+/// Kind of the matrices in an array that aren't points.
 #[cfg(feature = "npy")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Matrix {

@@ -12,18 +12,19 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::io::Write;
 
-/// Maximum number of columns of a file.
+/// Maximum number of columns of all scans together. Files with more are refused.
 const MAX_COLUMNS: usize = 100;
 
-/// Description of the rows that [`unpack`] writes. Coordinates are as exact as those of the scans, with poses applied.
+/// Description of the rows that [`unpack`] writes. Their coordinates have the scans' poses applied, and are as exact as
+/// in the file.
 pub(crate) struct Table {
     names: Vec<String>,
     kinds: Vec<NumberType>,
-    /// True for each column with a nonzero value; the others are dropped.
+    /// For each column, true if a row has a nonzero value in it. Other columns are dropped.
     used: Vec<bool>,
     rows: usize,
     roles: Roles,
-    /// Position of the scanner, if the file is a single scan.
+    /// Position of the scanner, if the file is a single scan from one position.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
 }
@@ -42,7 +43,7 @@ impl Table {
         at
     }
 
-    /// Returns the columns of the rows in `data`.
+    /// Returns the columns of the rows that [`unpack`] wrote, which are in `data`.
     pub(crate) fn columns<'a>(&self, data: Bytes<'a>) -> (Vec<Named<'a>>, Roles) {
         let stride = self.kinds.iter().map(|kind| kind.bytes()).sum();
         let (mut offset, mut columns) = (0, Vec::new());
@@ -55,7 +56,7 @@ impl Table {
     }
 }
 
-/// Returns the number of points that a file states, limited by the file's size.
+/// Returns the number of points that a file states, but at most as many as fit into the file's size.
 pub(crate) fn survey(source: &mut dyn Source) -> Result<u64, Fault> {
     guarded(|| {
         let mut file = File::open(source, false)?;
@@ -65,7 +66,7 @@ pub(crate) fn survey(source: &mut dyn Source) -> Result<u64, Fault> {
     })
 }
 
-/// Writes the points of all scans to `out`.
+/// Writes the points of all scans as rows of binary numbers to `out`. Returns the description of the rows.
 pub(crate) fn unpack(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<String>) -> Result<Table, Fault> {
     guarded(|| unpack_scans(source, out, notes))
 }
@@ -138,7 +139,7 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     Ok(table)
 }
 
-/// Appends a colour as bytes or as 16-bit numbers; white for points without a colour.
+/// Appends a colour's three channels to a row, as bytes or as 16-bit numbers. Points without a colour get white.
 fn push_color(layout: &Layout<'_>, levels: Option<[f64; 3]>, are_bytes: bool, bytes: &mut Vec<u8>) {
     for k in 0..3 {
         let range = layout.color.map_or((0.0, 1.0), |(_, ranges)| ranges[k]);

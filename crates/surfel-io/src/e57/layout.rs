@@ -4,7 +4,7 @@ use crate::survey::{NORMAL_NAMES, plain_name};
 use ::e57::{PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-/// Returns the column name of an attribute; `None` for attributes that aren't read as a column.
+/// Returns the column name for an E57 record; `None` for records that aren't read as a column of their own.
 fn column_name(name: &RecordName) -> Option<String> {
     Some(match name {
         RecordName::Intensity => "intensity".into(),
@@ -18,7 +18,7 @@ fn column_name(name: &RecordName) -> Option<String> {
     })
 }
 
-/// Converts a value to a number.
+/// Converts a value of a record to a number.
 fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     match (value, kind) {
         (RecordValue::Single(v), _) => f64::from(*v),
@@ -30,7 +30,7 @@ fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     }
 }
 
-/// Returns the number of bits of a value in the file.
+/// Returns the number of bits that a record's values have in the file.
 fn bits(kind: &RecordDataType) -> u32 {
     match *kind {
         RecordDataType::Single { .. } => 32,
@@ -41,7 +41,7 @@ fn bits(kind: &RecordDataType) -> u32 {
     }
 }
 
-/// Returns the minimum and maximum of a colour channel.
+/// Returns the minimum and maximum of a colour channel that the scan or the record's type states.
 fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64)> {
     let limits = scan.color_limits.as_ref().and_then(|l| {
         let (min, max) = match channel {
@@ -63,20 +63,20 @@ fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64
     limits.filter(fine).or_else(|| of_type().filter(fine))
 }
 
-/// Record indices of red, green and blue, and the range of each.
+/// Record indices of red, green and blue, and the range of values of each.
 pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
 
 /// A column of a scan that is neither position, colour nor normal.
 #[derive(Clone, Debug)]
 pub(super) struct FurtherColumn {
     pub(super) name: String,
-    /// Index of the column's record in a row.
+    /// Index of the column's record in a row of values.
     pub(super) record: usize,
-    /// Index of the record that flags invalid values.
+    /// Index of the record that flags the column's invalid values, if there is one.
     invalid: Option<usize>,
 }
 
-/// Record indices and pose of a scan, by which its values are converted to points.
+/// Layout of a scan's rows: the scan's pose, and the record indices of its values. It converts rows to points.
 pub(super) struct Layout<'a> {
     pub(super) scan: &'a Scan,
     pub(super) index: u32,
@@ -87,14 +87,14 @@ pub(super) struct Layout<'a> {
     pub(super) color: Option<ColorRecords>,
     color_invalid: Option<usize>,
     pub(super) normal: Option<[usize; 3]>,
-    /// Further columns.
+    /// Columns other than position, colour and normal.
     pub(super) extras: Vec<FurtherColumn>,
     rotation: DMat3,
     translation: DVec3,
 }
 
 impl<'a> Layout<'a> {
-    /// Returns `None` if the scan has no coordinates.
+    /// Determines a scan's layout from its prototype; returns `None` if the scan has no coordinates.
     pub(super) fn new(scan: &'a Scan, index: u32, notes: &mut Vec<String>) -> Option<Self> {
         let at = |name: &RecordName| scan.prototype.iter().position(|r| r.name == *name);
         let triple = |names: [RecordName; 3]| -> Option<[usize; 3]> {
@@ -163,7 +163,7 @@ impl<'a> Layout<'a> {
         self.scan.prototype.iter().map(|r| u64::from(bits(&r.data_type))).sum()
     }
 
-    /// Returns the value of a point's record `i`.
+    /// Returns the value of record `i` in a point's row.
     pub(super) fn value(&self, row: &[RecordValue], i: usize) -> f64 {
         number(&row[i], &self.scan.prototype[i].data_type)
     }
@@ -177,7 +177,7 @@ impl<'a> Layout<'a> {
         !self.is_flagged(row, self.invalid)
     }
 
-    /// Returns a point's position, with the pose applied.
+    /// Returns a point's position in the file's coordinates, with the scan's pose applied.
     pub(super) fn place(&self, row: &[RecordValue]) -> DVec3 {
         let [a, b, c] = self.position.map(|i| self.value(row, i));
         let local = if self.spherical {
@@ -189,7 +189,7 @@ impl<'a> Layout<'a> {
         self.rotation * local + self.translation
     }
 
-    /// Returns a point's normal; zero if there is none.
+    /// Returns a point's normal, with the scan's pose applied; zero if there is none.
     pub(super) fn normal(&self, row: &[RecordValue]) -> Vec3 {
         let turned = |n: [usize; 3]| (self.rotation * DVec3::from(n.map(|i| self.value(row, i)))).as_vec3();
         self.normal.map_or(Vec3::ZERO, turned)
@@ -201,12 +201,12 @@ impl<'a> Layout<'a> {
         Some(at.map(|i| self.value(row, i)))
     }
 
-    /// Returns a point's value of a column; 0 if it is missing or invalid.
+    /// Returns a point's value in a further column; 0 if it is missing or invalid.
     pub(super) fn extra(&self, row: &[RecordValue], column: &FurtherColumn) -> f64 {
         if self.is_flagged(row, column.invalid) { 0.0 } else { self.value(row, column.record) }
     }
 
-    /// Returns the position of the scanner, if the scan was recorded from a single position.
+    /// Returns the position of the scanner, if the whole scan was recorded from there.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         let stands = self.spherical || self.scan.has_spherical() || self.scan.has_row_column();
         // Angles, or rows and columns, show that the scanner didn't move.

@@ -26,20 +26,22 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
-/// Maximum number of points and values per batch that the reading thread sends, and maximum number of batches ahead.
+/// Maximum number of points per batch that the reading thread sends.
 const BATCH_POINTS: usize = 8192;
+/// Maximum number of values per batch that the reading thread sends.
 const BATCH_VALUES: usize = 1 << 18;
+/// Maximum number of batches that the reading thread is ahead of the processing.
 const BATCHES_AHEAD: usize = 4;
-/// Maximum number of bytes of points in memory: the first number plus the second times the file's size.
+/// Maximum number of bytes that points may take in memory: the first number plus the second times the file's size.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
-/// Maximum number of fields of a point, and of columns of all scans; real scanners write about 20.
+/// Maximum number of fields of a point, and of columns of all scans. Real scanners write about 20.
 const MAX_FIELDS: usize = 1000;
-/// Accuracy of positions, in metres; finer than that of any scanner. The remainder of f32 rounding is stored too if it
-/// could exceed a quarter of this accuracy at the farthest point.
+/// Accuracy of positions that is always preserved, in metres; finer than that of any scanner. If f32 could round the
+/// farthest point by more than a quarter of it, the rounding errors are stored, too.
 const CERTAIN_M: f64 = 1e-4;
 
-/// A reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. With `repair`, the
-/// last complete page ends the file.
+/// A reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. If a damaged file is
+/// repaired, the file ends for it with the last complete page.
 struct Pages<R> {
     reader: BufReader<R>,
     end: Option<u64>,
@@ -83,7 +85,7 @@ fn problem(what: impl std::fmt::Display) -> Problem {
     Problem::new(format!("is no E57 that can be read: {what}")).help("the file is cut off or damaged: copy it again")
 }
 
-/// A column with the type that the prototype requires.
+/// A column with the number type that the file's prototype needs.
 enum Typed {
     U8(SparseColumn<u8>),
     U16(SparseColumn<u16>),
@@ -127,10 +129,10 @@ impl Typed {
     }
 }
 
-/// Points read so far.
+/// Points of all scans that were read so far.
 #[derive(Default)]
 struct Points {
-    /// Number of points that the file states, limited by the file's size.
+    /// Number of points that the file states, but at most as many as fit into the file's size.
     expected: usize,
     origin: Option<DVec3>,
     high: Vec<Vec3>,
@@ -145,7 +147,7 @@ struct Points {
 }
 
 impl Points {
-    /// Appends a batch of values, point by point.
+    /// Appends a batch of values: one row for each point, in the scan's layout.
     fn append(&mut self, layout: &Layout<'_>, batch: &[RecordValue]) {
         let all = batch.chunks_exact(layout.scan.prototype.len());
         let rows: Vec<&[RecordValue]> = all.clone().filter(|row| layout.is_valid(row)).collect();
@@ -218,7 +220,8 @@ impl Points {
     }
 }
 
-/// Returns the function that converts a colour level in `range` to linear light. Ranges up to 255 or 65535 use a table.
+/// Returns the function that converts a colour level in `range` to linear light. Ranges that are those of 8 or 16 bits
+/// use a table.
 fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     if range == (0.0, 255.0) {
         |v, _| linear_of_8_bit()[v.round().clamp(0.0, 255.0) as usize]
@@ -229,7 +232,7 @@ fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     }
 }
 
-/// An open file and the descriptions of its scans.
+/// An open E57 file and the descriptions of its scans.
 struct File<'a> {
     reader: E57Reader<Pages<&'a mut dyn Source>>,
     scans: Vec<Scan>,
@@ -249,7 +252,7 @@ impl<'a> File<'a> {
         self.reader.coordinate_metadata().map(crs_of).unwrap_or_default()
     }
 
-    /// Returns the layouts of the scans with points.
+    /// Returns the layouts of the scans that have points.
     fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
         let mut layouts = Vec::new();
         for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
@@ -268,13 +271,13 @@ impl<'a> File<'a> {
         Ok(layouts)
     }
 
-    /// Returns the maximum number of points of a scan.
+    /// Returns the number of points that a scan states, but at most as many as fit into the file's size.
     fn most_points(&self, layout: &Layout<'_>) -> u64 {
         layout.scan.records.min(self.bytes * 8 / layout.bits_per_point())
     }
 
-    /// Returns an error if the points need much more memory than the file's size justifies. This is possible because a
-    /// field with a single value takes no bits in the file.
+    /// Checks that the points don't need much more memory than the file's size justifies. Hostile files could, because
+    /// a field with a single value takes no bits in the file.
     fn check_decoded(&self, layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>) -> Result<(), Problem> {
         let points = layouts.iter().map(|layout| self.most_points(layout)).fold(0, u64::saturating_add);
         let point_bytes = 24 + columns.values().map(|kind| kind.bytes() as u64).sum::<u64>();
@@ -332,7 +335,7 @@ impl<'a> File<'a> {
     }
 }
 
-/// Returns an error for more fields than any scanner writes: each field takes memory for every point.
+/// Checks that there aren't more fields than any scanner writes. Each field takes memory for every point.
 fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     if fields <= MAX_FIELDS {
         return Ok(());
@@ -341,7 +344,7 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     Err(problem.help("the file is damaged, or made to fill the memory"))
 }
 
-/// Returns the names of all scans' columns, each with the smallest number type for its values in all scans.
+/// Returns the names of all scans' further columns, each with the smallest number type for its values in all scans.
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
@@ -361,7 +364,7 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
     Ok(columns)
 }
 
-/// Adds a note for each column that some scans lack; their points have the value 0 in it.
+/// Adds a note for each column that some scans lack. Points of these scans have the value 0 in it.
 fn note_missing(layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>, notes: &mut Vec<String>) {
     let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.name == name);
     for name in columns.keys() {
@@ -379,7 +382,8 @@ fn none_valid(invalid: u64) -> Problem {
     Problem::new(format!("holds no point but {invalid} that are flagged as invalid")).expected("at least one")
 }
 
-/// Runs a reader and converts panics to an error: damaged files may violate assumptions of the crate `e57`.
+/// Runs a function that reads an E57 file, and converts panics to an error. Damaged files may violate assumptions of
+/// the crate `e57`.
 fn guarded<T>(read: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let problem = Problem::new("is damaged: its packets or its XML make no sense");

@@ -3,8 +3,9 @@
 use super::{GeoImage, GeoSamples, TILE};
 use std::io;
 
-/// GDAL's structural metadata, written after the header: all directories precede all tiles. The blank at the end
-/// reserves room for YES, which a program that modifies the file writes there.
+/// Structural metadata of GDAL, written after the header. They state that all directories precede all tiles, so that
+/// readers can rely on it. The blank at the end reserves room for YES, which a program that modifies the file writes
+/// there.
 const STRUCTURE: &str = "LAYOUT=IFDS_BEFORE_DATA\nKNOWN_INCOMPATIBLE_EDITION=NO\n ";
 
 const SHORT: u16 = 3;
@@ -13,7 +14,7 @@ const ASCII: u16 = 2;
 const DOUBLE: u16 = 12;
 const LONG8: u16 = 16;
 
-/// Byte offsets and lengths in the file of the tiles of the image or of an overview, row by row.
+/// Byte offsets and lengths of tiles in the file, row by row: those of the image or of one overview.
 pub(super) struct TileList {
     pub(super) offsets: Vec<u64>,
     pub(super) lengths: Vec<u32>,
@@ -28,12 +29,12 @@ impl TileList {
 /// The part of a GeoTIFF before its tiles: header and directories.
 pub(super) struct Head<'a> {
     pub(super) image: &'a GeoImage,
-    /// Sizes of the image and its overviews.
+    /// Width and height in pixels of the image, and then of each overview.
     pub(super) sizes: &'a [[u32; 2]],
     pub(super) is_big: bool,
 }
 
-/// An entry of a directory. The values of tile lists (`is_list`) are stored after all directories.
+/// An entry of a TIFF directory. Entries with lists of tiles (`is_list`) have their values after all directories.
 struct Entry {
     tag: u16,
     kind: u16,
@@ -59,7 +60,7 @@ impl Entry {
         Self::new(tag, DOUBLE, values.len(), values.iter().flat_map(|v| v.to_le_bytes()).collect())
     }
 
-    /// Creates a NUL-terminated text entry, without non-ASCII characters.
+    /// Creates an entry with a NUL-terminated text, without non-ASCII characters.
     fn text(tag: u16, text: &str) -> Self {
         let mut bytes: Vec<u8> = text.bytes().filter(|b| b.is_ascii() && *b != 0).collect();
         bytes.push(0);
@@ -68,7 +69,8 @@ impl Entry {
 }
 
 impl Head<'_> {
-    /// Returns the bytes of the head, with the tile offsets and lengths of `lists`.
+    /// Returns the bytes of the head. `lists` has the offsets and lengths of the tiles of the image, and then of each
+    /// overview.
     pub(super) fn bytes(&self, lists: &[TileList]) -> io::Result<Vec<u8>> {
         let mut out = Vec::new();
         out.extend(if self.is_big { &b"II\x2b\0\x08\0\0\0"[..] } else { &b"II\x2a\0"[..] });
@@ -125,7 +127,7 @@ impl Head<'_> {
         Ok(link)
     }
 
-    /// Appends an offset, as wide as the file's offsets.
+    /// Appends a file offset, in 8 bytes for a BigTIFF, else in 4.
     fn put_offset(&self, value: u64, out: &mut Vec<u8>) -> io::Result<()> {
         match self.is_big {
             true => out.extend(value.to_le_bytes()),
@@ -221,7 +223,7 @@ impl Head<'_> {
     }
 }
 
-/// Pads to an even offset, where values must begin.
+/// Pads the file to an even offset, where TIFF values must begin.
 fn even(out: &mut Vec<u8>) {
     if out.len() % 2 == 1 {
         out.push(0);

@@ -7,7 +7,8 @@ use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;
 use surfel_math::srgb::nearest_8_bit;
 
-/// Returns a tile at half its size, for the next overview. Only `columns` and `rows` of the tile are inside the image.
+/// Returns a tile at half its width and height, for the next overview. Only its first `columns` and `rows` are inside
+/// the image.
 pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -> Vec<u8> {
     let pixel = image.pixel_bytes();
     let mut half = Vec::with_capacity((columns.div_ceil(2) * rows.div_ceil(2)) as usize * pixel);
@@ -28,7 +29,8 @@ pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -
     half
 }
 
-/// Appends the mean of colours, and of the marks after them, weighted by alpha.
+/// Appends the mean of pixels with RGBA colours, weighted by alpha. A fifth band, if there is one, is averaged
+/// likewise.
 fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
     let table = linear_of_8_bit();
     let (mut sums, mut marks, mut alpha, mut count, mut bands) = ([0.0_f32; 3], 0.0, 0.0, 0.0, 4);
@@ -52,7 +54,7 @@ fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
     }
 }
 
-/// Appends the mean of the pixels that have data.
+/// Appends the mean of pixels with 32-bit floats, over the pixels that have data.
 fn mean_numbers<'a>(pixels: impl Iterator<Item = &'a [u8]>, are_normals: bool, out: &mut Vec<u8>) {
     // The bands are one or more heights, or a normal; a mark may follow.
     let (mut sums, mut count, mut bands) = (Vec::<f64>::new(), 0.0, 0);

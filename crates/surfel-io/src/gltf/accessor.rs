@@ -7,7 +7,7 @@ use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::buffer::View;
 
-/// Raw elements of an accessor or of its sparse part.
+/// Raw elements in the buffer of an accessor, or of its sparse part.
 struct Elements<'a> {
     data: &'a [u8],
     count: usize,
@@ -125,7 +125,7 @@ fn component(raw: &[u8], kind: DataType, normalized: bool) -> f32 {
     if normalized { fraction(value, kind) } else { value }
 }
 
-/// Converts a normalised integer to a fraction of its type's largest value; returns floats unchanged.
+/// Converts a normalised integer to a fraction of its number type's largest value; returns floats unchanged.
 pub(super) fn fraction(value: f32, kind: DataType) -> f32 {
     let largest = match kind {
         DataType::I8 => 127.0,

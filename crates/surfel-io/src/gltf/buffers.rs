@@ -9,19 +9,19 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
-/// Maximum number of bytes that the compressed views and meshes of a file may unpack to in sum.
+/// Maximum number of bytes that all compressed views and meshes of a file together may unpack to.
 pub(super) const MAX_DECOMPRESSED: usize = 2 << 30;
 
-/// A document with its buffers.
+/// A glTF document with the bytes of its buffers.
 pub(super) struct Asset<'a> {
     pub(super) document: &'a CheckedDocument,
     buffers: Vec<Cow<'a, [u8]>>,
-    /// Decompressed meshopt views; each is decompressed on first use.
+    /// Decompressed buffer views of `EXT_meshopt_compression`; each is decompressed on first use.
     decompressed: Vec<OnceCell<Result<Vec<u8>, Problem>>>,
     decompressed_bytes: Cell<usize>,
 }
 
-/// Reads all buffers; `binary` is the buffer inside a GLB file, which is the first one.
+/// Reads all buffers of a document. `binary` is the buffer inside a GLB file, which is the document's first one.
 pub(super) fn load<'a>(
     document: &'a CheckedDocument,
     binary: Option<&'a [u8]>,
@@ -58,7 +58,7 @@ pub(super) fn load<'a>(
 }
 
 impl Asset<'_> {
-    /// Returns the number of bytes of all buffers.
+    /// Returns the number of bytes of all buffers together.
     pub(super) fn total_bytes(&self) -> usize {
         self.buffers.iter().map(|b| b.len()).sum()
     }
@@ -75,7 +75,7 @@ impl Asset<'_> {
         }
     }
 
-    /// Returns the bytes of the buffer view with an index, which may not exist.
+    /// Returns the bytes of the buffer view with index `index`, which may not exist.
     pub(super) fn view_at(&self, index: usize) -> Result<&[u8], Problem> {
         let views = self.document.gltf.views();
         let count = views.len();
@@ -93,7 +93,7 @@ impl Asset<'_> {
         })
     }
 
-    /// Adds to the file's number of decompressed bytes; returns an error beyond [`MAX_DECOMPRESSED`]. The limit is
+    /// Counts `bytes` more decompressed bytes of the file; returns an error beyond [`MAX_DECOMPRESSED`]. The limit is
     /// necessary because any number of views and meshes can refer to the same few bytes.
     pub(super) fn spend_decompressed(&self, bytes: usize) -> Result<(), Problem> {
         let total = self.decompressed_bytes.get().saturating_add(bytes);

@@ -2,18 +2,19 @@
 
 use crate::error::{Fault, Location, Problem};
 
-/// Contents of a container.
+/// Contents of a glTF or GLB file: the document's JSON, and a buffer.
 pub(super) struct Container<'a> {
     pub(super) json: &'a [u8],
-    /// Buffer of a GLB file, which is the document's first buffer.
+    /// Buffer inside a GLB file, which is the document's first buffer.
     pub(super) binary: Option<&'a [u8]>,
 }
 
-/// Types of GLB chunks, "JSON" and "BIN\0", as little-endian numbers.
+/// Type of a GLB chunk with JSON: "JSON" as a little-endian number.
 const JSON: u32 = 0x4E4F_534A;
+/// Type of a GLB chunk with a buffer: "BIN\0" as a little-endian number.
 const BINARY: u32 = 0x004E_4942;
 
-/// Detects the container by its signature and splits it.
+/// Detects by the signature whether a file is JSON or GLB, and splits it.
 pub(super) fn split(bytes: &[u8]) -> Result<Container<'_>, Fault> {
     let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);

@@ -12,9 +12,10 @@ use gltf::json::validation::Error;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
-/// Supported extensions that a file may list as required.
+/// Extensions that Surfel supports, and that a file may list as required.
 const READ: [&str; 4] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_gaussian_splatting", INSTANCES];
-/// Unsupported extensions that a file may list as required: shape and base colour don't depend on them.
+/// Extensions that Surfel doesn't support, but that a file may list as required. Shape and base colour don't depend on
+/// them.
 const HARMLESS: [&str; 6] = [
     "KHR_animation_pointer",
     "KHR_xmp_json_ld",
@@ -23,15 +24,15 @@ const HARMLESS: [&str; 6] = [
     "EXT_structural_metadata",
     "KHR_techniques_webgl",
 ];
-/// Name parts of other unsupported extensions that a file may list as required. Material extensions leave the base
-/// colour valid, and lights aren't needed. A texture in an unsupported format has a fallback, or a note reports it as
-/// missing.
+/// Parts of the names of further extensions that Surfel doesn't support, but that a file may list as required. Material
+/// extensions leave the base colour valid, and lights aren't needed. A texture in an unsupported format has a fallback,
+/// or a note reports it as missing.
 const HARMLESS_PARTS: [&str; 3] = [MATERIAL, "_lights_", "_texture_"];
-/// Name part of material extensions.
+/// Part of the name of every material extension.
 const MATERIAL: &str = "_materials_";
-/// Legacy material model, whose diffuse colour is used as the base colour.
+/// Extension with the legacy material model, whose diffuse colour is used as the base colour.
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
-/// Extension with the factor of emissive colours.
+/// Extension with the factor by which a material's emissive colour is multiplied.
 pub(super) const EMISSIVE_STRENGTH: &str = "KHR_materials_emissive_strength";
 pub(super) const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
@@ -43,18 +44,18 @@ pub(super) const INSTANCES: &str = "EXT_mesh_gpu_instancing";
 /// A document whose indices are all in range and whose enumerations are all known.
 pub(super) struct CheckedDocument {
     pub(super) gltf: gltf::Document,
-    /// The unmodified, unchecked JSON, for extensions, and for numbers that the crate rounds.
+    /// The unmodified, unchecked JSON. Extensions are read from it, and numbers that the crate `gltf` rounds.
     pub(super) raw: Value,
     pub(super) notes: Vec<String>,
 }
 
 impl CheckedDocument {
-    /// Returns an extension of a primitive.
+    /// Returns the extension `name` of a primitive of the mesh with index `mesh`.
     pub(super) fn primitive_extension(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<&Value> {
         self.primitive(primitive, mesh)?.get("extensions")?.get(name)
     }
 
-    /// Returns the accessor index of an attribute that the crate has no name for; the accessor may not exist.
+    /// Returns the accessor index of an attribute that the crate `gltf` has no name for; the accessor may not exist.
     pub(super) fn attribute(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<usize> {
         let index = self.primitive(primitive, mesh)?.get("attributes")?.get(name)?.as_u64()?;
         Some(usize::try_from(index).unwrap_or(usize::MAX))
@@ -70,40 +71,41 @@ impl CheckedDocument {
         self.raw.get("meshes")?.get(mesh)?.get("primitives")?.get(primitive.index())
     }
 
-    /// Returns the meshopt extension of a buffer view or of a fallback buffer.
+    /// Returns the meshopt extension of the element `index` of the array `array`, which contains the buffer views or
+    /// the buffers.
     pub(super) fn meshopt(&self, array: &str, index: usize) -> Option<&Value> {
         let extensions = self.raw.get(array)?.get(index)?.get("extensions")?;
         MESHOPT.iter().find_map(|name| extensions.get(name))
     }
 
-    /// Returns an extension of a texture.
+    /// Returns the extension `name` of the texture with index `index`.
     pub(super) fn texture_extension(&self, index: usize, name: &str) -> Option<&Value> {
         self.raw.get("textures")?.get(index)?.get("extensions")?.get(name)
     }
 
-    /// Returns a material's normal texture.
+    /// Returns the reference to a material's normal texture, as JSON.
     pub(super) fn normal_texture(&self, material: usize) -> Option<&Value> {
         self.material(material)?.get("normalTexture")
     }
 
-    /// Returns a material as stated in the document, unchecked.
+    /// Returns a material's JSON as the document states it, unchecked.
     pub(super) fn material(&self, material: usize) -> Option<&Value> {
         self.raw.get("materials")?.get(material)
     }
 
-    /// Returns the names of a texture's extensions.
+    /// Returns the names of all extensions of the texture with index `index`.
     pub(super) fn texture_extensions(&self, index: usize) -> impl Iterator<Item = &str> {
         let extensions = self.raw.get("textures").and_then(|all| all.get(index)?.get("extensions")?.as_object());
         extensions.into_iter().flat_map(Map::keys).map(String::as_str)
     }
 
-    /// Returns the accessors with the instances of a node, by attribute name.
+    /// Returns the accessor indices of a node's instances (`EXT_mesh_gpu_instancing`), by attribute name.
     pub(super) fn instancing(&self, node: usize) -> Option<&Map<String, Value>> {
         self.raw.get("nodes")?.get(node)?.get("extensions")?.get(INSTANCES)?.get("attributes")?.as_object()
     }
 }
 
-/// Parses and checks a document.
+/// Parses the JSON of a document, and checks it.
 pub(super) fn parse(json: &[u8]) -> Result<CheckedDocument, Problem> {
     let raw: Value = serde_json::from_slice(json).map_err(|e| not_valid(&e))?;
     let version = raw.pointer("/asset/version").and_then(Value::as_str).unwrap_or_default();
@@ -130,7 +132,7 @@ fn not_valid(error: &serde_json::Error) -> Problem {
     Problem { what: format!("is not a valid glTF document: {}", problem.what), ..problem }
 }
 
-/// Returns an error if the file requires an unsupported extension on which shape or base colour depends.
+/// Checks that the file requires no unsupported extension on which shape or base colour depends.
 fn check_required(raw: &Value) -> Result<(), Problem> {
     for name in items(raw, "extensionsRequired").filter_map(Value::as_str) {
         let feature = match name {
@@ -151,7 +153,7 @@ fn check_required(raw: &Value) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Returns a note if the coordinates are relative to a centre.
+/// Returns a note if the document states that its coordinates are relative to a centre, which isn't added.
 fn relative_center(raw: &Value) -> Option<String> {
     let center = raw.pointer("/extensions/CESIUM_RTC/center")?.as_array()?;
     let center: Vec<String> =
@@ -274,7 +276,7 @@ fn is_known(name: &str) -> bool {
     matches!(name, "POSITION" | "NORMAL" | "TANGENT") || number.is_some_and(|n| n.parse::<u32>().is_ok())
 }
 
-/// Returns an error for anything that would make the crate panic.
+/// Validates a document by the crate `gltf`. Returns an error for anything that would make the crate panic.
 fn validate(root: Root, read: &Value) -> Result<gltf::Document, Problem> {
     // The crate's own validation reads positions before it has checked their index.
     let accessors = root.accessors.len();
@@ -337,7 +339,7 @@ fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     Problem::new(format!("is not a valid glTF document: {place} is {shown}")).expected("a value that glTF 2.0 knows")
 }
 
-/// Returns the problem of an index that is out of range.
+/// Returns the problem of a reference to something that doesn't exist: its index isn't less than the count.
 pub(super) fn out_of_range(what: &str, index: usize, count: usize) -> Problem {
     Problem::new(format!("{what} {index} does not exist: there are {count}"))
         .help("export the file again: it is damaged")

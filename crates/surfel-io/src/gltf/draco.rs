@@ -29,7 +29,7 @@ pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) 
     Err(problem.help("build with the Cargo feature \"draco\" of surfel-io"))
 }
 
-/// A decompressed mesh, which doesn't exist in this build.
+/// Placeholder for decompressed meshes, which don't exist in builds without Draco.
 #[cfg(not(feature = "draco"))]
 pub(super) enum DracoMesh {}
 
@@ -55,10 +55,10 @@ mod enabled {
     use serde_json::Value;
     use std::collections::BTreeMap;
 
-    /// A decompressed mesh.
+    /// A mesh that was decompressed from a primitive.
     pub(crate) struct DracoMesh {
         mesh: Mesh,
-        /// Ids of the stream's attributes, by glTF name.
+        /// Ids of the attributes in the Draco stream, by glTF name.
         ids: BTreeMap<String, u32>,
     }
 
@@ -80,7 +80,7 @@ mod enabled {
         Ok(DracoMesh { mesh, ids })
     }
 
-    /// Returns the memory of a mesh, in bytes, with each attribute's point indices.
+    /// Returns the memory that a decompressed mesh takes, in bytes, with each attribute's point indices.
     fn bytes_of(mesh: &Mesh) -> usize {
         let attributes = 0..mesh.num_attributes();
         let per_attribute = |i| mesh.attribute(i).buffer().data_size().saturating_add(4 * mesh.num_points());

@@ -13,21 +13,21 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// The materials and textures of a document.
+/// The materials of a document that Surfel uses, and their textures.
 #[derive(Default)]
 pub(super) struct Materials {
     pub(super) all: Vec<BaseColor>,
-    /// Textures, indexed by materials; each image occurs once.
+    /// Textures, to which materials refer by index. Each image occurs once.
     pub(super) textures: Vec<Arc<Texture>>,
 }
 
-/// A material, and the texture coordinates that its textures use.
+/// A material's base colour, and the texture coordinates that its textures use.
 pub(super) struct BaseColor {
     pub(super) material: Material,
     pub(super) transform: Option<TextureTransform>,
-    /// Index n of the attribute `TEXCOORD_n`.
+    /// Index n of the attribute `TEXCOORD_n` with the material's texture coordinates.
     pub(super) set: u32,
-    /// Wrap modes along u and v.
+    /// Wrap modes of the material's textures along u and v.
     pub(super) wrap: [Wrap; 2],
 }
 
@@ -40,7 +40,7 @@ pub(super) struct TextureTransform {
 }
 
 impl TextureTransform {
-    /// Parses the extension; all keys have defaults.
+    /// Parses the extension `KHR_texture_transform`; all of its keys have defaults.
     fn of(extension: &Value) -> Self {
         let number = |key: &str, default: [f32; 2]| {
             let pair = extension.get(key).and_then(Value::as_array);
@@ -59,7 +59,7 @@ impl TextureTransform {
 }
 
 impl Materials {
-    /// Reads all materials. A texture that can't be read is dropped with a note.
+    /// Reads all materials of a document. A texture that can't be read is dropped with a note.
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
         let first_alike = first_alike(asset);
@@ -148,8 +148,8 @@ impl Materials {
 }
 
 impl BaseColor {
-    /// True if `map` has the same texture coordinates as the material's other textures. If there are no others yet, the
-    /// material adopts the coordinates of `map`.
+    /// True if `map` uses the same texture coordinates as the material's other textures, as drawing requires. If there
+    /// are no others yet, the material adopts the coordinates of `map`.
     fn may_show(&mut self, map: &MapTexture) -> bool {
         if self.material.texture.is_none() && self.material.emission_map.is_none() {
             (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
@@ -185,7 +185,8 @@ struct MapTexture {
 }
 
 impl MapTexture {
-    /// Parses an unchecked texture reference; returns `None` if the texture doesn't exist or has no supported image.
+    /// Parses a reference to a texture, as unchecked JSON. Returns `None` if the texture doesn't exist or has no
+    /// supported image.
     fn of(asset: &Asset<'_>, said: &Value) -> Option<Self> {
         let number = |of: &Value, key: &str| of.get(key).and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
         let texture = asset.document.gltf.textures().nth(number(said, "index")? as usize)?;
@@ -202,7 +203,8 @@ fn cutoff(material: &gltf::Material<'_>) -> f32 {
     material.alpha_cutoff().filter(|c| c.is_finite()).unwrap_or(0.5)
 }
 
-/// Returns, for each image, the index of the first image with the same data: some exporters write one per texture.
+/// Returns, for each image, the index of the first image with the same data, so that each is decoded once. Some
+/// exporters write one image per texture.
 fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
     let images = &asset.document.gltf.as_json().images;
     let mut known = HashMap::with_capacity(images.len());
@@ -219,7 +221,7 @@ fn images_of(asset: &Asset<'_>, texture: &gltf::Texture<'_>) -> Vec<usize> {
     webp.into_iter().chain(texture.source().map(|image| image.index())).collect()
 }
 
-/// Explains why a texture has no supported image.
+/// Returns the reason, for a note, why a texture has no supported image.
 fn why_empty(asset: &Asset<'_>, texture: usize) -> String {
     match asset.document.texture_extensions(texture).next() {
         Some(WEBP) if !cfg!(feature = "webp") => {

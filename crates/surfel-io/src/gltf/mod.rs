@@ -31,7 +31,8 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     with_asset(bytes, &context.siblings.clone(), context, scene::read)
 }
 
-/// Reads the points of a document in a subfolder of the context's; returns `None` if there are none.
+/// Reads the points of a document that lies in the subfolder `folder` of the context's folder. Returns `None` if there
+/// are none.
 pub(crate) fn read_points(bytes: &[u8], folder: &str, context: &mut Context<'_>) -> Result<Option<PointsPart>, Fault> {
     with_asset(bytes, &context.siblings.below(folder), context, scene::read_points)
 }

@@ -6,11 +6,11 @@ use glam::{DAffine3, DMat4, DQuat, DVec3};
 use gltf::json::Index;
 use serde_json::Value;
 
-/// The nodes of a document in world space.
+/// The nodes of a document, with their placements in world space.
 pub(super) struct Nodes {
-    /// The nodes of the default scene, depth first.
+    /// Indices of the nodes of the default scene, depth first.
     pub(super) drawn: Vec<usize>,
-    /// World-from-node transforms, also of nodes outside the scene, which may be joints.
+    /// World-from-node transforms of all nodes. Nodes outside the default scene may be joints of skins.
     pub(super) world: Vec<DAffine3>,
 }
 

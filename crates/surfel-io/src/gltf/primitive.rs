@@ -12,14 +12,14 @@ use gltf::accessor::Dimensions;
 use gltf::{Primitive, Semantic};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// Maximum number of columns of application-specific attributes.
+/// Maximum number of columns that are read from application-specific attributes.
 pub(super) const MOST_OWN_COLUMNS: usize = 64;
 
-/// Source of a primitive's attributes: its accessors or a decompressed mesh.
+/// Source of a primitive's attributes: its accessors, or a mesh decompressed from it.
 pub(super) struct Attributes<'a> {
     pub(super) asset: &'a Asset<'a>,
     pub(super) primitive: &'a Primitive<'a>,
-    /// Index of the primitive's mesh.
+    /// Index of the mesh that contains the primitive.
     pub(super) mesh: usize,
     pub(super) compressed: Option<&'a DracoMesh>,
 }
@@ -31,7 +31,7 @@ pub(super) struct Vertices {
     /// Vertex colours, in linear RGB and alpha.
     pub(super) colors: Option<Vec<[f32; 4]>>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,
-    /// True if the placement mirrors, which reverses the winding order.
+    /// True if the placement of the primitive mirrors it, which reverses the winding order of triangles.
     pub(super) mirrored: bool,
 }
 
@@ -96,8 +96,8 @@ impl Attributes<'_> {
         }
     }
 
-    /// Adds the morph targets, multiplied by their weights, to `positions` and to the stored normals. Returns the
-    /// normals.
+    /// Adds the primitive's morph targets, multiplied by their weights, to `positions` and to the stored normals.
+    /// Returns the normals.
     pub(super) fn at_rest(&self, positions: &mut [[f32; 3]], weights: &[f32]) -> Result<Option<Normals>, Problem> {
         let mut normals = self.floats::<3>(&Semantic::Normals)?;
         let targets = self.primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0);
@@ -114,7 +114,8 @@ impl Attributes<'_> {
         Ok(normals)
     }
 
-    /// Returns all attributes of the surface. `normals` are those that [`Self::at_rest`] returned.
+    /// Returns all attributes of the primitive's surface. `positions` and `normals` are in rest pose, from
+    /// [`Self::at_rest`].
     pub(super) fn surface(
         &self,
         positions: Vec<[f32; 3]>,
@@ -165,7 +166,7 @@ impl Surface {
 /// Normals of a primitive, one per vertex.
 pub(super) type Normals = Vec<[f32; 3]>;
 
-/// Transforms positions to world space.
+/// Transforms the positions of a primitive's vertices to world space.
 pub(super) fn world_positions(positions: &[[f32; 3]], pose: &Pose) -> Vec<DVec3> {
     let place = |(i, p): (usize, &[f32; 3])| pose.of_vertex(i).transform_point3(DVec3::from(p.map(f64::from)));
     positions.iter().enumerate().map(place).collect()
@@ -180,7 +181,7 @@ fn world_normals(normals: &Normals, pose: &Pose) -> Normals {
     normals.iter().enumerate().map(place).collect()
 }
 
-/// Returns an error if an attribute exists and has another number of values than there are positions.
+/// Checks that an attribute, if it exists, has as many values as there are positions.
 pub(super) fn same_count(name: &str, found: Option<usize>, positions: usize) -> Result<(), Problem> {
     match found {
         Some(found) if found != positions => {

@@ -8,7 +8,7 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use gltf::Skin;
 use std::rc::Rc;
 
-/// World transforms of a primitive's vertices.
+/// World transforms of a primitive's vertices in rest pose.
 pub(super) enum Pose {
     /// One transform for all vertices: that of their node.
     Rigid(DAffine3),
@@ -18,15 +18,15 @@ pub(super) enum Pose {
 
 /// Joint transforms of a skin, and the joint indices and weights of a primitive's vertices.
 pub(super) struct SkinnedPose {
-    /// World-from-bind-pose transform of each joint.
+    /// World-from-bind-pose transform of each joint of the skin.
     pub(super) joints: Rc<Vec<DAffine3>>,
-    /// Joint indices and weights of each vertex; each set has four per vertex.
+    /// Joint indices and weights of the vertices. Each set has four per vertex.
     pub(super) sets: Vec<JointSet>,
-    /// World transform of vertices without joints.
+    /// World transform of vertices that no joint moves.
     pub(super) world: DAffine3,
 }
 
-/// One set of joints per vertex: the attributes `JOINTS_n` and `WEIGHTS_n`.
+/// Up to four joints for each vertex, and their weights: the attributes `JOINTS_n` and `WEIGHTS_n`.
 pub(super) struct JointSet {
     pub(super) indices: Vec<[f32; 4]>,
     pub(super) weights: Vec<[f32; 4]>,
@@ -88,7 +88,8 @@ pub(super) fn joints(asset: &Asset<'_>, skin: &Skin<'_>, nodes: &Nodes) -> Resul
     Ok(joints.iter().enumerate().map(|(i, &node)| nodes.world[node] * bound(i)).collect())
 }
 
-/// Adds a morph target's displacements to as many values as it has displacements for.
+/// Adds a morph target's displacements, multiplied by `weight`, to the values of the first vertices: as many as there
+/// are displacements.
 pub(super) fn add_displacements(values: &mut [[f32; 3]], displacements: &[[f32; 3]], weight: f32) {
     for (value, by) in values.iter_mut().zip(displacements) {
         for (v, d) in value.iter_mut().zip(by) {

@@ -25,10 +25,11 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use surfel_model::{AlphaMode, ExtraColumn, ExtraValues};
 
-/// Maximum number of vertices or indices of a scene, including those of morph targets, joints and instances.
+/// Maximum number of vertices or indices of a scene, including those of morph targets, joints and instances. It limits
+/// the memory.
 const MAX_VERTICES: usize = 1 << 26;
 
-/// Geometry collected from a scene.
+/// Geometry of the primitives that were read from a scene so far.
 struct Gathered {
     parts: Parts,
     points: GatheredPoints,
@@ -39,16 +40,17 @@ struct Gathered {
     skinned: usize,
     /// Largest rounding step of the file's 32-bit coordinates, in world units.
     step: f64,
-    /// True if some vertex colour isn't fully transparent; `None` without vertex colours.
+    /// True if some vertex colour isn't fully transparent; `None` if there are no vertex colours so far.
     has_alpha: Option<bool>,
-    /// Names of the primitives' application-specific attributes: those read, and those not read.
+    /// Names of the primitives' application-specific attributes that are read as columns.
     columns: BTreeSet<String>,
+    /// Names of the primitives' application-specific attributes that aren't read.
     left_out: BTreeSet<String>,
-    /// Joint transforms by skin, for skins in use.
+    /// Joint transforms of the skins that were used so far, by skin index.
     joints: HashMap<usize, Rc<Vec<DAffine3>>>,
-    /// Instance placements by node, for nodes in use.
+    /// Instance placements of the nodes that were used so far, by node index; `None` for nodes without instancing.
     instances: HashMap<usize, Rc<Option<Vec<DAffine3>>>>,
-    /// Decompressed primitives by mesh and index; several nodes may use them.
+    /// Decompressed primitives, by indices of mesh and primitive, because several nodes may use them.
     compressed: HashMap<(usize, usize), Rc<Option<DracoMesh>>>,
 }
 
@@ -107,7 +109,7 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
 }
 
 impl Gathered {
-    /// Adds to the scene's number of vertices; returns an error beyond [`MAX_VERTICES`].
+    /// Counts `vertices` more vertices of the scene; returns an error beyond [`MAX_VERTICES`].
     fn spend(&mut self, vertices: usize) -> Result<(), Problem> {
         self.vertices = self.vertices.saturating_add(vertices);
         if self.vertices > MAX_VERTICES {
@@ -210,7 +212,8 @@ impl Gathered {
         Ok(extras)
     }
 
-    /// Returns the poses of a primitive: one per instance of its node, or the single pose of the node or of its skin.
+    /// Returns the poses in which a primitive is drawn: one per instance of its node, or the single pose of the node or
+    /// of its skin.
     fn poses(
         &mut self,
         attributes: &Attributes<'_>,
@@ -235,7 +238,7 @@ impl Gathered {
         }
     }
 
-    /// Returns the pose of a primitive without instances.
+    /// Returns the pose of a primitive whose node has no instances: that of the node or of its skin.
     fn pose(
         &mut self,
         attributes: &Attributes<'_>,
@@ -354,7 +357,7 @@ impl Gathered {
     }
 }
 
-/// Appends columns of numbers; missing values are NaN.
+/// Appends the columns `extras` of `n` vertices to those of the `base` vertices before. Missing values are NaN.
 fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize, n: usize) {
     for extra in extras {
         if !all.iter().any(|known| known.name == extra.name) {
@@ -370,7 +373,8 @@ fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize
     }
 }
 
-/// Appends a column that may be missing here or in earlier primitives.
+/// Appends the values of `n` vertices to a column of the `base` vertices before. If the column is missing on one side,
+/// its values there are `default`.
 fn append<T: Copy>(column: &mut Option<Vec<T>>, values: Option<Vec<T>>, base: usize, n: usize, default: T) {
     match (column.as_mut(), values) {
         (None, None) => {}

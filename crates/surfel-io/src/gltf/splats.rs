@@ -10,7 +10,7 @@ use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::Value;
 
-/// The Gaussians of all primitives, in world space.
+/// The Gaussian splats of all primitives, in world space.
 #[derive(Default)]
 pub(super) struct GatheredSplats {
     pub(super) positions: Vec<DVec3>,
@@ -18,16 +18,18 @@ pub(super) struct GatheredSplats {
     rotations: Vec<DQuat>,
     alphas: Vec<f32>,
     colors: Vec<[f64; 3]>,
-    /// True if colours are linear, false if sRGB-encoded; `None` before the first primitive.
+    /// True if the colours of the primitives so far are linear, false if they are sRGB-encoded; `None` before the first
+    /// primitive.
     is_linear: Option<bool>,
-    /// True if there are spherical harmonics, which the nodes' rotations would have to rotate.
+    /// True if some primitive has spherical harmonics. They aren't read, because the nodes' rotations would have to
+    /// rotate them.
     harmonics: bool,
-    /// True if a node's scale isn't uniform, or mirrors.
+    /// True if a node's scale isn't uniform, or mirrors, which the splats' axes can't follow exactly.
     sheared: bool,
 }
 
 impl GatheredSplats {
-    /// Adds a primitive with this extension.
+    /// Adds the splats of a primitive that has the extension.
     pub(super) fn add(
         &mut self,
         attributes: &Attributes<'_>,
@@ -89,7 +91,7 @@ impl GatheredSplats {
     }
 }
 
-/// Returns a required attribute of the extension, one value per splat.
+/// Returns the values of a required attribute of the extension, one per splat.
 fn attribute<const N: usize>(attributes: &Attributes<'_>, name: &str, splats: usize) -> Result<Vec<[f32; N]>, Problem> {
     let values = attributes.named_floats(&format!("{GAUSSIANS}:{name}"))?;
     let values = values.ok_or_else(|| {

@@ -4,7 +4,7 @@ use crate::files::Siblings;
 use data_url::{DataUrl, DataUrlError};
 use percent_encoding::percent_decode_str;
 
-/// Reads the resource of a URI, or returns the reason why it can't be read.
+/// Returns the bytes that a URI contains or refers to, or the reason why they can't be read.
 pub(crate) fn read(uri: &str, siblings: &Siblings) -> Result<Vec<u8>, String> {
     match DataUrl::process(uri) {
         Ok(url) => return url.decode_to_vec().map(|(data, _)| data).map_err(|_| "its base64 is damaged".into()),

@@ -10,12 +10,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::Texture;
 
-/// Maximum size of a converted texture in texels: relative to the original, and an absolute size that is always
-/// allowed.
+/// Maximum number of texels of a converted texture, per texel of the original.
 const MOST_TEXELS: usize = 4;
+/// Number of texels that a converted texture may always have, however small the original is.
 const FEW_TEXELS: usize = 1 << 22;
 
-/// Wrap mode: the continuation of a texture beyond its edge.
+/// Wrap mode of a texture: its continuation beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Wrap {
     #[default]
@@ -37,14 +37,14 @@ impl Wrap {
     }
 }
 
-/// Conversion of a texture and its coordinates along one side.
+/// Change of a texture along one side, and of the coordinates along it, by which a repeating texture shows the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 enum Change {
     #[default]
     Nothing,
     Mirrored,
-    /// The texture is replaced by its texels `first..end`. `of` is the original number of texels; the range may exceed
-    /// the edges.
+    /// The texture is replaced by its texels `first..end`. `of` is the original number of texels along the side; the
+    /// range may exceed the edges.
     Shown {
         first: i64,
         end: i64,
@@ -53,8 +53,8 @@ enum Change {
 }
 
 impl Change {
-    /// Selects the conversion of a side of `size` texels for coordinates from `least` to `largest`. `other` is the size
-    /// of a second texture with the same coordinates. Returns `None` if the coordinates span too much.
+    /// Selects the conversion of a side of `size` texels for texture coordinates from `least` to `largest`. `other` is
+    /// the size of a second texture with the same coordinates. Returns `None` if the coordinates span too much.
     fn new(wrap: Wrap, [least, largest]: [f32; 2], size: usize, other: usize) -> Option<Self> {
         let (least, largest, texels) = (f64::from(least), f64::from(largest), size as f64);
         let half = 0.5 / texels;
@@ -92,7 +92,7 @@ impl Change {
         }
     }
 
-    /// Returns the source texel of each converted texel.
+    /// Returns the index of the original texel for each converted texel along the side.
     fn side(self, size: usize) -> Vec<usize> {
         match self {
             Self::Nothing => (0..size).collect(),

@@ -13,19 +13,19 @@ use glam::DVec3;
 use std::io::SeekFrom;
 use surfel_model::PointCloud;
 
-/// Properties of all points of a file that was read in blocks.
+/// Properties of a file as a whole, which [`read`] returns after it has passed all points on.
 pub(crate) struct Blocks {
-    /// An empty cloud with the properties that apply to all points of the file.
+    /// An empty point cloud with the comments that apply to all points of the file.
     pub(crate) cloud: PointCloud,
     pub(crate) bounds: Option<(DVec3, DVec3)>,
-    /// Minimum and maximum of each colour component, in linear RGB.
+    /// Minimum and maximum of each colour channel over all points, in linear RGB; `None` if the file has no colours.
     pub(crate) colors: Option<([f32; 3], [f32; 3])>,
 }
 
 struct BlockSink<'a> {
     header: Option<Header>,
     told: Told,
-    /// Minimum and maximum level of each channel.
+    /// Minimum and maximum 16-bit level of each colour channel over the points so far.
     levels: Option<([u16; 3], [u16; 3])>,
     each: &'a mut dyn FnMut(PointCloud),
 }
@@ -63,7 +63,8 @@ impl Sink for BlockSink<'_> {
     }
 }
 
-/// Passes all points of a file to `each`, block by block, without colours and row numbers.
+/// Passes all points of a file to `each`, block by block, without colours and row numbers. Returns the properties of
+/// the whole file.
 pub(crate) fn read(
     source: &mut dyn Source,
     format: Format,

@@ -7,24 +7,25 @@ use crate::survey::{Source, one_line};
 use glam::DVec3;
 use std::io::{self, SeekFrom};
 
-/// Maximum number of bytes of a variable length record that are read; WKT has a few thousand.
+/// Maximum number of bytes of a variable length record that is read; larger ones are ignored. Well-known text (WKT) has
+/// a few thousand.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 
-/// Header fields and the contents of the variable length records.
+/// Fields of a LAS header, and contents of the variable length records.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
-    /// Minor version: 4 for LAS 1.4.
+    /// Minor version of LAS: 4 for LAS 1.4.
     pub(super) minor: u8,
     /// Name of the program that wrote the file.
     pub(super) software: String,
     /// Point data record format, 0 to 10.
     pub(super) format: u8,
     pub(super) compressed: bool,
-    /// Bytes of a point record, with extra bytes.
+    /// Number of bytes of a point record, with extra bytes.
     pub(super) record_bytes: usize,
     /// Byte offset of the first point.
     pub(super) start: u64,
-    /// Upper bound of the byte offset at which the points end.
+    /// Byte offset at which the points end at the latest, because something else or the end of the file follows.
     pub(super) end: u64,
     /// Number of points that the header states.
     pub(super) count: u64,
@@ -32,29 +33,29 @@ pub(super) struct Header {
     pub(super) offset: DVec3,
     pub(super) crs: Crs,
     pub(super) extra: Vec<ExtraField>,
-    /// Data of LASzip's record.
+    /// Data of LASzip's variable length record, which describes the compression.
     pub(super) laszip: Option<Vec<u8>>,
     pub(super) notes: Vec<String>,
-    /// Number of extra bytes of a point that the record of extra bytes describes.
+    /// Number of extra bytes of a point that are described by a variable length record.
     pub(super) described: usize,
-    /// True if points flagged as withheld are read, too.
+    /// True if points that are flagged as withheld are read, too.
     pub(super) reads_withheld: bool,
 }
 
-/// A scalar value among the extra bytes of a point.
+/// A number among the extra bytes of a point.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ExtraField {
     pub(super) name: String,
-    /// Type number in the standard, 1 (unsigned char) to 10 (double).
+    /// Number of the field's type in the LAS standard, from 1 (unsigned char) to 10 (double).
     pub(super) kind: u8,
-    /// Byte offset from the end of the standard's fields.
+    /// Byte offset among the extra bytes, which begin after the standard's fields.
     pub(super) at: usize,
-    /// Scale and offset, if the file states them.
+    /// Factor by which the stored number is multiplied, and number that is then added, if the file states them.
     pub(super) scaled: Option<(f64, f64)>,
 }
 
 impl ExtraField {
-    /// Returns the bytes of a scalar type of the standard.
+    /// Returns the number of bytes of a field, by the number of its type in the LAS standard.
     pub(super) fn bytes(kind: u8) -> usize {
         match kind {
             1 | 2 => 1,
@@ -65,7 +66,7 @@ impl ExtraField {
     }
 }
 
-/// Bytes of a point record, by format, without extra bytes.
+/// Number of bytes of a point record by point format, without extra bytes.
 pub(super) const POINT_BYTES: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
@@ -88,7 +89,7 @@ fn vector_at(bytes: &[u8], at: usize) -> DVec3 {
     DVec3::new(f64_at(bytes, at), f64_at(bytes, at + 8), f64_at(bytes, at + 16))
 }
 
-/// Reads up to `bytes.len()` bytes and returns the number read.
+/// Fills `bytes` from the source, unless it ends before. Returns the number of bytes read.
 fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
     let mut got = 0;
     while got < bytes.len() {
@@ -103,7 +104,7 @@ fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
 }
 
 impl Header {
-    /// Returns the comments of the point cloud: coordinate reference system, scale and offset.
+    /// Returns the comments of the point cloud, which state its coordinate reference system, scale and offset.
     pub(super) fn comments(&self) -> Vec<String> {
         let triple = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
         let mut comments = self.crs.comments();
@@ -261,7 +262,7 @@ impl Header {
         Ok(found)
     }
 
-    /// Reads the names and types of the extra bytes.
+    /// Parses the variable length record that states names and types of the extra bytes.
     fn read_extra_fields(&mut self, data: &[u8]) {
         let room = self.record_bytes - POINT_BYTES[usize::from(self.format)];
         let mut at = 0;
@@ -298,7 +299,7 @@ impl Header {
         self.described = at;
     }
 
-    /// Returns the number of extra bytes of a point that no record describes.
+    /// Returns the number of extra bytes of a point that no variable length record describes.
     pub(super) fn undescribed_bytes(&self) -> usize {
         self.record_bytes.saturating_sub(POINT_BYTES[usize::from(self.format)] + self.described)
     }

@@ -12,17 +12,18 @@ use std::collections::BTreeMap;
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::ops::Range;
 
-/// Maximum number of bytes of decoded points: the first number plus the second times the file's size. Ordinary scans
-/// expand 4 to 20 times, grids of equal points up to thousands of times.
+/// Maximum number of bytes that points may take after decoding: the first number plus the second times the file's size.
+/// Ordinary scans expand 4 to 20 times, grids of equal points up to thousands of times.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
-/// Maximum number of points and bytes that are decoded at a time. A single larger chunk is decoded alone.
+/// Maximum number of points, and of their bytes, in chunks that are decoded together. A single larger chunk is decoded
+/// alone.
 const MAX_GROUP: (u64, u64) = (1 << 20, 24 << 20);
 
 fn damaged(error: &LasZipError) -> Problem {
     Problem::new(format!("is damaged: {error}")).help("the file is cut off or damaged: copy it again")
 }
 
-/// A compressed chunk.
+/// Number of bytes and points of a compressed chunk.
 #[derive(Clone, Copy, Debug)]
 struct Chunk {
     bytes: u64,
@@ -65,7 +66,8 @@ fn is_layered(vlr: &LazVlr) -> bool {
     vlr.items().iter().any(|item| matches!(item.version(), 3 | 4))
 }
 
-/// Returns the LASzip record, checked against the header, and its compressor kind.
+/// Returns the LASzip record and the kind of compressor that it states. The record's items are checked against the
+/// header.
 pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem> {
     let Some(mut record) = header.laszip.take() else {
         return Err(Problem::new("says that its points are compressed, and lacks the record of LASzip that says how"));
@@ -84,7 +86,7 @@ pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem>
     Ok((vlr, kind))
 }
 
-/// Checks that the compressed items are the fields of the header's point format.
+/// Checks that the items that LASzip's record lists are the fields of the header's point format.
 fn check_items(vlr: &LazVlr, header: &Header) -> Result<(), Problem> {
     let extra = header.record_bytes - super::header::POINT_BYTES[usize::from(header.format)];
     let expected = LazItemRecordBuilder::default_for_point_format_id(header.format, extra as u16);
@@ -121,7 +123,7 @@ fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Maximum number of compressed bytes that [`first_points`] reads.
+/// Maximum number of compressed bytes that [`first_points`] reads. If the first chunk is larger, no points are decoded.
 const MAX_FIRST: u64 = 64 << 20;
 
 /// Decodes the first points of a file, at most `most`. Returns `None` for files that aren't compressed in chunks, that
@@ -158,8 +160,8 @@ pub(super) fn first_points(
     Some(records)
 }
 
-/// Reads a file of LASzip's compressor 1: a single piece without chunks, whose end is known only from the header's
-/// count.
+/// Reads a file of LASzip's compressor 1. Its points are a single piece without chunks, whose end is known only from
+/// the header's count.
 fn read_in_one_piece(
     source: &mut dyn Source,
     header: &mut Header,
@@ -182,7 +184,7 @@ fn read_in_one_piece(
     Ok(())
 }
 
-/// Returns the byte offset of the chunk table, which follows the points.
+/// Returns the byte offset of the table of chunks, which follows the points.
 fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Result<u64, Problem> {
     let mut number = |at: u64| {
         let mut bytes = [0; 8];
@@ -205,7 +207,7 @@ fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Res
     }
 }
 
-/// Reads the chunk table; chunks are consecutive.
+/// Reads the table of chunks, which states the size of each chunk. The chunks follow one another in the file.
 fn read_table(
     source: &mut dyn Source,
     header: &Header,
@@ -323,11 +325,11 @@ fn read_chunks(
     Ok(())
 }
 
-/// Note about points that were read without a chunk table.
+/// Note for the user about points that were read without a table of chunks.
 const CUT_OFF: &str =
     "the table of its compressed chunks is missing, as of a file that is cut off: took the whole ones";
 
-/// Finds the complete layered chunks of a file without a chunk table, up to the header's count.
+/// Finds the complete layered chunks of a file that lacks the table of chunks, up to the header's count of points.
 fn whole_chunks(
     source: &mut dyn Source,
     header: &mut Header,
@@ -363,7 +365,8 @@ impl Seek for Forward<'_> {
     }
 }
 
-/// Reads the complete fixed-size chunks of a truncated file, one after another.
+/// Reads the complete chunks of a truncated file, one after another. All chunks but the last have the same number of
+/// points.
 fn read_without_table(
     source: &mut dyn Source,
     header: &mut Header,
@@ -394,7 +397,7 @@ fn read_without_table(
     Ok(())
 }
 
-/// Checks that the layers of a chunk are within it, and returns its number of points.
+/// Checks that the layers of the chunk at `at` fit into its `bytes` bytes, and returns its number of points.
 fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size: usize) -> Result<u64, Problem> {
     let problem = || {
         let what = "has a compressed chunk whose layers don't fit into it";
@@ -407,7 +410,7 @@ fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size
     }
 }
 
-/// Returns the number of layers of an item.
+/// Returns the number of layers in which LASzip compresses an item, a group of a point's fields.
 fn layers_of(kind: LazItemType) -> usize {
     match kind {
         LazItemType::Point14 => 9,
@@ -417,7 +420,8 @@ fn layers_of(kind: LazItemType) -> usize {
     }
 }
 
-/// Returns the number of points and bytes of the layered chunk at `at`, as the chunk states them.
+/// Returns the number of points of the layered chunk at byte offset `at`, and its number of bytes, as the chunk states
+/// them.
 fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
     let layers: usize = vlr.items().iter().map(|item| layers_of(item.item_type())).sum();
     let mut numbers = vec![0; 4 + 4 * layers];
@@ -429,7 +433,8 @@ fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io:
     Ok((points, head_bytes + numbers.sum::<u64>()))
 }
 
-/// Checks that a chunk's layers are within the chunk; returns its number of points, if the chunk states it.
+/// Checks that the layers of the chunk at `at` fit into its `bytes` bytes. Returns the chunk's number of points, if the
+/// chunk states it.
 pub(super) fn chunk_points(
     source: &mut dyn Source,
     at: u64,
@@ -482,18 +487,18 @@ pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors
     packed.truncate(to);
 }
 
-/// Returns the selection of the fields that splats are made of. Other fields of layered chunks aren't decoded.
+/// Returns the selection of fields that splats are made of. Layers of other fields aren't decoded, which saves time.
 pub(super) fn of_splats() -> DecompressionSelection {
     let base = DecompressionSelection::base();
     base.decompress_z().decompress_flags().decompress_rgb().decompress_extra_bytes()
 }
 
-/// Decodes consecutive chunks, given by their numbers of points and bytes.
+/// Decodes consecutive chunks to point records. `chunks` states their numbers of points and bytes.
 pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
     decode_some(packed, points, vlr, chunks, DecompressionSelection::all())
 }
 
-/// Decodes selected fields of consecutive chunks.
+/// Decodes selected fields of consecutive chunks to point records. `chunks` states their numbers of points and bytes.
 pub(super) fn decode_some(
     packed: &[u8],
     points: &mut [u8],

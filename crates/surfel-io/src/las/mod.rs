@@ -31,9 +31,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use surfel_model::TableColumns;
 
-/// Name of the extra bytes with the radius of a point's splat, in files that Surfel wrote.
+/// Name of the extra bytes with the radius of a point's splat. Surfel writes them to LAS files.
 pub const RADIUS: &str = "splat_radius";
-/// Bytes of uncompressed points that are read at a time.
+/// Number of bytes of uncompressed points that are read at a time.
 const BLOCK_BYTES: usize = 2 << 20;
 
 /// Returns `N` bytes of a record, from byte `at`.
@@ -47,11 +47,12 @@ fn unreadable(error: io::Error) -> Problem {
     Problem::new(format!("can't be read to its end: {error}")).help("the file is cut off, or the disk fails")
 }
 
-/// A receiver of point records, block by block.
+/// A receiver of a file's point records, block by block.
 trait Sink {
-    /// Announces the number of points.
+    /// Prepares the receiver for `count` points; 0 if the number is unknown. It is called once, before any records are
+    /// appended.
     fn start(&mut self, header: &Header, count: usize);
-    /// Appends whole records.
+    /// Appends a block of whole records. The receiver may move records within the block.
     fn append(&mut self, records: &mut [u8]) -> Result<(), Problem>;
 }
 
@@ -92,17 +93,19 @@ fn read_records(
     Err(Problem::not_built("LAZ", "laz"))
 }
 
-/// Number of points at the start of a file from which the memory per point is estimated. Columns that are zero
+/// Number of points at the start of a file that are read to estimate the memory per point. Columns that are zero
 /// everywhere take no memory, and the header doesn't state which these are.
 const EXAMINED_POINTS: u64 = 4096;
-/// Bytes per point of 32-bit positions. The low part of positions, which wide or fine grids need, takes as many again.
+/// Memory per point, in bytes, of 32-bit positions. The low part of positions, which wide or fine grids need, takes as
+/// many bytes again.
 const POSITION_BYTES: u64 = 12;
-/// Bytes per point that reading takes in addition to the columns. Measured peaks for 2 million points of LAS are within
-/// 6 % of the estimate. LAZ files with few columns take up to half more, since the C library's allocator doesn't return
-/// all memory.
+/// Memory per point, in bytes, that reading takes in addition to the columns. Measured peaks for 2 million points of
+/// LAS are within 6 % of the estimate. LAZ files with few columns take up to half more, since the C library's allocator
+/// doesn't return all memory.
 const READING_BYTES: u64 = 12;
 
-/// Reads the first points of a file, at most [`EXAMINED_POINTS`], as whole records; `None` if they can't be read.
+/// Reads the first points of a file, at most [`EXAMINED_POINTS`], as whole records. Returns `None` if they can't be
+/// read.
 fn first_records(source: &mut dyn Source, header: &mut Header, file_bytes: u64) -> Option<Vec<u8>> {
     if !header.compressed {
         let size = header.record_bytes as u64;
@@ -173,7 +176,8 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     finish(columns, header, format, None, context)
 }
 
-/// Returns the points read and adds notes about them. `of` is the number of points in the file, if only some were read.
+/// Returns the points that were read, and adds notes about them. `of` is the number of points in the file, if only some
+/// were read.
 fn finish(
     columns: Option<Columns>,
     header: Header,
@@ -193,7 +197,7 @@ fn finish(
     context.points(points)
 }
 
-/// Properties of the points read, for notes.
+/// Properties of the points that were read, for the notes of [`tell`].
 #[derive(Default)]
 struct Told {
     count: usize,
@@ -206,7 +210,7 @@ struct Told {
     has_8_bit_colors: bool,
 }
 
-/// Adds notes about the points read; returns an error if there are none.
+/// Adds notes about the points that were read; returns an error if there are none.
 fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_>) -> Result<(), Problem> {
     let Told { count, of, withheld, bounds, has_colors, has_8_bit_colors } = told;
     if count == 0 {
@@ -253,7 +257,7 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
     Ok(())
 }
 
-/// Reads uncompressed points in blocks.
+/// Reads uncompressed points, and passes them to `sink` in blocks.
 fn read_plain(source: &mut dyn Source, header: &mut Header, sink: &mut dyn Sink) -> Result<(), Problem> {
     let size = header.record_bytes;
     let there = (header.end - header.start) / size as u64;

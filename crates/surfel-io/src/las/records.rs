@@ -14,15 +14,15 @@ pub(super) fn has_colors(format: u8) -> bool {
     matches!(format, 2 | 3 | 5 | 7 | 8 | 10)
 }
 
-/// A column to which blocks of records are appended.
+/// An extra column to which blocks of point records are appended.
 trait Gather: Send {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
-    /// Returns the bytes per point; 0 while all values are zero.
+    /// Returns the number of bytes that a value takes in memory; 0 while all values are zero.
     fn value_bytes(&self) -> usize;
     fn finish(self: Box<Self>) -> Option<ExtraColumn>;
 }
 
-/// A column, and the function that reads its value from a record.
+/// A column of numbers, and the function that reads a number from a point record.
 struct Field<T, F> {
     name: String,
     column: SparseColumn<T>,
@@ -47,14 +47,14 @@ impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Gather for Field<T, F> {
 /// Columns of the points read so far.
 pub(super) struct Columns {
     record_bytes: usize,
-    /// Expected number of points.
+    /// Expected number of points, for which columns reserve memory.
     expected: usize,
-    /// Bit of byte 15 that flags a point as withheld; 0 if withheld points are read, too.
+    /// Bit of byte 15 of a record that flags the point as withheld; 0 if withheld points are read, too.
     withheld_bit: u8,
     pub(super) withheld: u64,
     rows: KeptRows,
     grid: Vec<[i32; 3]>,
-    /// Byte offset of the colours in a record, and the colours read so far.
+    /// Byte offset of the colours in a record, and the colours read so far; `None` if the point format has none.
     colors: Option<(usize, WideColors)>,
     extras: Vec<Box<dyn Gather>>,
 }
@@ -171,12 +171,12 @@ impl Columns {
         }
     }
 
-    /// Returns the number of points so far.
+    /// Returns the number of points that were appended so far.
     pub(super) fn len(&self) -> usize {
         self.grid.len()
     }
 
-    /// Returns the bytes per point of the columns other than position and colour so far, without columns of zeros.
+    /// Returns the bytes per point in memory of the columns other than position and colour. Columns of zeros take none.
     pub(super) fn extra_bytes(&self) -> usize {
         self.extras.iter().map(|extra| extra.value_bytes()).sum()
     }
@@ -186,7 +186,7 @@ impl Columns {
         self.colors.as_ref().is_some_and(|(_, colors)| colors.any())
     }
 
-    /// Appends whole records, except withheld ones.
+    /// Appends whole records, except withheld ones. The other records are moved to the front of `records`.
     pub(super) fn append(&mut self, records: &mut [u8]) {
         let size = self.record_bytes;
         let mut kept = 0;
@@ -217,8 +217,8 @@ impl Columns {
         );
     }
 
-    /// Appends the records that pass `keeps`. The colours of rejected records still count for the colour range
-    /// ([`WideColors::see`]).
+    /// Appends the records that pass `keeps`. The colours of rejected records still count in the detection of the
+    /// colours' range ([`WideColors::see`]).
     pub(super) fn append_kept(&mut self, records: &mut [u8], keeps: impl Fn(&[u8]) -> bool + Sync + Send) {
         let (size, bit) = (self.record_bytes, self.withheld_bit);
         let is_kept: Vec<bool> = records.par_chunks_exact(size).map(keeps).collect();
@@ -234,7 +234,7 @@ impl Columns {
         self.append(&mut records[..end]);
     }
 
-    /// Returns the bounds of the points, in steps of the header's scale.
+    /// Returns the bounds of the points as stored integers, in steps of the header's scale; `None` without points.
     pub(super) fn ends(&self) -> Option<([i32; 3], [i32; 3])> {
         let first = *self.grid.first()?;
         Some(self.grid.iter().fold((first, first), |(low, high), p| {
@@ -242,7 +242,7 @@ impl Columns {
         }))
     }
 
-    /// Drops the colour column and returns the byte offset of colours in a record.
+    /// Removes the column of colours, so that colours aren't converted. Returns their byte offset in a record.
     pub(super) fn leave_out_colors(&mut self) -> Option<usize> {
         self.colors.take().map(|(at, _)| at)
     }
@@ -259,12 +259,12 @@ impl Columns {
     }
 }
 
-/// Returns the bit of byte 15 that flags a point as withheld, for a record format.
+/// Returns the bit of byte 15 that flags a point as withheld, for the point format `format`.
 fn withheld_bit(format: u8) -> u8 {
     if format < 6 { 0x80 } else { 0x04 }
 }
 
-/// Returns the function that reads a value of a type of the standard's extra bytes.
+/// Returns the function that reads a number among the extra bytes, by the number of its type in the LAS standard.
 pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     match kind {
         1 => |r| r[0].into(),
@@ -280,7 +280,8 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
-/// True if f32 rounds coordinates in these bounds by more than a quarter of the grid step `scale`.
+/// True if f32 rounds coordinates between `min` and `max` by more than a quarter of the grid step `scale`. Positions
+/// then need a low part, too.
 pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     let origin = Column3::origin_of(min, max);
     // f32 rounds by at most 2⁻²⁴ of a number.
@@ -288,9 +289,9 @@ pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     lost.cmpgt(scale.abs() * 0.25).any()
 }
 
-/// Converts grid points i·scale + offset to positions relative to an origin, in the memory of the grid. The remainder
-/// of f32 rounding is stored if it exceeds a quarter of a grid step, because the grid point would otherwise be
-/// ambiguous.
+/// Converts grid points i·scale + offset to positions relative to an origin, and returns both. The memory of the grid
+/// is reused. The rounding error of f32 is stored as a low part if it exceeds a quarter of a grid step. Otherwise the
+/// grid point would be ambiguous.
 pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
     let ends = |(low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])| {
         ([0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k])))

@@ -20,7 +20,7 @@ use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::PointCloud;
 
-/// Index of a corner without texture coordinate or normal.
+/// Marker in a corner's indices for a missing texture coordinate or normal.
 const NONE: u32 = u32::MAX;
 
 /// True if `head` starts with a keyword of OBJ.
@@ -30,25 +30,27 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     lines.next().is_some_and(|w| keywords.contains(&w))
 }
 
-/// Parsed statements of a file, with material names resolved to indices.
+/// Contents of an OBJ file, with material names resolved to indices.
 #[derive(Default)]
 struct Obj {
     positions: Vec<DVec3>,
-    /// Colours as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices have no colours.
+    /// Colours of the vertices as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices
+    /// have no colours.
     printed_colors: Vec<[f64; 3]>,
-    /// Linear vertex colours.
+    /// Colours of the vertices in linear RGB.
     colors: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// Corners: indices of position, texture coordinate, normal ([`NONE`] if there is none) and material.
+    /// Corners of the faces: indices of position, texture coordinate, normal ([`NONE`] if there is none) and material.
     corners: Vec<[u32; 4]>,
     /// Number of corners of each face.
     faces: Vec<u32>,
-    /// Number of corners that refer to a missing texture coordinate, or to a missing normal.
+    /// Number of corners that refer to texture coordinates that don't exist, and of those that refer to such normals.
     missing: [usize; 2],
-    /// Largest vertex index that a face uses before the vertex is defined, with its line and text.
+    /// Largest vertex index that a face used before the vertex was defined, with the face's line and text. It is
+    /// checked at the end.
     ahead: Option<(u32, usize, String)>,
-    /// Number of the current line.
+    /// Number of the current line, from 1, for messages.
     line: usize,
     names: HashMap<String, u32>,
     material: u32,
@@ -138,7 +140,7 @@ impl Obj {
         Ok(())
     }
 
-    /// Converts colours to linear; vertices without a colour become white.
+    /// Converts the printed colours to linear ones, by their range. Vertices without a colour become white.
     fn decode_colors(&mut self, context: &mut Context<'_>) {
         let mut printed = std::mem::take(&mut self.printed_colors);
         if printed.is_empty() {
@@ -193,7 +195,8 @@ impl Obj {
         Ok(())
     }
 
-    /// Checks that faces refer to existing elements. Corners with a missing texture coordinate or normal get none.
+    /// Checks that faces refer to existing vertices. References to texture coordinates or normals that don't exist are
+    /// removed, with a note.
     fn check_corners(&mut self, context: &mut Context<'_>) -> Result<(), Problem> {
         let count = self.positions.len();
         if let Some((_, line, text)) = self.ahead.take().filter(|(last, ..)| *last as usize >= count) {
@@ -265,7 +268,7 @@ impl Obj {
         context.parts(parts, &materials, &textures)
     }
 
-    /// Assigns a material without textures to faces with a corner that has no texture coordinate.
+    /// Assigns a copy of the material without textures to each face that has a corner without texture coordinate.
     fn leave_out_textures(&mut self, materials: &mut Vec<Material>) {
         let mut plain: HashMap<u32, u32> = HashMap::new();
         let mut rest = self.corners.as_mut_slice();
@@ -321,7 +324,7 @@ impl Obj {
     }
 }
 
-/// Names of the elements, other than vertices, that corners refer to.
+/// Names, for messages, of the elements that corners refer to in addition to vertices.
 const KINDS: [&str; 2] = ["texture coordinate", "normal"];
 
 fn no_such_vertex(text: &[u8], count: usize) -> Problem {
@@ -329,13 +332,14 @@ fn no_such_vertex(text: &[u8], count: usize) -> Problem {
     Problem::new(format!("a face refers to vertex {} of {count}", quote(text))).expected(expected)
 }
 
-/// Returns the text after a keyword: names and paths may contain blanks.
+/// Returns the rest of a line after its keyword: a name or path, which may contain blanks.
 fn rest_of(line: &[u8], keyword: &[u8]) -> String {
     let line = line.trim_ascii();
     String::from_utf8_lossy(line[keyword.len().min(line.len())..].trim_ascii()).into_owned()
 }
 
-/// Parses `N` numbers, of which the first `needed` are required; missing ones are 0.
+/// Parses `N` numbers, of which the first `needed` are required; missing ones are 0. `form` is the statement's form for
+/// messages.
 fn numbers<'a, const N: usize>(
     words: &mut impl Iterator<Item = &'a [u8]>,
     form: &str,

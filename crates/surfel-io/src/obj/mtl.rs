@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// Maximum number of textures of a file, which limits their memory.
+/// Maximum number of textures that are read for a file, which limits their memory. It is also the limit of libraries.
 const MAX_TEXTURES: usize = 64;
 
 struct Entry {
@@ -41,13 +41,13 @@ impl Default for Entry {
 /// A bump map of a material, which contains normals or heights.
 struct Bumps {
     map: String,
-    /// Factor of the bumps, from the option `-bm`.
+    /// Factor of the bumps' height, from the option `-bm`.
     scale: f32,
-    /// True if the keyword states that the map contains normals.
+    /// True if the statement's keyword says that the map contains normals. Otherwise its pixels decide.
     are_normals: bool,
 }
 
-/// The images that a material refers to.
+/// Names of the images that make up a material's colour texture.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Maps<'a> {
     color: Option<&'a str>,
@@ -56,7 +56,7 @@ struct Maps<'a> {
 
 impl Maps<'_> {
     /// Combines both images to one texture, of the size of the first image that can be read. Adds notes about images
-    /// that can't.
+    /// that can't be read. `so_far` is the number of textures before.
     fn read(self, so_far: usize, context: &mut Context<'_>) -> Option<Texture> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
@@ -81,11 +81,11 @@ impl Maps<'_> {
     }
 }
 
-/// Minimum mean excess of blue over red and green, out of 255, in a normal map. Normals have z ≥ 0.5, so that the
-/// excess is at least 64; height maps are grey.
+/// Smallest mean excess of blue over red and green from which a bump map contains normals, in 8-bit levels. Normals
+/// have z ≥ 0.5, so that the excess is at least 64; height maps are grey.
 const NORMALS_BLUE: f64 = 32.0;
 
-/// True if an image contains tangent-space normals, which most programs write as `map_Bump`.
+/// True if an image contains tangent-space normals rather than heights. Most programs write both as `map_Bump`.
 fn shows_normals(image: &Texture) -> bool {
     let blue = |[r, g, b, _]: &[u8; 4]| f64::from(*b) - 0.5 * (f64::from(*r) + f64::from(*g));
     image.srgba8.iter().map(blue).sum::<f64>() > NORMALS_BLUE * image.srgba8.len() as f64
@@ -198,7 +198,7 @@ fn read(name: &str, context: &Context<'_>) -> Result<Vec<u8>, String> {
     })
 }
 
-/// Returns the folder of a library's path, with its separator: textures are relative to it.
+/// Returns the folder of a library's path, with its separator. Names of textures are relative to it.
 fn folder_of(library: &str) -> &str {
     &library[..library.rfind(['/', '\\']).map_or(0, |at| at + 1)]
 }
@@ -248,7 +248,7 @@ fn bumps(statement: &str, folder: &str, are_normals: bool, context: &mut Context
     Bumps { map: path_of(statement, folder, context), scale: scale.unwrap_or(1.0), are_normals }
 }
 
-/// Returns the file of a map statement.
+/// Returns the path of the image that a statement such as `map_Kd` names.
 fn path_of(statement: &str, folder: &str, context: &mut Context<'_>) -> String {
     let path = |map: &str| if Path::new(map).is_absolute() { map.to_owned() } else { format!("{folder}{map}") };
     let found = names::map(statement, |map| names::exists(&path(map), &context.siblings));

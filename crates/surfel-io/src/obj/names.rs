@@ -3,13 +3,14 @@
 
 use crate::files::Siblings;
 
-/// Limits of the search for names in a statement. A name begins within the first `MOST_WORDS` words or ends within the
-/// last. A statement names at most `MOST_LIBRARIES` libraries.
+/// Maximum number of words of a library's name. A texture's name ends within the last as many words of its statement.
+/// It begins within the first as many, or after the options.
 const MOST_WORDS: usize = 12;
+/// Maximum number of libraries that a statement may name.
 const MOST_LIBRARIES: usize = 64;
 
-/// Texture options and the maximum number of words that follow each (MTL specification). All but the first of three
-/// numbers are optional.
+/// Options of texture statements, and the maximum number of words that follow each (MTL specification). All but the
+/// first of three numbers are optional.
 const OPTIONS: [(&str, usize); 15] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -28,15 +29,15 @@ const OPTIONS: [(&str, usize); 15] = [
     ("-type", 1),
 ];
 
-/// File name of a texture statement, and the options that are ignored.
+/// File name in a texture statement, and its options that Surfel ignores.
 #[derive(Debug, PartialEq)]
 pub(super) struct Map<'a> {
     pub(super) name: &'a str,
-    /// Options that move or scale the texture.
+    /// Options that move or scale the texture, with their numbers, for a note.
     pub(super) moved: Option<String>,
 }
 
-/// Returns a percent-decoded name, if it differs from the original.
+/// Returns a name with percent-encoding decoded, if it differs from the original.
 pub(super) fn decoded(name: &str) -> Option<String> {
     let decoded = percent_encoding::percent_decode_str(name).decode_utf8().unwrap_or_default();
     (!decoded.is_empty() && decoded != name).then(|| decoded.into_owned())
@@ -47,7 +48,7 @@ pub(super) fn exists(name: &str, siblings: &Siblings) -> bool {
     !name.is_empty() && (siblings.has(name) || decoded(name).is_some_and(|decoded| siblings.has(&decoded)))
 }
 
-/// Returns the libraries of an `mtllib` statement: one, whose name may contain blanks, or several.
+/// Returns the names of libraries in an `mtllib` statement: one, which may contain blanks, or several.
 pub(super) fn libraries(statement: &str, siblings: &Siblings) -> Vec<String> {
     libraries_among(statement, |name| exists(name, siblings))
 }
@@ -90,7 +91,7 @@ pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     Map { name, moved: moved(&options.collect::<Vec<_>>()) }
 }
 
-/// Returns the number of words at the start of a statement that are options and their arguments.
+/// Returns the number of words at the start of a texture statement that are options and their arguments.
 fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
     let word = |i: usize| words.get(i).map_or("", |range| &statement[range.clone()]);
     let mut next = 0;
@@ -123,7 +124,7 @@ fn is_image(name: &str) -> bool {
     name.rsplit_once('.').is_some_and(|(_, extension)| EXTENSIONS.iter().any(|e| extension.eq_ignore_ascii_case(e)))
 }
 
-/// Returns the options that move or scale a texture, if there are any.
+/// Returns the options that move or scale a texture, with their numbers, if there are any with an effect.
 fn moved(options: &[&str]) -> Option<String> {
     let mut all = Vec::new();
     for (i, option) in options.iter().enumerate() {
@@ -141,13 +142,13 @@ fn moved(options: &[&str]) -> Option<String> {
     (!all.is_empty()).then(|| all.join(" "))
 }
 
-/// Returns the byte range of each word.
+/// Returns the byte range of each word in a statement.
 fn words(statement: &str) -> Vec<std::ops::Range<usize>> {
     let start = |word: &str| word.as_ptr() as usize - statement.as_ptr() as usize;
     statement.split_whitespace().map(|word| start(word)..start(word) + word.len()).collect()
 }
 
-/// Returns the text from the first of `words` to the last.
+/// Returns the text of a statement from the first of `words` to the last.
 fn part<'a>(statement: &'a str, words: &[std::ops::Range<usize>]) -> &'a str {
     match (words.first(), words.last()) {
         (Some(first), Some(last)) => &statement[first.start..last.end],

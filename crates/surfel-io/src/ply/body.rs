@@ -12,7 +12,7 @@ use crate::strided::{NumberType, Strided};
 use std::ops::Range;
 use surfel_model::ExtraValues;
 
-/// The properties of an element that a reader requests.
+/// The properties of an element that are read.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Want {
     /// No properties: the element is skipped.
@@ -23,8 +23,9 @@ pub(crate) enum Want {
     Lists(&'static [&'static str]),
 }
 
-/// Properties of MeshLab's faces: u and v of each corner in turn, and the index of the texture.
+/// Property of MeshLab's faces with texture coordinates: u and v of each corner in turn.
 pub(super) const COORDINATES: &str = "texcoord";
+/// Property of MeshLab's faces with the index of the texture.
 pub(super) const TEXTURE: &str = "texnumber";
 /// Reads the requested elements in the order of the file, and stops after the last of them.
 ///
@@ -71,7 +72,7 @@ pub(crate) fn read<'a>(
 
 enum Column<'a> {
     Scalar(ExtraValues),
-    /// Numbers that are read from the file on demand.
+    /// Numbers that stay in the file, and are read on demand.
     Stored(Strided<'a>),
     List(Lists<u32>),
     Coordinates(Lists<f32>),
@@ -118,7 +119,7 @@ macro_rules! each {
     };
 }
 
-/// Reading position, with the element, row and property that messages name.
+/// Reading position in a file's data, with the element, row and property that messages name.
 struct Cursor<'a> {
     /// The file's bytes, if they are in memory.
     bytes: &'a [u8],
@@ -154,7 +155,7 @@ impl Cursor<'_> {
     }
 }
 
-/// A scalar type of PLY.
+/// A Rust number type that corresponds to a scalar type of PLY.
 trait Scalar: Copy {
     fn read<const BIG: bool>(bytes: &[u8]) -> Self;
     fn parse(word: &[u8]) -> Option<Self>;
@@ -255,8 +256,8 @@ fn to_f32<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> f32 {
     if kind == ScalarType::F64 { f64::read::<BIG>(raw) as f32 } else { f32::read::<BIG>(raw) }
 }
 
-/// Returns the number of an element's rows, and the minimum bytes of one: its scalars and the counts of its lists.
-/// Returns an error if fewer bytes remain than the rows need.
+/// Returns the number of an element's rows, and the minimum number of bytes of a row: its scalars and the counts of its
+/// lists. Returns an error if fewer bytes remain than the rows need.
 fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     let properties = &cursor.element.properties;
     let least: usize = properties
@@ -278,11 +279,13 @@ fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     Ok((count as usize, least))
 }
 
-/// Sets of properties that become one column of vectors or colours. They are read in place instead of copied.
+/// Sets of three properties that together become one column of vectors or colours. They are read in place instead of
+/// copied.
 const TOGETHER: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
-/// Reads rows of fixed length, block by block: a block stays in cache while its columns are extracted.
+/// Reads rows of fixed length, block by block, so that a block stays in the processor's cache while its columns are
+/// extracted.
 fn read_rows<'a>(
     cursor: &mut Cursor<'_>,
     bytes: Bytes<'a>,
@@ -337,7 +340,7 @@ fn read_rows<'a>(
     Ok(())
 }
 
-/// Converts a PLY scalar type to the number type of columns.
+/// Converts a scalar type of PLY to the number type of columns.
 pub(super) fn number_type(kind: ScalarType) -> NumberType {
     match kind {
         ScalarType::I8 => NumberType::I8,
@@ -351,7 +354,7 @@ pub(super) fn number_type(kind: ScalarType) -> NumberType {
     }
 }
 
-/// Appends one column of a block of rows.
+/// Appends a property of a block's rows to its column. `bytes` is the property's place in a row of `stride` bytes.
 fn pick<T: Scalar, const BIG: bool>(column: &mut Vec<T>, block: &[u8], stride: usize, bytes: Range<usize>) {
     column.extend(block.chunks_exact(stride).map(|row| T::read::<BIG>(&row[bytes.clone()])));
 }
@@ -406,8 +409,8 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
     Ok(())
 }
 
-/// Returns the next word of text data. The first word of a row must be the first of a line; otherwise rows and header
-/// disagree.
+/// Returns the next word of text data. The first word of a row (`first`) must be the first of a line; otherwise rows
+/// and header disagree.
 fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
     let bytes = cursor.bytes;
     let mut start = cursor.position;
@@ -433,7 +436,7 @@ fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault
     Ok(&bytes[start..start + length])
 }
 
-/// Appends a printed number of this type as little-endian bytes.
+/// Parses a printed number of a scalar type, and appends its little-endian bytes. Returns `None` if it isn't one.
 #[cfg(feature = "laz")]
 pub(super) fn push_word(kind: ScalarType, word: &[u8], out: &mut Vec<u8>) -> Option<()> {
     macro_rules! push {

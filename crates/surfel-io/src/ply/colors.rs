@@ -9,27 +9,28 @@ use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Largest float value that counts as a colour of range 1: computations can raise light or displayed colours above 1.
-/// Larger floats are levels of the range 255 or 65535.
+/// Largest float colour up to which colours count as ranging to 1. Computations can raise light or displayed colours
+/// above 1. Larger floats are levels of the range to 255 or 65535.
 pub(crate) const BRIGHTEST: f64 = 8.0;
 
-/// Encoding of float colours that the file doesn't state.
+/// Encoding of colours that are stored as floats, which their number type doesn't determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FloatColors {
     /// Linear light: colours of the splat profile, and of files with the comment `colors linear`.
     Linear,
-    /// sRGB-encoded, as displayed: colours of points and meshes.
+    /// sRGB-encoded, as displayed: colours of other points and meshes.
     Displayed,
 }
 
 impl FloatColors {
-    /// Returns the encoding that the comments of a file of points or meshes state.
+    /// Returns the encoding of float colours in a file of points or meshes: linear if a comment states it, else as
+    /// displayed.
     pub(crate) fn of_comments(comments: &[String]) -> Self {
         if comments.iter().any(|c| super::comments::are_colors_linear(c)) { Self::Linear } else { Self::Displayed }
     }
 }
 
-/// Number type of three colour columns.
+/// Number type of three colour columns, as far as it matters for their range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ColorType {
     Byte,
@@ -50,16 +51,17 @@ impl ColorType {
     }
 }
 
-/// Encoding of colour values.
+/// Encoding and range of colour values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColorScale {
     Linear,
-    /// sRGB-encoded, from 0 to this maximum.
+    /// sRGB-encoded values from 0 to this maximum: 1, 255 or 65535.
     Encoded(f64),
 }
 
 impl ColorScale {
-    /// Determines the scale of colours from their type, their largest value, and whether all values are whole.
+    /// Determines encoding and range of colours: from their number type, their largest value, whether all values are
+    /// whole, and the encoding of floats.
     pub(crate) fn of(kind: ColorType, largest: f64, whole: bool, floats: FloatColors) -> Self {
         match kind {
             ColorType::Byte => Self::Encoded(255.0),
@@ -83,7 +85,7 @@ impl ColorScale {
         }
     }
 
-    /// Returns a note about the scale if the number type alone doesn't determine it.
+    /// Returns a note about encoding and range, if the number type alone doesn't determine them.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
             (ColorType::Byte, _) | (_, Self::Linear) => None,
@@ -98,10 +100,11 @@ impl ColorScale {
     }
 }
 
-/// The note about 16-bit colours that range to 255.
+/// Note for the user about 16-bit colours that range only to 255.
 pub(crate) const EIGHT_BITS: &str = "its colours count to 255 instead of 65535: taken as 8 bits";
 
-/// Removes red, green and blue from a table, converts them to linear light, and notes assumptions about them.
+/// Removes red, green and blue, or packed colours, from a table, and converts them to linear light. Adds notes on
+/// assumptions about them.
 pub(super) fn take_colors(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -121,7 +124,7 @@ pub(super) fn take_colors(
     Ok(Some(r.iter().zip(&g).zip(&b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()))
 }
 
-/// Converts columns that are read in place to linear colours.
+/// Converts three colour columns, which are read in place, to linear light.
 fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     let kind = ColorType::of(columns.map(|c| c.kind()));
     let largest = match kind {
@@ -137,8 +140,8 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
     combined(columns, |row| row.map(&linear))
 }
 
-/// Removes red, green and blue, which are required, from a table. Returns them as fractions of their range, and true if
-/// they are linear.
+/// Removes red, green and blue, which are required, from a table. Returns them as fractions of their range, not
+/// decoded, and true if they are linear.
 pub(super) fn take_printed(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -153,11 +156,11 @@ pub(super) fn take_printed(
     Ok((r.iter().zip(&g).zip(&b).map(fraction).collect(), scale == ColorScale::Linear))
 }
 
-/// Three colour columns as numbers.
+/// Columns of red, green and blue in memory, before conversion.
 struct Printed<'a>([&'a [f64]; 3]);
 
 impl Printed<'_> {
-    /// Returns the encoding of the values, with a note if their type doesn't determine it.
+    /// Returns encoding and range of the values, and adds a note if their number type doesn't determine these.
     fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
         let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
         let largest = all().fold(0.0, f64::max);
@@ -167,7 +170,8 @@ impl Printed<'_> {
     }
 }
 
-/// Removes colours packed into one number, as in PCL. A float column that isn't packed stays.
+/// Removes colours that are packed into one number, as the Point Cloud Library does, and converts them to linear light.
+/// A float column that isn't packed stays.
 fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     let name = ["rgb", "rgba"].into_iter().find(|name| table.has(name))?;
     let packed = match table.take(name).map(ExtraValues::from)? {
@@ -185,13 +189,13 @@ fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     Some(packed.into_iter().map(|bits| [16, 8, 0].map(|shift| bytes[(bits >> shift & 255) as usize])).collect())
 }
 
-/// True if a float's bits may be a colour with an alpha of 0, of 255, or nearly 255.
+/// True if the bits of a float may be a packed colour, whose alpha is 0, 255 or nearly 255.
 pub(super) fn is_packed(value: f32) -> bool {
     value.is_nan() || value.abs() < 1e-37 || value < -1e37
 }
 
-/// Removes alphas and returns them as fractions. Float alphas of points and meshes may range to 255; those of the splat
-/// profile don't.
+/// Removes the alphas from a table, and returns them as fractions. Float alphas of points and meshes may range to 255
+/// or 65535; those of the splat profile may not.
 pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut Context<'_>) -> Option<Vec<f32>> {
     let fraction = |a: f64, most: f64| (a / most).clamp(0.0, 1.0) as f32;
     match table.take("alpha").map(ExtraValues::from)? {

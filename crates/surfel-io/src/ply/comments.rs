@@ -3,7 +3,7 @@
 use crate::error::{Fault, Problem, quote};
 use surfel_model::Up;
 
-/// Returns the up axis and the interior weight, if comments state them.
+/// Returns the up axis and the interior weight, if some of the header's comments state them.
 pub(super) fn interpret_comments(header_comments: &[String]) -> Result<(Option<Up>, Option<f64>), Fault> {
     let up = header_comments.iter().find_map(|c| comment_up(c));
     let weight = header_comments.iter().find_map(|c| comment_interior_weight(c)).transpose()?;
@@ -17,7 +17,7 @@ pub(super) fn comment_up(comment: &str) -> Option<Up> {
     axis.trim().parse().ok()
 }
 
-/// Returns the value of a comment `interior_weight W0`.
+/// Returns the interior weight that a comment `interior_weight W0` states; `None` for other comments.
 pub(super) fn comment_interior_weight(comment: &str) -> Option<Result<f64, Problem>> {
     let mut words = comment.split_ascii_whitespace();
     if words.next() != Some("interior_weight") {

@@ -14,18 +14,18 @@ use surfel_model::{Column3, ExtraValues};
 const CHUNK: usize = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-/// True for the vertices of a compressed file.
+/// True if the vertices have the properties of compressed Gaussian splats.
 pub(super) fn recognise(vertices: &Table<'_>) -> bool {
     vertices.has(PACKED[0])
 }
 
-/// Returns `bits` bits of a value, from bit `shift` on, as a fraction of their maximum.
+/// Returns the number in `bits` bits of a packed value, from bit `shift` on, as a fraction of the number's maximum.
 fn fraction(value: u32, shift: u32, bits: u32) -> f64 {
     let most = (1 << bits) - 1;
     f64::from(value >> shift & most) / f64::from(most)
 }
 
-/// Minimum and maximum of each chunk, per axis.
+/// Minima and maxima of a property in each chunk of splats, one column per axis.
 struct Bounds([Vec<f64>; 3], [Vec<f64>; 3]);
 
 impl Bounds {
@@ -35,7 +35,7 @@ impl Bounds {
         Ok(Self([a, b, c].map(|v| to_f64(&v.into())), [d, e, f].map(|v| to_f64(&v.into()))))
     }
 
-    /// Returns the point at these fractions of the bounds of a splat's chunk.
+    /// Returns the vector at these fractions of the bounds of the chunk that contains a splat.
     fn at(&self, splat: usize, fractions: [f64; 3]) -> DVec3 {
         let chunk = splat / CHUNK;
         DVec3::from([0, 1, 2].map(|k| self.0[k][chunk] * (1.0 - fractions[k]) + self.1[k][chunk] * fractions[k]))

@@ -3,12 +3,12 @@
 /// An encoding of PLY data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlyEncoding {
-    /// Decimal text.
+    /// Numbers as decimal text.
     Ascii,
-    /// Binary, least significant byte first.
+    /// Binary numbers, least significant byte first.
     #[default]
     BinaryLittleEndian,
-    /// Binary, most significant byte first.
+    /// Binary numbers, most significant byte first.
     BinaryBigEndian,
 }
 

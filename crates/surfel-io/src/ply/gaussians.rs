@@ -16,8 +16,8 @@ const CONSTANT: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
 /// the scales.
 const FILTER: &str = "filter_3D";
 
-/// True for a Gaussian-splat file; an error if required properties are missing. A file with a radius or half-axes is in
-/// Surfel's own profile.
+/// True if the vertices are Gaussian splats; an error if these lack required properties. Vertices with a radius or
+/// half-axes are in Surfel's own profile.
 pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);
@@ -89,7 +89,8 @@ fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
     if filter == 0.0 { (sigma, 1.0) } else { (if kind == Kind::Flat { wide.with_z(0.0) } else { wide }, ratio) }
 }
 
-/// Reads the columns `f_rest_N`: all coefficients of red, then of green, then of blue.
+/// Removes the columns `f_rest_N` from a table, and returns them as spherical harmonics. They are all coefficients of
+/// red, then of green, then of blue.
 fn harmonics(table: &mut Table<'_>, splats: usize, context: &Context<'_>) -> Harmonics {
     let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
     let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);

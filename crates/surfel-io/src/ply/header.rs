@@ -5,35 +5,36 @@ use super::names;
 use crate::error::{Fault, Location, Problem, quote};
 use std::collections::HashSet;
 
-/// Maximum length of a header, in bytes, which also limits the number of properties.
+/// Maximum length of a PLY header, in bytes, which also limits the number of properties.
 pub(crate) const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Maximum length of a header line, in bytes.
+/// Maximum length of a line of a PLY header, in bytes.
 pub(crate) const MAX_LINE_BYTES: usize = 1 << 16;
 
-/// A parsed header.
+/// A parsed PLY header.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) encoding: PlyEncoding,
     pub(crate) comments: Vec<String>,
     pub(crate) elements: Vec<ElementDef>,
-    /// Offset of the first byte after the header.
+    /// Byte offset of the data, after the header.
     pub(crate) body: usize,
 }
 
-/// An element: name, number of rows and properties of a table.
+/// An element of a PLY file, which is a table: its name, number of rows and properties.
 #[derive(Debug)]
 pub(crate) struct ElementDef {
-    /// Name of the element: the profile's canonical name if the file uses a synonym, else the name in the file.
+    /// Name of the element: the splat profile's name if the file uses a synonym, else the name in the file.
     pub(crate) name: String,
-    /// Name in the file, for messages.
+    /// Name of the element in the file, for messages.
     pub(crate) in_file: String,
-    /// Number of rows that the header states; never the only basis of an allocation.
+    /// Number of rows that the header states. Hostile files state too many, so that allocations must not rely on it
+    /// alone.
     pub(crate) count: u64,
     pub(crate) properties: Vec<PropertyDef>,
 }
 
 impl ElementDef {
-    /// True if all rows have the same length in a binary file.
+    /// True if all rows have the same length in a binary file, because the element has no lists.
     pub(crate) fn is_fixed(&self) -> bool {
         self.properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_)))
     }
@@ -41,9 +42,9 @@ impl ElementDef {
 
 #[derive(Debug)]
 pub(crate) struct PropertyDef {
-    /// Name of the property: the profile's canonical name if the file uses a synonym, else the name in the file.
+    /// Name of the property: the splat profile's name if the file uses a synonym, else the name in the file.
     pub(crate) name: String,
-    /// Name in the file, for messages.
+    /// Name of the property in the file, for messages.
     pub(crate) in_file: String,
     pub(crate) kind: Kind,
 }
@@ -60,7 +61,7 @@ pub(crate) enum Kind {
     List { count: ScalarType, item: ScalarType },
 }
 
-/// The eight PLY scalar types.
+/// The eight scalar types of PLY.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ScalarType {
     I8,
@@ -102,7 +103,7 @@ impl ScalarType {
     }
 }
 
-/// Parses the header at the start of `bytes`.
+/// Parses the PLY header at the start of `bytes`.
 pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
     let mut lines = HeaderLines::new(bytes)?;
     let (mut encoding, mut known) = (None, HashSet::new());

@@ -17,23 +17,23 @@ use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{Column3, ExtraColumn, Mesh};
 
-/// Polygons, with texture coordinates and other properties.
+/// Polygons or triangle strips of a PLY file, with texture coordinates and other properties.
 pub(super) struct Faces {
     corners: Lists<u32>,
     coordinates: Option<Lists<f32>>,
-    /// Texture index of each polygon.
+    /// Texture index of each polygon, as stored; `None` if the file states none.
     textures: Option<Vec<f64>>,
-    /// Colour of each polygon.
+    /// Colour of each polygon; `None` if the file states none.
     colors: Option<Vec<FaceColor>>,
-    /// Other properties.
+    /// Further properties of the polygons, which become columns of triangles.
     extras: Vec<ExtraColumn>,
 }
 
-/// Properties of faces that don't become extra columns.
+/// Properties of faces that don't become columns of triangles, because they are colours.
 const NOT_EXTRAS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
 impl Faces {
-    /// Reads the faces of a table; returns `None` without polygons.
+    /// Reads the faces in a table; returns `None` if there are none.
     pub(super) fn of(
         mut table: Table<'_>,
         comments: &[String],
@@ -56,7 +56,7 @@ impl Faces {
         Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors, extras }))
     }
 
-    /// Returns the colour of each triangle; a polygon of n corners becomes n − 2 triangles.
+    /// Returns the colour of each triangle: that of its polygon. A polygon of n corners becomes n − 2 triangles.
     fn triangle_colors(&self) -> Option<Vec<Option<FaceColor>>> {
         let colors = self.colors.as_ref()?;
         let each = self.corners.lengths.iter().zip(colors);
@@ -141,7 +141,7 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
     x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
 }
 
-/// Cuts polygons into triangles; returns the index of each triangle's polygon.
+/// Cuts polygons into triangles, which are appended to `triangles`. Returns the index of each triangle's polygon.
 fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) -> Vec<u32> {
     // Every corner beyond a polygon's second makes a triangle, so this capacity is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
@@ -159,7 +159,8 @@ fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, c
     face_of
 }
 
-/// Converts columns of polygons to columns of triangles. A name that vertices use, too, gets the prefix `face_`.
+/// Converts columns of polygons to columns of triangles, by the polygon of each triangle (`face_of`). If vertices have
+/// a column of the same name, the name gets the prefix `face_`.
 fn columns_of_triangles(
     extras: &[ExtraColumn],
     face_of: &[u32],
@@ -182,13 +183,13 @@ fn columns_of_triangles(
     extras.iter().filter_map(of).collect()
 }
 
-/// Returns a vertex's position, if the vertex exists.
+/// Returns the position of vertex `i`, if the vertex exists.
 pub(super) fn place(positions: &Column3, i: u32) -> Option<DVec3> {
     ((i as usize) < positions.len()).then(|| positions.get(i as usize))
 }
 
-/// Converts strips to triangles; −1 begins a new strip. Degenerate triangles, which connect parts of a strip, are
-/// dropped.
+/// Converts triangle strips to triangles; the index −1 begins a new strip. Degenerate triangles, which connect parts of
+/// a strip, are dropped.
 fn unroll(strips: &Lists<u32>, triangles: &mut Vec<[u32; 3]>) {
     triangles.reserve(strips.items.len());
     for strip in strips.iter() {

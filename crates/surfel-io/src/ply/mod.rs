@@ -26,7 +26,7 @@ use header::ElementDef;
 use mesh::Faces;
 use table::require;
 
-/// Names of the list with the corners of a face or strip.
+/// Names of the list property with the corners of a face or strip.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 
 /// Reads a PLY file.

@@ -4,12 +4,12 @@ use super::header::{ElementDef, Kind, ScalarType};
 use super::{INDEX_LISTS, body};
 use crate::point_columns::{COLORS, NORMALS, POSITIONS, plain_name};
 
-/// Names of the vertex element, ignoring case, in order of priority.
+/// Names of the element with the vertices, ignoring case, in order of priority.
 const VERTICES: [&str; 4] = ["vertex", "vertices", "point", "points"];
 const FACES: [&str; 2] = ["face", "faces"];
 
-/// Renames elements and properties to the profile's names, unless these exist already. Messages use the file's own
-/// names.
+/// Renames elements and properties with synonyms to the splat profile's names, unless these exist already. Messages use
+/// the file's own names.
 pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     rename_element(elements, &VERTICES);
     rename_element(elements, &FACES);
@@ -32,7 +32,7 @@ pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     }
 }
 
-/// Renames the element with one of these names to the first of them.
+/// Renames an element whose name is one of `names` to the first of them. Letter case is ignored.
 fn rename_element(elements: &mut [ElementDef], names: &[&str]) {
     if elements.iter().any(|e| e.name == names[0]) {
         return;
@@ -50,7 +50,8 @@ fn rename_colors(element: &mut ElementDef) {
     rename_set(element, ["alpha"], if has_colors { &[["alpha"], ["a"]] } else { &[["alpha"]] });
 }
 
-/// Renames properties to the `canonical` names, using the first set of synonyms that is complete.
+/// Renames properties to the `canonical` names, unless one of these exists. It uses the first set of synonyms of which
+/// all exist.
 fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], sets: &[[&str; N]]) {
     let properties = &mut element.properties;
     if canonical.iter().any(|name| properties.iter().any(|p| p.name == *name)) {
@@ -69,8 +70,8 @@ fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], se
     }
 }
 
-/// Renames the list of a face's corners: by its name, ignoring case, or else because it is the only list of whole
-/// numbers.
+/// Renames the list of a face's corners to `vertex_indices`. The list is recognised by its name, ignoring case, or else
+/// because it is the only list of whole numbers.
 fn rename_corners(element: &mut ElementDef) {
     let properties = &mut element.properties;
     if properties.iter().any(|p| INDEX_LISTS.contains(&p.name.as_str())) {

@@ -13,7 +13,7 @@ use crate::strided::{NumberType, Strided};
 use std::io::Write;
 use surfel_model::Up;
 
-/// Properties of splats, which aren't plain points.
+/// Properties by which vertices are splats, and aren't read as points.
 const OF_SPLATS: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
 
 /// The header of a PLY file of points, and the position of the vertices in the file.
@@ -23,7 +23,7 @@ pub(crate) struct Vertices {
     element: usize,
     /// Byte offset of the first vertex.
     start: usize,
-    /// Number of header lines.
+    /// Number of header lines, for the line numbers of messages.
     lines: usize,
 }
 
@@ -68,7 +68,7 @@ impl Vertices {
         self.vertices().properties.iter().any(|p| p.name == property)
     }
 
-    /// Returns the minimum number of bytes of the vertices.
+    /// Returns the minimum number of bytes that the vertices take in the file, by which a damaged header is recognised.
     pub(crate) fn least_bytes(&self) -> u64 {
         let row = match self.header.encoding {
             // A digit and a separator.
@@ -78,12 +78,12 @@ impl Vertices {
         self.points().saturating_mul(row as u64)
     }
 
-    /// Returns the up axis, if a comment states it.
+    /// Returns the up axis, if a comment in the header states it.
     pub(crate) fn up(&self) -> Option<Up> {
         interpret_comments(&self.header.comments).ok()?.0
     }
 
-    /// Returns the encoding of float colours.
+    /// Returns the encoding of colours that are stored as floats.
     pub(crate) fn float_colors(&self) -> FloatColors {
         FloatColors::of_comments(&self.header.comments)
     }
@@ -95,7 +95,8 @@ impl Vertices {
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     }
 
-    /// Converts text vertices to binary rows in `out`; returns false if the file is binary.
+    /// Writes text vertices as rows of binary numbers to `out`. Writes nothing and returns false if the file is binary
+    /// already.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         if self.header.encoding != PlyEncoding::Ascii {
             return Ok(false);
@@ -129,7 +130,8 @@ impl Vertices {
         if rows < self.points() { Err(self.cut(bytes, rows).into()) } else { Ok(true) }
     }
 
-    /// Returns the columns of the vertices, unpacked or in the file, and their roles.
+    /// Returns the columns of the vertices, and their roles. `bytes` is what [`Self::unpack`] wrote, if `is_unpacked`,
+    /// else the file.
     pub(crate) fn columns<'a>(&self, bytes: Bytes<'a>, is_unpacked: bool) -> Result<(Vec<Named<'a>>, Roles), Fault> {
         let vertices = self.vertices();
         let (stride, mut offset) = (row_bytes(vertices), if is_unpacked { 0 } else { self.start });
@@ -169,7 +171,7 @@ impl Vertices {
     }
 }
 
-/// Returns the type of a property of a fixed-length element, which has no lists.
+/// Returns the scalar type of a property of an element that has no lists.
 fn scalar(kind: Kind) -> ScalarType {
     match kind {
         Kind::Scalar(kind) | Kind::List { count: kind, .. } => kind,

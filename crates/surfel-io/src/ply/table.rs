@@ -13,12 +13,12 @@ use surfel_model::Column3;
 pub(crate) struct Table<'a> {
     pub(crate) scalars: Vec<(String, Numbers<'a>)>,
     pub(crate) lists: Vec<(String, Lists<u32>)>,
-    /// Texture coordinates of faces: u and v of each corner in turn.
+    /// Texture coordinates of MeshLab's faces: for each face, u and v of each corner in turn.
     pub(crate) coordinates: Option<Lists<f32>>,
 }
 
 impl<'a> Table<'a> {
-    /// Removes and returns a column.
+    /// Removes a scalar column, by its name, and returns it.
     pub(crate) fn take(&mut self, name: &str) -> Option<Numbers<'a>> {
         let index = self.scalars.iter().position(|(n, _)| n == name)?;
         Some(self.scalars.remove(index).1)
@@ -29,7 +29,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A column of lists, stored end to end. Negative integers become `u32::MAX`.
+/// A column of lists, whose items are stored one after another. Negative integers become `u32::MAX`.
 #[derive(Debug, Default)]
 pub(crate) struct Lists<T> {
     pub(crate) lengths: Vec<u32>,
@@ -37,14 +37,14 @@ pub(crate) struct Lists<T> {
 }
 
 impl<T> Lists<T> {
-    /// Appends a list.
+    /// Appends a list with these items.
     pub(super) fn push(&mut self, items: impl ExactSizeIterator<Item = T>) {
         let length = items.len();
         self.items.extend(items);
         self.end(length);
     }
 
-    /// Ends a list of `length` items that were appended before.
+    /// Completes a list, whose `length` items have been appended to `items`.
     pub(super) fn end(&mut self, length: usize) {
         self.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
     }
@@ -60,7 +60,8 @@ impl<T> Lists<T> {
     }
 }
 
-/// Removes and returns x, y and z, which must exist. Adds a note if they are rounded.
+/// Removes x, y and z, which must exist, from a table. Returns an origin, and positions relative to it. Adds a note if
+/// the positions are coarsely rounded.
 pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<(DVec3, Column3), Fault> {
     let columns = take(table, ["x", "y", "z"])?;
     let are_rounded = columns.iter().all(|c| c.kind() == NumberType::F32);
@@ -71,14 +72,14 @@ pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -
     Ok((origin, positions))
 }
 
-/// Removes and returns required columns.
+/// Removes required columns from a table, and returns them.
 pub(super) fn take<'a, const N: usize>(table: &mut Table<'a>, names: [&str; N]) -> Result<[Numbers<'a>; N], Fault> {
     require(table, &names)?;
     let columns: Vec<_> = names.iter().filter_map(|n| table.take(n)).collect();
     columns.try_into().map_err(|_| Problem::new(format!("the properties {} are incomplete", list(&names))).into())
 }
 
-/// Removes and returns a set of columns if all exist; an incomplete set is an error.
+/// Removes a set of columns from a table and returns it, if all of them exist. Returns an error if only some exist.
 pub(super) fn take_set<'a, const N: usize>(
     table: &mut Table<'a>,
     names: [&str; N],
@@ -86,7 +87,7 @@ pub(super) fn take_set<'a, const N: usize>(
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
 }
 
-/// Returns an error unless all of `names` exist.
+/// Checks that a table has all of the columns `names`.
 pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     let (found, missing): (Vec<&str>, Vec<&str>) = names.iter().partition(|n| table.has(n));
     if missing.is_empty() {
@@ -101,5 +102,5 @@ pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     Err(Problem::new(what).expected(format!("all of {}", names.join(" "))).help(EXPECTED_SETS).into())
 }
 
-/// Help text for an incomplete set of properties.
+/// Expected sets of properties, for messages about incomplete ones.
 const EXPECTED_SETS: &str = "splats need x y z and nx ny nz radius, or x y z and su sv sw tu tv tw; points need x y z";

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
 
-/// Texture coordinates and textures of a mesh's triangles, which were cut from polygons.
+/// Texture coordinates of the corners of a mesh's triangles, and their textures. The triangles were cut from polygons.
 pub(super) struct Wedges {
     /// Texture coordinates of each triangle's corners, with v downwards; `None` for polygons without coordinates.
     coordinates: Vec<Option<[[f32; 2]; 3]>>,
@@ -16,7 +16,8 @@ pub(super) struct Wedges {
 }
 
 impl Wedges {
-    /// Reads the wedges of polygons. There may be fewer coordinates and textures than polygons.
+    /// Converts the texture coordinates and texture indices of polygons to those of triangles. There may be fewer of
+    /// them than polygons.
     pub(super) fn new(
         (corners, positions): (&Lists<u32>, &Column3),
         coordinates: &Lists<f32>,
@@ -37,8 +38,9 @@ impl Wedges {
         wedges
     }
 
-    /// Adds textures to a mesh, whose first triangles are those of these wedges. A vertex whose corners differ is
-    /// duplicated. A mesh with invalid vertex indices stays unchanged.
+    /// Adds texture coordinates and textures to a mesh, whose first triangles are those of these wedges. A vertex whose
+    /// corners have different texture coordinates or textures is duplicated. A mesh with invalid vertex indices stays
+    /// unchanged.
     pub(super) fn split(&self, mesh: &mut Mesh, textures: &[Option<Arc<Texture>>]) {
         if mesh.triangles.iter().flatten().any(|i| *i as usize >= mesh.positions.len()) {
             return;

@@ -12,7 +12,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use surfel_model::{ClipMode, CloudData, Column3, ExtraColumn, ExtraValues, Shape, SplatCloud};
 
-/// Number of rows that are encoded at a time.
+/// Number of rows that are encoded at a time, which limits the memory.
 const BLOCK_ROWS: usize = 4096;
 
 /// Writes a splat cloud in Surfel's PLY profile to a file, atomically.
@@ -111,7 +111,7 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     text
 }
 
-/// A column to be written: a function or slice that gives each row's value.
+/// A column to be written: a function that returns a row's value, or a column in memory.
 enum Values<'a> {
     F32(Box<dyn Fn(usize) -> f32 + 'a>),
     F64(Box<dyn Fn(usize) -> f64 + 'a>),
@@ -224,7 +224,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
     columns
 }
 
-/// True if a column duplicates the radii of disks.
+/// True if an extra column duplicates the radii of disks, so that it isn't written.
 fn is_radius(extra: &ExtraColumn, shape: &Shape) -> bool {
     let (Shape::Disks { radii, .. }, ExtraValues::F32(values)) = (shape, &extra.values) else { return false };
     ["radius", "radii"].iter().any(|name| extra.name.eq_ignore_ascii_case(name)) && values == radii

@@ -3,18 +3,19 @@
 use glam::{DMat3, DVec3};
 use std::fmt;
 
-/// WGS 84: the equatorial radius in metres, and the square of the eccentricity.
+/// Equatorial radius of the Earth in metres (WGS 84).
 const EQUATOR: f64 = 6_378_137.0;
+/// Square of the eccentricity of the Earth's ellipsoid (WGS 84).
 const ECCENTRICITY_2: f64 = 6.694_379_990_141_316_5e-3;
-/// Distances from the Earth's centre, in metres, that count as on Earth: from the polar radius less 10 km to the
-/// equatorial radius plus 20 km.
+/// Range of distances from the Earth's centre, in metres, at which points count as on Earth. It begins 10 km below the
+/// polar radius and ends 20 km above the equatorial radius.
 const ON_EARTH: std::ops::RangeInclusive<f64> = 6_346_752.0..=6_398_137.0;
 
 /// Local axes at a place on Earth: east, north and up.
 pub(super) struct Horizon {
-    /// Origin of east, north and up, from the Earth's centre.
+    /// Origin of the local axes, in Earth-centred coordinates.
     pub(super) center: DVec3,
-    /// Rows: east, north, up.
+    /// Rotation to the local axes; its rows are east, north and up in Earth-centred coordinates.
     pub(super) local_from_earth: DMat3,
     latitude: f64,
     longitude: f64,
@@ -35,8 +36,8 @@ impl Horizon {
         Some(Self::at(center))
     }
 
-    /// Computes the geodetic latitude by Bowring's method (Survey Review 28, 1985); two iterations reduce the error
-    /// below a micrometre.
+    /// Computes the local axes at `center`. Its geodetic latitude is found by Bowring's method (Survey Review 28,
+    /// 1985); two iterations reduce the error below a micrometre.
     fn at(center: DVec3) -> Self {
         let axis = center.truncate().length();
         let polar = EQUATOR * (1.0 - ECCENTRICITY_2).sqrt();

@@ -14,13 +14,14 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-/// Maximum nesting depth of tilesets.
+/// Maximum depth to which tilesets may refer to one another.
 const MAX_DEPTH: usize = 32;
-/// Maximum number of tiles, and of points of all tiles.
+/// Maximum number of tiles that are read.
 const MAX_TILES: usize = 1 << 20;
+/// Maximum number of points of all tiles together.
 const MAX_POINTS: usize = 1 << 30;
 
-/// The parts of a tileset file that are read.
+/// The parts of a tileset's JSON that are read.
 #[derive(Deserialize)]
 struct Tileset {
     asset: Asset,
@@ -50,14 +51,14 @@ struct Tile {
 
 #[derive(Deserialize)]
 struct BoundingVolume {
-    /// Centre and three half-axes.
+    /// Centre of a box and its three half-axes, each as x, y and z.
     #[serde(rename = "box")]
     cuboid: Option<[f64; 12]>,
 }
 
 #[derive(Deserialize)]
 struct Reference {
-    /// URI of the content, called `url` before 3D Tiles 1.0.
+    /// URI of a tile's content, called `url` before 3D Tiles 1.0.
     #[serde(alias = "url")]
     uri: String,
 }
@@ -106,7 +107,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     finish(points, context)
 }
 
-/// Reads one tile of points.
+/// Reads a file that is a single `pnts` tile.
 pub(crate) fn read_pnts(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let mut points = GatheredPoints::default();
     points.add(pnts::read(bytes, DAffine3::IDENTITY)?);
@@ -126,19 +127,20 @@ fn finish(mut points: GatheredPoints, context: &mut Context<'_>) -> Result<Conte
     points.finish(context)
 }
 
-/// Position and properties inherited from a tile's ancestors.
+/// Properties that a tile inherits from its ancestors: position, folder and rules.
 #[derive(Clone, Default)]
 struct Place {
     world_from_tile: DAffine3,
-    /// Folder of the tile's tileset, relative to that of the first one; empty, or with a slash at its end.
+    /// Folder of the tileset that contains the tile, relative to that of the first tileset; empty, or with a slash at
+    /// its end.
     folder: String,
-    /// True if children are drawn in addition to their parent instead of replacing it.
+    /// True if a tile's children are drawn in addition to it instead of replacing it.
     adds: bool,
-    /// True if this tileset's glTF tiles are z-up.
+    /// True if the glTF tiles of this tileset have z up, as the tileset states.
     z_up: bool,
 }
 
-/// Numbers of skipped tiles, for notes.
+/// Numbers of tiles that were skipped, for notes.
 #[derive(Default)]
 struct Skipped {
     triangles: usize,
@@ -160,12 +162,14 @@ impl Skipped {
 
 struct Walk<'a, 'b> {
     context: &'a mut Context<'b>,
-    /// Points of the tiles. glTF points stay in glTF coordinates, with their transform, until their up axis is known.
+    /// Points of the tiles read so far. Points of glTF tiles stay in glTF coordinates, with their transform, until
+    /// their up axis is known.
     parts: Vec<(PointsPart, Option<DAffine3>)>,
     points: usize,
     tiles: usize,
-    /// Numbers of glTF points inside their tile's box, as stored and when rotated from y-up to z-up.
+    /// Number of points of glTF tiles that are inside their tile's box as stored.
     inside_as_stored: usize,
+    /// Number of points of glTF tiles that are inside their tile's box after rotation from y-up to z-up.
     inside_turned: usize,
     skipped: Skipped,
 }
@@ -182,7 +186,7 @@ impl Walk<'_, '_> {
         self.tile(&tileset.root, &Place { z_up, ..place.clone() }, depth).map(|_| ())
     }
 
-    /// Adds the finest tiles of a subtree; returns false if there are none.
+    /// Reads the finest tiles of the subtree of a tile; returns false if there are none.
     fn tile(&mut self, tile: &Tile, parent: &Place, depth: usize) -> Result<bool, Fault> {
         if tile.implicit_tiling.is_some() {
             let problem = Problem::new("has implicit tiling, which is not read");
@@ -279,8 +283,9 @@ impl Walk<'_, '_> {
         self.skipped.triangles += 1;
     }
 
-    /// Counts points inside their tile's box. glTF is y-up and tilesets are z-up, so tiles must be rotated (3D Tiles
-    /// 1.1, "glTF transforms"). Some programs write tiles that are already z-up, which their boxes reveal.
+    /// Counts the points that are inside their tile's box, as stored and after rotation. glTF is y-up and tilesets are
+    /// z-up, so tiles must be rotated (3D Tiles 1.1, "glTF transforms"). Some programs write tiles that are already
+    /// z-up, which their boxes reveal.
     fn compare(&mut self, part: &PointsPart, cuboid: Option<[f64; 12]>) {
         let Some(cuboid) = cuboid else { return };
         let turn = z_up_from_y_up();
@@ -291,12 +296,12 @@ impl Walk<'_, '_> {
     }
 }
 
-/// Returns the quarter turn about x that rotates glTF's y-up to z-up.
+/// Returns the quarter turn about the x axis that rotates glTF's y-up to z-up.
 fn z_up_from_y_up() -> DAffine3 {
     DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y))
 }
 
-/// True if a point is inside a box, enlarged by a hundredth of its size: boxes are rounded.
+/// True if a point is inside a tile's box. The box is enlarged by a hundredth of its size, because boxes are rounded.
 fn within(cuboid: &[f64; 12], point: DVec3) -> bool {
     let axis = |i: usize| DVec3::from_slice(&cuboid[3 * i..]);
     let to = point - axis(0);

@@ -11,13 +11,13 @@ use surfel_model::{ExtraColumn, ExtraValues};
 
 const HEADER: usize = 28;
 
-/// A table: JSON with the offsets of columns in the bytes after it.
+/// A feature table or batch table: JSON with the offsets of columns, and the bytes that contain the columns.
 struct Table<'a> {
     json: Value,
     body: &'a [u8],
 }
 
-/// Reads a tile's points, in world space.
+/// Reads the points of a `pnts` tile, and transforms them to world space.
 pub(super) fn read(bytes: &[u8], world_from_tile: DAffine3) -> Result<PointsPart, Fault> {
     let words = bytes.get(4..HEADER).map(|raw| raw.as_chunks::<4>().0);
     let Some(&[version, _, json, binary, batch_json, batch_binary]) = words.and_then(|w| w.first_chunk::<6>()) else {
@@ -65,7 +65,7 @@ fn numbers<const N: usize>(of: &Value) -> Option<[f64; N]> {
 }
 
 impl<'a> Table<'a> {
-    /// Returns the bytes of a column of `count` rows of `size` bytes; `None` if there is no such column.
+    /// Returns the bytes of a table's column with `count` rows of `size` bytes; `None` if there is no such column.
     fn column(&self, name: &str, count: usize, size: usize) -> Result<Option<&'a [u8]>, Problem> {
         let Some(property) = self.json.get(name) else { return Ok(None) };
         let start = property.get("byteOffset").and_then(Value::as_u64).and_then(|o| usize::try_from(o).ok());
@@ -114,7 +114,7 @@ impl<'a> Table<'a> {
         Ok(packed.map(|raw| raw.as_chunks::<2>().0.iter().map(unpack).collect()))
     }
 
-    /// Returns linear RGB and alpha; stored levels are sRGB-encoded.
+    /// Returns the colours of `count` points as linear RGB and alpha; stored levels are sRGB-encoded.
     fn colors(&self, count: usize) -> Result<Option<Vec<[f32; 4]>>, Problem> {
         let linear = |level: u32, most: u32| linear_of_unit(f64::from(level) / f64::from(most));
         let of_bytes = |&[r, g, b]: &[u8; 3]| [r, g, b].map(|c| linear(c.into(), 255));
@@ -138,7 +138,8 @@ impl<'a> Table<'a> {
         }))
     }
 
-    /// Returns the columns of one number per point, under the file's names. Other and damaged columns are dropped.
+    /// Returns the columns of a batch table that have one number per point, under the file's names. Other and damaged
+    /// columns are dropped.
     fn columns(&self, count: usize) -> Vec<ExtraColumn> {
         let Some(properties) = self.json.as_object() else { return Vec::new() };
         let mut found = Vec::new();

@@ -6,24 +6,24 @@ use std::sync::Arc;
 use surfel_io::IoError;
 use surfel_model::Color;
 
-/// Maximum size of a file in bytes.
+/// Largest accepted size, in bytes, of a file with a colour map or with names of categories.
 const MOST_BYTES: u64 = 1 << 20;
-/// Number of colours of a colour map, after interpolation of the file's colours.
+/// Number of evenly spaced colours of a colour map from a file, after interpolation between the file's colours.
 const LEVELS: usize = 256;
 
 /// Colour map that was read from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FileColors {
-    /// Name of the file.
+    /// Name of the file, for display.
     pub name: String,
     /// Colours as 8-bit sRGB levels, for values from the minimum to the maximum.
     pub levels: Vec<[u8; 3]>,
 }
 
-/// Names and colours of categories, read from a file.
+/// Names and colours of categories, read from a file that the user supplies.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Labels {
-    /// Value, name and colour, in ascending order of values.
+    /// Value, name and optional colour (8-bit sRGB levels) of each category, in ascending order of values.
     entries: Vec<(f64, Arc<str>, Option<[u8; 3]>)>,
 }
 
@@ -89,7 +89,7 @@ impl FileColors {
     }
 }
 
-/// Returns [`LEVELS`] colours at even intervals from the first to the last colour, by linear interpolation.
+/// Returns [`LEVELS`] colours at even intervals from the first to the last of `colors`, by linear interpolation.
 fn interpolated(colors: &[[f64; 3]]) -> Vec<[u8; 3]> {
     let last = colors.len() - 1;
     let at = |i: usize| {
@@ -147,7 +147,7 @@ impl Labels {
         Ok(Self { entries })
     }
 
-    /// Returns the name and the colour of a value, if the file has the value.
+    /// Returns the name and the colour of the category with a value, if the file has it.
     pub(crate) fn of(&self, value: f64) -> Option<(Arc<str>, Option<[u8; 3]>)> {
         let at = self.entries.binary_search_by(|(known, ..)| known.total_cmp(&value)).ok()?;
         self.entries.get(at).map(|(_, name, color)| (name.clone(), *color))

@@ -20,7 +20,7 @@ use std::sync::Arc;
 use surfel_math::srgb;
 use surfel_model::{CloudData, ExtraColumn, ExtraValues, ModelError, OnInvalid, SplatCloud};
 
-/// sRGB level of the grey for splats without a value.
+/// sRGB level, 0 to 255, of the grey that splats without a value get.
 const GREY: u8 = 128;
 
 /// An attribute and the colours of its values.
@@ -39,7 +39,7 @@ pub enum ColorScale {
     Direct,
     /// A colour map over a range of values.
     Range {
-        /// The colour map.
+        /// Colour map that is stretched over the range.
         map: ColorMap,
         /// Minimum and maximum of the map's range, in the attribute's units.
         range: [f64; 2],
@@ -51,11 +51,11 @@ pub enum ColorScale {
 /// Value that stands for a category, such as a class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Category {
-    /// The value.
+    /// Attribute value of the category's splats.
     pub value: f64,
     /// Name of the category, if it has one.
     pub name: Option<Arc<str>>,
-    /// Colour as sRGB levels.
+    /// Colour of the category as 8-bit sRGB levels.
     pub color: [u8; 3],
     /// Number of splats with this value.
     pub count: usize,
@@ -71,13 +71,13 @@ impl Category {
 /// Source of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
-    /// A column of the file, by its index among the extra columns.
+    /// Values of a column of the file, by the column's index among the extra columns.
     Column(usize),
-    /// The position along the up axis.
+    /// Position of each splat along the up axis.
     Height,
-    /// The normal, whose components become colours.
+    /// Normal of each splat, whose components become colours.
     Normal,
-    /// The file's own colours.
+    /// Colour of each splat as the file states it.
     Rgb,
 }
 
@@ -113,7 +113,8 @@ impl Attribute {
         }
     }
 
-    /// Returns the scale of an attribute that isn't a number, and a note that explains its colours; `None` for numbers.
+    /// Returns the scale of an attribute whose colours aren't derived from numbers, and a note that explains the
+    /// colours. Returns `None` for numbers.
     pub(crate) fn direct(self) -> Option<(ColorScale, &'static str)> {
         let note = match self {
             Self::Column(_) | Self::Height => return None,

@@ -6,24 +6,26 @@ use super::{Category, ColorMap, ColorScale, GREY, maps, short};
 use std::collections::HashMap;
 use surfel_model::Colormap;
 
-/// Largest number of distinct integers that are coloured as categories by default.
+/// Largest number of distinct integers at which an attribute's values are coloured as categories by default. With more,
+/// they are coloured by a range.
 const CATEGORIES: usize = 20;
-/// Largest number of categories if the user or the attribute's name requests categories.
+/// Largest number of categories if the user or the attribute's name requests categories. Further values get no colour.
 const MOST_CATEGORIES: usize = 1 << 16;
-/// Percentiles at the ends of the colour map's range, if the user gives no range.
+/// Percentiles of the values that become the ends of the colour map's range, if the user gives no range.
 const PERCENTILES: [f64; 2] = [2.0, 98.0];
-/// Number of values that are stored exactly. When it is reached, each run of [`RUN`] sorted values is replaced by its
+/// Number of collected values at which they are condensed: each run of [`RUN`] sorted values is then replaced by its
 /// middle one.
 const HELD: usize = 1 << 24;
+/// Number of sorted values that one representative replaces.
 const RUN: usize = 1 << 8;
 
-/// Statistics of the values of one attribute, collected from several files.
+/// Statistics of the values of one attribute, collected from several files, from which its colour scale is derived.
 pub(crate) struct Tally {
     colors: Colors,
     is_class: bool,
     /// True if the attribute's name is "intensity". Intensities are shown in grey by default.
     is_intensity: bool,
-    /// Number of occurrences of each integer, by the bits of its f64; empty if the values aren't categories.
+    /// Number of occurrences of each integer value, by the bits of its f64; empty if the values aren't categories.
     counts: HashMap<u64, usize>,
     are_categories: bool,
     spread: Spread,
@@ -51,7 +53,7 @@ impl Tally {
         }
     }
 
-    /// True if all integers are categories, regardless of their number.
+    /// True if all integers are categories, however many there are, as for classes and named categories.
     fn tells_all_apart(&self) -> bool {
         match &self.colors.map {
             _ if self.colors.labels.is_some() => true,
@@ -91,8 +93,8 @@ impl Tally {
         *self.counts.entry(bits).or_default() += 1;
     }
 
-    /// Returns the scale for all values. A scale `known` from an earlier call is preserved, and new categories are
-    /// added to it.
+    /// Returns the colour scale for all values that were added. If `known` is a scale from an earlier call, it is
+    /// preserved, and only new categories are added to it.
     pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
         match known {
             Some(ColorScale::Range { map, range }) => ColorScale::Range { map: map.clone(), range: *range },
@@ -175,8 +177,8 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
     note
 }
 
-/// Finite values for computing percentiles. For up to [`HELD`] values, percentiles are exact. For more, their ranks are
-/// exact to within a fraction of 2⁻¹⁶ of the number of values.
+/// Collected finite values, from which percentiles are computed. For up to [`HELD`] values, percentiles are exact. For
+/// more, their ranks are exact to within a fraction of 2⁻¹⁶ of the number of values.
 #[derive(Default)]
 struct Spread {
     held: Vec<f64>,
@@ -192,14 +194,15 @@ impl Spread {
         }
     }
 
-    /// Replaces the exact values by representatives, each the middle of a run of sorted values.
+    /// Replaces the exact values by representatives: the middle of each run of [`RUN`] sorted values.
     fn reduce(&mut self) {
         self.held.sort_unstable_by(f64::total_cmp);
         self.runs.extend(self.held.chunks(RUN).map(|run| (run[run.len() / 2], run.len() as u64)));
         self.held.clear();
     }
 
-    /// Returns the two percentiles. If they are equal, returns a range of length 1 around them.
+    /// Returns the values at the two percentiles ([`PERCENTILES`]). If they are equal, returns a range of length 1
+    /// around them.
     fn percentiles(mut self) -> [f64; 2] {
         let [lo, hi] = if self.runs.is_empty() {
             let Some(last) = self.held.len().checked_sub(1) else { return [0.0, 1.0] };

@@ -16,7 +16,7 @@ use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object
 pub struct Colors {
     /// Colour map; `None` chooses one by the attribute and its values.
     pub(crate) map: Option<ColorMap>,
-    /// Names and colours of categories.
+    /// Names and colours of categories, from the user's file; `None` without a file.
     pub(crate) labels: Option<Arc<Labels>>,
     /// Minimum and maximum of the colour map's range; `None` uses percentiles of the values.
     pub(crate) range: Option<[f64; 2]>,
@@ -41,17 +41,19 @@ impl Colors {
 /// Request for colouring the splats of one file by an attribute.
 #[derive(Clone, Debug)]
 pub struct ColorJob {
-    /// The file.
+    /// Path of the file whose splats are coloured.
     pub path: PathBuf,
     /// Attribute by which splats are coloured.
     pub attribute: String,
     /// Colour map, names of categories, and range of values.
     pub colors: Colors,
-    /// Axis along which heights are measured; `None` if the file's up axis isn't certain.
+    /// Axis along which heights are measured. `None` if the file's up axis isn't certain; the files of a scene then
+    /// share an axis.
     pub up: Option<Up>,
-    /// Conventional up axis of files of this kind, for an estimate.
+    /// Up axis that is usual for files of this kind, which the estimate of the axis for heights prefers.
     pub convention: UpConvention,
-    /// Names of the mesh's attributes that may not have been transferred to splats, for messages.
+    /// Names of the mesh's attributes that may not have been transferred to splats, for the message about an unknown
+    /// attribute.
     pub others: Vec<String>,
 }
 
@@ -62,13 +64,13 @@ impl ColorJob {
     }
 }
 
-/// Colour scale, and the files that use it.
+/// Colour scale of one attribute, and the files that share it.
 #[derive(Clone, Debug)]
 struct Scale {
     job: ColorJob,
     coloring: Coloring,
     note: String,
-    /// Files that are coloured by the scale, in order.
+    /// Files that are coloured by the scale, in the order in which they were added.
     paths: Vec<PathBuf>,
 }
 
@@ -76,25 +78,26 @@ struct Scale {
 #[derive(Clone, Debug, Default)]
 pub struct Colorings {
     scales: Vec<Scale>,
-    /// Axis along which heights are measured for files that state no up axis.
+    /// Axis along which heights are measured for files whose own up axis isn't certain; `None` if it isn't needed or
+    /// not determined yet.
     axis: Option<Up>,
 }
 
-/// Splats of one file that take part in a shared colour scale.
+/// Splats of one file for which a shared colour scale is determined.
 pub struct Member<'a> {
-    /// The request.
+    /// Request for colouring the splats.
     pub job: &'a ColorJob,
-    /// The splats.
+    /// Splats that are coloured.
     pub cloud: &'a mut Arc<SplatCloud>,
     /// True if the splats are already coloured and only contribute to the scale.
     pub is_colored: bool,
 }
 
-/// Member whose file doesn't have the requested attribute. Its splats become grey.
+/// Report on a file that doesn't have the requested attribute. Its splats become grey.
 pub struct Lacking {
-    /// Index of the member.
+    /// Index of the file's [`Member`] in the list passed to the function.
     pub member: usize,
-    /// Names of the attributes that the file has.
+    /// Names of the attributes that the file has, for the message.
     pub known: Vec<String>,
 }
 
@@ -132,7 +135,8 @@ impl Colorings {
     }
 }
 
-/// Returns the unit vector along which heights are measured; zero if no axis is determined.
+/// Returns the unit vector along which heights are measured for a file; zero if no axis is determined. `shared` is the
+/// axis for files whose own up axis isn't certain.
 fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
     // If neither axis is known, no heights are needed.
     job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
@@ -149,7 +153,7 @@ struct Entry {
     tally: Tally,
     name: String,
     direct: Option<(ColorScale, &'static str)>,
-    /// Files that contributed values, in order, each once.
+    /// Files that contributed values, in the order in which they were added, each once.
     paths: Vec<PathBuf>,
     known: HashSet<PathBuf>,
 }
@@ -221,8 +225,8 @@ impl Tallies {
         }
     }
 
-    /// Determines one axis for the heights of all files that state no up axis. The axis is that of another file, or
-    /// else an estimate from the common shape.
+    /// Determines the axis for the heights of all files whose own up axis isn't certain. The axis is that of a file
+    /// with a certain one, or else an estimate from the common shape.
     fn settle_axis(&mut self, members: &mut [Member<'_>]) {
         let is_open = |member: &Member<'_>| {
             let data = member.cloud.data();
@@ -242,7 +246,8 @@ impl Tallies {
         });
     }
 
-    /// Returns the scales for all values. Scales in `known` are preserved.
+    /// Returns the colour scales for all values that were added. Scales in `known`, from an earlier call, are
+    /// preserved.
     fn scales(self, known: &[Scale]) -> Vec<Scale> {
         let of = |(job, entry): (ColorJob, Entry)| {
             let Entry { tally, name, direct, paths, .. } = entry;
@@ -262,7 +267,8 @@ impl Tallies {
         self.all.into_iter().map(of).collect()
     }
 
-    /// Returns the colouring for an attribute and a note about it; `None` if no file has the attribute.
+    /// Returns the colouring for an attribute and a note about it, from the values that were added; `None` if no file
+    /// has the attribute.
     pub fn coloring(self, attribute: &str) -> Option<(Coloring, String)> {
         let mut scales = self.scales(&[]);
         let named = |scale: &Scale| scale.job.attribute.eq_ignore_ascii_case(attribute);

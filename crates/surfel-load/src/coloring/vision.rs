@@ -9,7 +9,7 @@ use super::{Category, linear};
 /// Distance ΔE below which two colours are easily confused. Patches in a legend and shaded points in an image aren't
 /// adjacent, so that even a distance of 10 is hard to see.
 const CONFUSED: f64 = 10.0;
-/// Largest number of pairs that a note names.
+/// Largest number of pairs of categories that a note names. Further pairs are only counted.
 const NAMED: usize = 4;
 
 /// Kinds of colour blindness, each with its name and its matrix for linear RGB, row by row.

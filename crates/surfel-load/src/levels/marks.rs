@@ -1,5 +1,5 @@
-//! Drawing parameters of LOD points: splat sizes where finer points are missing or fade in, and radii stored in the
-//! file.
+//! Drawing parameters of points with levels of detail: splat sizes where finer points are missing or fade in, and radii
+//! stored in the file.
 
 use super::selection::{CLOSING, Selection};
 use glam::Vec3;
@@ -9,36 +9,39 @@ use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Poin
 use surfel_render::FADE_OCTAVES;
 use surfel_sample::PointReport;
 
-/// Largest factor by which an estimated radius is enlarged so that a level's splats cover the surface. Where points are
-/// denser than the level's spacing suggests, the spacing is meaningless. Radii that the file states aren't limited,
-/// since they were estimated from all points.
+/// Largest factor by which an estimated radius is enlarged so that a level's splats cover the surface. It applies where
+/// points are denser than the level's spacing suggests, so that the spacing is meaningless. Radii that the file states
+/// aren't limited, since they were estimated from all points.
 const MOST_GROWN: f32 = 4.0;
 
-/// Radius of a splat at the start of its fade-in, relative to its final radius. The splat then has 1/400 of its area.
+/// Smallest radius of a splat that is fading in, as a fraction of its final radius. The splat then has 1/400 of its
+/// area.
 const LEAST_GROWN: f64 = 0.05;
 
-/// Internal column: point spacing of the level where finer points are missing, else 0. It is removed when splats are
-/// made.
+/// Name of the internal column with the point spacing of a point's level where finer points are missing, and 0
+/// elsewhere. The column is removed when splats are made.
 const SPACING: &str = "surfel_level_spacing";
-/// Internal column: fade-in radius of each point, relative to its final radius. It is added only if the file states no
-/// radii, and removed when splats are made.
+/// Name of the internal column with the radius of each point that is fading in, as a fraction of its final radius. The
+/// column is added only if the file states no radii, and removed when splats are made.
 const GROWTH: &str = "surfel_level_growth";
 
 /// Drawing parameters of a point, which depend on the levels that are selected around it.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Mark {
-    /// Point spacing of the deepest selected level, in file units, where finer points are missing; 0 elsewhere.
+    /// Point spacing of the finest selected level at the point, in file units, where finer points are missing; 0
+    /// elsewhere. The splat is enlarged to fill this spacing.
     spacing: f32,
     /// Weight, from 0 to 1, by which the level's average colour and normal are blended into the point's own. The
     /// averages represent the finer points that are missing. Negative if the point isn't drawn.
     share: f32,
-    /// Current radius during the fade-in, relative to the final radius.
+    /// Current radius of a point that is fading in, as a fraction of its final radius; 1 for other points.
     growth: f32,
 }
 
 /// Computes the drawing parameters of a point of level `level`. `deepest` is the finest selected level at the point,
 /// and `is_missing` is true if the file has finer points there. `errors` is the projected radius of a splat that covers
-/// a level with point spacing 1, relative to the tolerated error; `None` if levels don't fade.
+/// a level with point spacing 1, in units of the tolerated error; `None` if levels don't fade. `spacing` returns the
+/// point spacing of a level.
 pub(super) fn mark_of(
     level: u32,
     (mut deepest, mut is_missing): (u32, bool),
@@ -71,8 +74,9 @@ pub(super) fn mark_of(
     Mark { spacing: spacing as f32, share: share as f32, growth: growth as f32 }
 }
 
-/// Computes the drawing parameters of all points, and stores them in internal columns. Blends colours and normals with
-/// the averages of their level, if the file has averages. Removes points whose fade-in hasn't begun.
+/// Computes the drawing parameters of all points, and stores them in internal columns. `ends` has the index after the
+/// last point of each selected node. Blends colours and normals with the averages of their level, if the file has
+/// averages. Removes points whose fade-in hasn't begun.
 pub(super) fn mark(copc: &Copc, selection: &Selection, ends: &[usize], points: &mut PointCloud) {
     let Selection { nodes, cut, fade, .. } = selection;
     let all = copc.nodes();
@@ -157,11 +161,11 @@ pub(crate) fn own_columns(extras: &[ExtraColumn]) -> &[ExtraColumn] {
     &extras[..first_added.unwrap_or(extras.len())]
 }
 
-/// Splat radii that Surfel stored as a column of a COPC file; `None` if the file has no such column.
+/// Splat radii, one per point, that Surfel stored as a column of a COPC file; `None` if the file has no such column.
 pub(crate) struct Radii(Option<Vec<f32>>);
 
 impl Radii {
-    /// Removes all columns from a cloud that Surfel added to the file, and returns the radii.
+    /// Removes all columns from a cloud that Surfel has added, and returns the column of radii.
     pub(crate) fn take(points: &mut PointCloud) -> Self {
         let radii = take_f32(&mut points.extras, RADIUS);
         points.extras.retain(|e| !LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name));
@@ -178,7 +182,7 @@ impl Radii {
         points.normals.is_some() && self.0.iter().flatten().any(is_known)
     }
 
-    /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Reuses the points' memory.
+    /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Reuses the memory of the points.
     pub(crate) fn splats(
         self,
         points: PointCloud,
@@ -216,7 +220,7 @@ impl Radii {
     }
 }
 
-/// True if a radius is valid: positive and finite.
+/// True if a stored radius is valid: positive and finite. Other values mean that the radius is unknown.
 pub(super) fn is_known(radius: &f32) -> bool {
     *radius > 0.0 && radius.is_finite()
 }

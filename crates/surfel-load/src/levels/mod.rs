@@ -26,7 +26,7 @@ use surfel_io::{Content, Loaded};
 use surfel_model::PointCloud;
 use surfel_render::{LevelEnd, View};
 
-/// Default of the point limit: largest number of points that are read for a view.
+/// Default of the point limit: largest number of points that are read from a file for a view.
 pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
 
 /// Statistics of the nodes that were read from a COPC file.
@@ -38,9 +38,10 @@ pub struct LevelReport {
     pub nodes: [usize; 2],
     /// Number of compressed bytes that were read, and number in the file.
     pub bytes: [u64; 2],
-    /// Largest projected splat radius, in pixels, where finer visible points are missing; 0 for an overview.
+    /// Largest projected splat radius, in pixels, among visible places where finer points exist but weren't read; 0 for
+    /// an overview.
     pub error_px: f64,
-    /// Reason why the selection of nodes stopped.
+    /// Limit that ended the selection of nodes.
     pub end: LevelEnd,
 }
 
@@ -51,7 +52,7 @@ impl LevelReport {
     }
 }
 
-/// True if `path` is a regular file that can be opened.
+/// True if `path` is a regular file that can be opened, not a pipe or a folder.
 fn is_file(path: &Path) -> bool {
     matches!(surfel_io::RegularFile::open(path), Ok(Some(_)))
 }
@@ -134,8 +135,8 @@ fn load_nodes(
     Ok(copc.kept_points_of(&selection.nodes, (columns, keeps), io_options)?)
 }
 
-/// Returns the row in the file of each point that was read from `nodes`. `read.rows`, if present, has the rows of the
-/// points among all decoded points.
+/// Returns the row in the file of each point that was read from `nodes`. If points were skipped, `read.rows` has each
+/// point's row among all decoded points of these nodes.
 fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Vec<u32>, Error> {
     // The plane `index` uses 4294967295 for pixels without a splat.
     if copc.points() >= u64::from(u32::MAX) {
@@ -159,7 +160,8 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
     })
 }
 
-/// Returns a note that describes which nodes weren't read, the reason, and the option that changes it.
+/// Returns a note that describes which nodes weren't read, the reason, and the option that changes it. `limit` names
+/// the option for the number of points.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "`lod_error` draws finer ones");

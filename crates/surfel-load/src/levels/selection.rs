@@ -7,7 +7,7 @@ use surfel_io::copc::{Copc, CopcNode, LevelValues};
 use surfel_model::{Outliers, PointColors};
 use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, select_levels};
 
-/// Largest number of points in an overview.
+/// Largest number of points in an overview of a file: its coarsest levels, which are enough to place a camera.
 const OVERVIEW_POINTS: u64 = 100_000;
 
 /// Ratio of splat radius to point spacing at which the splats of a level cover the surface without gaps. The points of
@@ -17,10 +17,10 @@ pub(super) const CLOSING: f32 = std::f32::consts::SQRT_2;
 
 /// Nodes selected from a COPC file, and how their points are drawn.
 pub(super) struct Selection {
-    /// Indices of the selected nodes.
+    /// Indices of the selected nodes into the file's nodes.
     pub(super) nodes: Vec<u32>,
     pub(super) cut: Cut,
-    /// Fading between levels; `None` for an overview and for several views.
+    /// Fading between levels; `None` for an overview and for several views, whose points don't fade.
     pub(super) fade: Option<Fade>,
     pub(super) report: LevelReport,
 }
@@ -119,8 +119,8 @@ pub(super) struct Fade {
 }
 
 impl Fade {
-    /// Returns the projected radius of splats that cover a level with point spacing 1, in units of the tolerated error.
-    /// `pixels` is the magnification in pixels per unit of length.
+    /// Returns the projected radius of splats that cover a level with point spacing 1, as a multiple of the tolerated
+    /// error. `pixels` is the magnification in pixels per unit of length.
     pub(super) fn errors(&self, pixels: f64) -> f64 {
         f64::from(CLOSING) * pixels / self.error_px
     }
@@ -133,22 +133,24 @@ impl Fade {
     }
 }
 
-/// State of each node of the file relative to a selection. The lists have one entry per node of the file.
+/// State of each node of the file relative to a selection. Each list has one entry per node of the file.
 #[derive(Default)]
 pub(super) struct Cut {
     pub(super) is_chosen: Vec<bool>,
-    /// Values that are read for each node's points: their own, averages for children that aren't selected, or both.
-    /// Averages are needed where children are missing or fade in; both kinds, where this holds for some children only.
+    /// Values that are read for each node's points: their own, averages over missing finer points, or both. Averages
+    /// are needed where finer points are missing or fade in. Both kinds are needed if this holds in only some parts of
+    /// the node.
     pub(super) values: Vec<LevelValues>,
-    /// True if the node and all of its descendants are drawn like ordinary points, without enlargement or fading.
+    /// True if the node and all of its descendants are selected and have faded in. Their points are drawn like ordinary
+    /// points, without enlargement or fading.
     pub(super) is_complete: Vec<bool>,
-    /// True if some selected nodes are still fading in.
+    /// True if some selected nodes are still fading in, so that the next image of a moving camera differs.
     fades: bool,
 }
 
 impl Cut {
-    /// Computes the states for the selected nodes `chosen`. `keeps` is true if nodes are cached; they then get all
-    /// values that later selections may need.
+    /// Computes the states of all nodes if the nodes `chosen` are selected. `keeps` is true if nodes are cached; they
+    /// then get all values that later selections may need.
     fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
         let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];

@@ -9,7 +9,7 @@ use surfel_io::copc::{CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, save_te
 use surfel_model::{PointCloud, TableColumns};
 use surfel_sample::{PointOptions, Progress};
 
-/// Minimum number of points from which splats are estimated.
+/// Smallest number of points of a chunk from which normals and radii are estimated.
 const LEAST_POINTS: usize = 16;
 
 /// True if a file's name ends in .copc.laz, so that [`save_copc`] writes a COPC file.
@@ -89,7 +89,7 @@ pub(crate) fn save_temporary(
     Ok(by_stages(progress, written)?.0)
 }
 
-/// Estimates normals and radii for the points of one chunk of a cloud.
+/// Estimates the normals and radii of the points of one chunk of a cloud, which the COPC file stores.
 fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     if points.len() < LEAST_POINTS {
         return Ok(vec![PointSplat::default(); points.len()]);

@@ -1,15 +1,18 @@
 //! FLIP's colour spaces (HPG 2020, §4.1) and colour distance.
 
-/// Matrix from RGB to XYZ relative to white, (1, 1, 1) for RGB white. Entries are the numerators of the exact matrix
-/// for ITU-R BT.709 primaries and D65 at (0.3127, 0.3290); the denominators (24577794, 12288897, 73733382) cancel.
+/// Matrix from linear RGB to CIE XYZ divided by the XYZ of white, so that white maps to (1, 1, 1). Entries are the
+/// numerators of the exact matrix for ITU-R BT.709 primaries and D65 at (0.3127, 0.3290); the denominators (24577794,
+/// 12288897, 73733382) cancel.
 const RELATIVE_XYZ_FROM_RGB: [[f64; 3]; 3] = [
     relative_to_white([10_135_552.0, 8_788_810.0, 4_435_075.0]),
     relative_to_white([2_613_072.0, 8_788_810.0, 887_015.0]),
     relative_to_white([1_425_312.0, 8_788_810.0, 70_074_185.0]),
 ];
 
+/// Inverse of [`RELATIVE_XYZ_FROM_RGB`].
 const RGB_FROM_RELATIVE_XYZ: [[f64; 3]; 3] = inverse(RELATIVE_XYZ_FROM_RGB);
 
+/// Divides a row of the matrix by its sum, which is the row's value for white.
 const fn relative_to_white([r, g, b]: [f64; 3]) -> [f64; 3] {
     let white = r + g + b;
     [r / white, g / white, b / white]
@@ -29,14 +32,15 @@ fn transform(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// Converts linear RGB to luma and two opponent channels, all linear in light: Y in [−16, 100], Cx red-green, Cz
-/// blue-yellow.
+/// Converts linear RGB to YCxCz, the space in which FLIP filters colours: luma Y in [−16, 100], and the opponent
+/// channels Cx (red-green) and Cz (blue-yellow). All are linear in light.
 pub(super) fn ycxcz_from_linear([r, g, b]: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = transform(&RELATIVE_XYZ_FROM_RGB, [r, g, b]);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Converts Y of YCxCz to the relative luminance in [0, 1] that the feature filters process.
+/// Converts the luma Y of YCxCz to the relative luminance in [0, 1] from which the feature filters detect edges and
+/// points.
 pub(super) fn luminance_from_y(y: f64) -> f64 {
     (y + 16.0) / 116.0
 }
@@ -58,22 +62,23 @@ fn hunt_lab_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     [l, colorfulness * 500.0 * (x - y), colorfulness * 200.0 * (y - z)]
 }
 
-/// Returns the HyAB distance of two colours: city-block in lightness, Euclidean in the chromatic plane.
+/// Returns the HyAB distance of two L*a*b* colours: city-block in lightness, Euclidean in the chromatic plane.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     let (da, db) = (a[1] - b[1], a[2] - b[2]);
     (a[0] - b[0]).abs() + (da * da + db * db).sqrt()
 }
 
-/// Colour part of the error, with precomputed constants.
+/// Colour part of the FLIP error, with the largest possible colour distance as a precomputed constant.
 pub(super) struct ColorError {
     largest: f64,
 }
 
-/// Exponent q_c of the HyAB distance.
+/// Exponent q_c to which HyAB distances are raised.
 const COLOR_EXPONENT: f64 = 0.7;
-/// Fraction p_c of the largest colour error that is mapped to the range 0 to p_t ([`KNEE_VALUE`]).
+/// Fraction p_c of the largest colour distance. Smaller distances are mapped to errors from 0 to [`KNEE_VALUE`], larger
+/// ones to errors from there to 1.
 const KNEE: f64 = 0.4;
-/// Error p_t to which [`KNEE`] is mapped.
+/// Error p_t of a colour distance at the [`KNEE`] of the map from distances to errors.
 const KNEE_VALUE: f64 = 0.95;
 
 impl ColorError {

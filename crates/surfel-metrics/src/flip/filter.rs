@@ -2,30 +2,33 @@
 
 use std::f64::consts::PI;
 
-/// Gaussian term of a contrast sensitivity function: a·√(π/b)·e^(−π²x²/b), with x in degrees.
+/// Gaussian term of a contrast sensitivity function, with amplitude and width parameters a and b of the FLIP paper:
+/// a·√(π/b)·e^(−π²x²/b), with x in degrees.
 struct CsfTerm {
     a: f64,
     b: f64,
 }
 
-/// Term of the achromatic contrast sensitivity function (table 1 of the paper).
+/// Term of the achromatic contrast sensitivity function (HPG 2020, table 1).
 const ACHROMATIC: CsfTerm = CsfTerm { a: 1.0, b: 0.0047 };
-/// Term of the red-green contrast sensitivity function (table 1 of the paper).
+/// Term of the red-green contrast sensitivity function (HPG 2020, table 1).
 const RED_GREEN: CsfTerm = CsfTerm { a: 1.0, b: 0.0053 };
-/// Terms of the blue-yellow contrast sensitivity function (table 1 of the paper).
+/// Terms of the blue-yellow contrast sensitivity function (HPG 2020, table 1).
 const BLUE_YELLOW: [CsfTerm; 2] = [CsfTerm { a: 34.1, b: 0.04 }, CsfTerm { a: 13.5, b: 0.025 }];
 
-/// Width w of the feature filter from peak to trough, in degrees.
+/// Width w of the filter that detects edges and points, from peak to trough, in degrees (HPG 2020, §4.2).
 const FEATURE_WIDTH_DEGREES: f64 = 0.082;
 
 /// Right halves of the one-dimensional kernels of all filters: entry `k` is the weight of pixels ±k away.
 pub(super) struct Kernels {
     pub(super) achromatic: Vec<f64>,
     pub(super) red_green: Vec<f64>,
-    /// Two terms of the blue-yellow filter. Each is applied in both directions, and the results are added.
+    /// Kernels of the two terms of the blue-yellow filter. Each is applied in both directions, and the results are
+    /// added.
     pub(super) blue_yellow: [Vec<f64>; 2],
     pub(super) smooth: Vec<f64>,
-    /// Kernel of the first derivative, which is antisymmetric: pixels on the left have the opposite weight.
+    /// Kernel of the first derivative, which detects edges. It is antisymmetric: pixels on the left have the opposite
+    /// weight.
     pub(super) first_derivative: Vec<f64>,
     pub(super) second_derivative: Vec<f64>,
 }
@@ -67,7 +70,8 @@ impl Kernels {
         }
     }
 
-    /// Returns the radius of the widest kernel, in pixels.
+    /// Returns the radius of the widest kernel in pixels: the number of neighbouring pixels that a filter reads on
+    /// either side.
     pub(super) fn radius(&self) -> usize {
         self.achromatic.len().max(self.smooth.len()) - 1
     }
@@ -96,15 +100,15 @@ fn normalize_by_sign(half: &mut [f64]) {
     }
 }
 
-/// Symmetry of a kernel, which determines its left half from its right half.
+/// Symmetry of a kernel, by which its left half follows from the stored right half: equal (even) or negated (odd).
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Parity {
     Even,
     Odd,
 }
 
-/// Convolves a signal with a kernel: `out[i]` = Σ weight(k)·`at(k)[i]`. The function `at` returns the signal shifted by
-/// k pixels.
+/// Convolves a signal with the kernel whose right half is `half`: `out[i]` = Σ weight(k)·`at(k)[i]`. The function `at`
+/// returns the signal shifted by k pixels.
 pub(super) fn convolve<'a>(out: &mut [f64], half: &[f64], parity: Parity, at: impl Fn(isize) -> &'a [f64]) {
     match parity {
         Parity::Even => out.iter_mut().zip(at(0)).for_each(|(o, v)| *o = half[0] * v),

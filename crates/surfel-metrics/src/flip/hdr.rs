@@ -7,7 +7,7 @@ use crate::error::MetricsError;
 /// apart.
 pub const MAX_EXPOSURES: usize = 32;
 
-/// Result of HDR-FLIP.
+/// Result of HDR-FLIP: the error map, and the exposures that were compared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HdrFlip {
     /// Largest error of every pixel over all exposures, and the mean of these errors.
@@ -16,7 +16,7 @@ pub struct HdrFlip {
     pub start_exposure: f64,
     /// Last exposure in stops, at which the reference's median luminance is tone-mapped to 0.85.
     pub stop_exposure: f64,
-    /// Number of exposures, evenly spaced from the first to the last.
+    /// Number of exposures that were compared, evenly spaced from the first to the last.
     pub exposures: usize,
 }
 
@@ -61,18 +61,19 @@ pub fn hdr(
     Ok(HdrFlip { map, start_exposure: start, stop_exposure: stop, exposures })
 }
 
-/// Numerator coefficients n₂ and n₁ of the ACES fit (n₂x² + n₁x)/(d₂x² + d₁x + d₀).
+/// Coefficients n₂ and n₁ of the numerator in the ACES tone mapper's fit (n₂x² + n₁x)/(d₂x² + d₁x + d₀).
 const ACES_NUMERATOR: [f64; 2] = [0.6 * 0.6 * 2.51, 0.6 * 0.03];
-/// Denominator coefficients d₂, d₁ and d₀ of the ACES fit.
+/// Coefficients d₂, d₁ and d₀ of the denominator in the ACES tone mapper's fit ([`ACES_NUMERATOR`]).
 const ACES_DENOMINATOR: [f64; 3] = [0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
+/// Tone-maps linear light `x` by the ACES fit.
 fn aces(x: f64) -> f64 {
     let [n2, n1] = ACES_NUMERATOR;
     let [d2, d1, d0] = ACES_DENOMINATOR;
     (n2 * x + n1) * x / ((d2 * x + d1) * x + d0)
 }
 
-/// Returns the value that [`aces`] maps to `target`, which must be in (0, 1).
+/// Returns the linear light that [`aces`] maps to `target`, which must be in (0, 1).
 fn aces_inverse(target: f64) -> f64 {
     let [n2, n1] = ACES_NUMERATOR;
     let [d2, d1, d0] = ACES_DENOMINATOR;

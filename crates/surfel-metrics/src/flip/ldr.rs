@@ -8,7 +8,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use super::color::{ColorError, luminance_from_y, ycxcz_from_linear};
 use super::filter::{Kernels, Parity, convolve};
 
-/// Planes of horizontally filtered rows of an image, named by channel or feature.
+/// Kind of a horizontally filtered row: a colour channel, a term of one, or a feature of the luminance.
 #[derive(Clone, Copy)]
 enum Plane {
     Luma,
@@ -19,20 +19,23 @@ enum Plane {
     Curvature,
     Smooth,
 }
+/// Number of variants of [`Plane`].
 const PLANES: usize = 7;
 
-/// Filter state of one image: a ring buffer with its last rows.
+/// Filter state of one of the two images: a ring buffer with its last horizontally filtered rows.
 struct Side<P> {
     pixel: P,
     width: usize,
     radius: usize,
-    /// Rows of Y, Cx, Cz and luminance, with `radius` copies of the end pixels on either side.
+    /// Current row of Y, Cx, Cz and luminance before filtering, extended by `radius` copies of the end pixels on either
+    /// side.
     padded: [Vec<f64>; 4],
-    /// Ring buffer of filtered rows. Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius + 1))·width.
+    /// Ring buffer of horizontally filtered rows. Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius +
+    /// 1))·width.
     ring: Vec<f64>,
 }
 
-/// Filtered colour and feature strengths of one row.
+/// Row of one image after filtering in both directions: its colours, and its strengths of edges and points.
 struct Filtered {
     color: [Vec<f64>; 3],
     edge: Vec<f64>,
@@ -69,7 +72,7 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
         &self.ring[start..start + self.width]
     }
 
-    /// Reads row `y`, filters it horizontally, and stores the result in the ring buffer.
+    /// Reads row `y` of the image, filters it horizontally, and stores the result in the ring buffer.
     fn push(&mut self, y: usize, kernels: &Kernels) {
         let (width, radius) = (self.width, self.radius);
         for i in 0..width {
@@ -103,7 +106,8 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
         }
     }
 
-    /// Filters vertically around row `y`. Rows outside of the image repeat the first or the last row.
+    /// Filters row `y` vertically from the rows in the ring buffer, into `out`. Rows outside of the image repeat the
+    /// first or the last row.
     fn filter_row(&self, y: usize, height: usize, kernels: &Kernels, out: &mut Filtered) {
         let vertical = |out: &mut [f64], plane: Plane, half: &[f64], parity: Parity| {
             convolve(out, half, parity, |k| self.row(plane, y.saturating_add_signed(k).min(height - 1)));

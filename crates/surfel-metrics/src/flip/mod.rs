@@ -19,25 +19,26 @@ mod ldr;
 use crate::error::{MetricsError, check_length, pixel_count};
 pub use hdr::{HdrFlip, MAX_EXPOSURES, hdr};
 
-/// Pixels per degree for the papers' viewer, who sits 0.7 m from a screen 0.7 m wide with 3840 pixels.
+/// Number of pixels per degree of visual angle for the papers' viewer, who sits 0.7 m from a screen 0.7 m wide with
+/// 3840 pixels.
 pub const DEFAULT_PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (std::f64::consts::PI / 180.0);
 
-/// Encoding of an image's colours.
+/// Encoding of the colours in images that FLIP compares.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// Linear light, Rec. 709 primaries.
     #[default]
     Linear,
-    /// sRGB-encoded values.
+    /// sRGB-encoded values, which are decoded to linear light.
     Srgb,
 }
 
 /// Viewing conditions of FLIP.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlipOptions {
-    /// Pixels per degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
+    /// Number of pixels per degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
     pub pixels_per_degree: f64,
-    /// Encoding of both images.
+    /// Encoding of both images' colours.
     pub encoding: Encoding,
 }
 
@@ -50,13 +51,13 @@ impl Default for FlipOptions {
 /// Result of FLIP: the error of every pixel, and their mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlipMap {
-    /// Width in pixels.
+    /// Width of the error map in pixels.
     pub width: u32,
-    /// Height in pixels.
+    /// Height of the error map in pixels.
     pub height: u32,
     /// Error of every pixel in [0, 1], row by row from the top.
     pub error: Vec<f32>,
-    /// Mean error, 0 for an empty image.
+    /// Mean error over all pixels; 0 for an empty image.
     pub mean: f64,
 }
 
@@ -100,8 +101,8 @@ fn decoder(encoding: Encoding) -> fn(f64) -> f64 {
     }
 }
 
-/// Returns the error map of two images, with the module's rule for NaN. `view` returns the linear RGB in [0, 1] of
-/// pixel `i` of an image.
+/// Returns the error map of two images. A pixel that is NaN in either image gets error 1, and is black in both for its
+/// neighbours' filters. `view` returns the linear RGB in [0, 1] of pixel `i` of an image.
 fn map_without_nan(
     width: u32,
     height: u32,

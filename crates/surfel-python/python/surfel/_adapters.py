@@ -22,14 +22,15 @@ _NORMALS = ("nx ny nz", "normal_x normal_y normal_z", "normalx normaly normalz",
 _COLORS = ("red green blue", "r g b", "color_r color_g color_b", "diffuse_red diffuse_green diffuse_blue",
            "rgb:0 rgb:1 rgb:2")
 _COLOR_ARRAY = re.compile(r"(rgba?|colou?rs?)\W*", re.IGNORECASE)
-# Cosine of the angle from a face's normal to that of its corner, up to which the latter is the surface's, and the share
-# of corners that have such a one. At the edges of a box that share their vertices, normals are of no surface.
+# Smallest cosine of the angle between a face's normal and a corner's at which the two agree, and smallest fraction of
+# corners that must agree. At edges whose faces share vertices, as of a box, corners' normals belong to no face.
 _ALONG, _SHARE = 0.7, 0.9
 
 
 def adapted(thing, alone: bool) -> Arrays | bytes | None:
-    """The arrays of an object, or the bytes of a file that holds all of it where no other arrays go with it (`alone`).
-    None for what isn't an object of a known package."""
+    """Returns the arrays of an object of another package; None for objects of unknown packages.
+
+    If no other arrays are given with the object (`alone`), it may return the bytes of a file of the whole object."""
     for kind in type(thing).__mro__:
         adapter = _ADAPTERS.get((kind.__module__.split(".")[0], kind.__name__))
         if adapter is not None:
@@ -44,7 +45,7 @@ def _some(values):
 
 
 def _face_normals(points, faces):
-    """Unit normals of triangles; NaN of those without area."""
+    """Returns the unit normals of triangles; NaN for triangles without area."""
     import numpy as np
 
     a, b, c = (points[faces[:, i]] for i in range(3))
@@ -54,7 +55,7 @@ def _face_normals(points, faces):
 
 
 def _suiting(found: Arrays) -> Arrays:
-    """A mesh without the normals that other programs keep at edges, where faces share vertices."""
+    """Returns a mesh, without its normals if faces share vertices at edges, where one normal can't fit all faces."""
     import numpy as np
 
     if found.normals is None or found.faces is None:
@@ -69,7 +70,7 @@ def _suiting(found: Arrays) -> Arrays:
 
 
 def _merged(parts: list[Arrays], what: str) -> Arrays:
-    """Several meshes as one, or several clouds."""
+    """Returns several meshes as one mesh, or several clouds as one cloud."""
     import numpy as np
 
     if not parts:
@@ -95,7 +96,7 @@ def _merged(parts: list[Arrays], what: str) -> Arrays:
                 value = np.full((count, width), np.nan) if otherwise is None else np.tile(otherwise[:width], (count, 1))
             value = np.asarray(value).reshape(count, -1)
             if value.shape[1] != width:
-                # Alpha of some parts, or vectors of several lengths.
+                # Only some parts have alpha, or vectors have different lengths.
                 more = np.full((count, max(width - value.shape[1], 0)), 255 if value.dtype == np.uint8 else 1)
                 value = np.concatenate([value, more.astype(value.dtype)], axis=1)[:, :width]
             filled.append(value)
@@ -112,7 +113,7 @@ def _merged(parts: list[Arrays], what: str) -> Arrays:
     some_normals = [part.normals for part in parts]
     return Arrays(
         points=np.concatenate([np.asarray(part.points) for part in parts]),
-        # A part without normals has them estimated only if all have.
+        # Normals are estimated for all parts or for none.
         normals=np.concatenate(some_normals) if all(n is not None for n in some_normals) else None,
         colors=joined("colors", [part.colors for part in parts], counts, np.full(4, 255, np.uint8)),
         faces=np.concatenate([np.asarray(part.faces) + at for part, at in zip(parts, first)]) if meshes else None,
@@ -159,7 +160,7 @@ def _has_texture(mesh) -> bool:
 
 
 def _as_glb(thing) -> bytes:
-    """A file of a mesh or scene with the textures in it."""
+    """Returns a mesh or scene as the bytes of a glTF file that contains its textures."""
     thing = thing.copy()
     for mesh in getattr(thing, "geometry", {"": thing}).values():
         material = getattr(getattr(mesh, "visual", None), "material", None)
@@ -202,7 +203,7 @@ def _numpy(tensor):
 
 
 def _open3d_extras(found: dict, known: tuple) -> dict:
-    """Attributes of Open3D's tensors that have numbers for each row."""
+    """Returns those attributes of Open3D's tensors that have numbers for each row."""
     return {name: _numpy(found[name]) for name in found if name not in known and len(found[name].shape) <= 2}
 
 
@@ -257,12 +258,12 @@ def _vtk(thing, alone: bool) -> Arrays:
 
 
 def _columns(data, count: int) -> dict:
-    """Arrays of PyVista's that have a row for each point or cell, but those that VTK adds itself."""
+    """Returns PyVista's arrays with a row for each of `count` points or cells, except arrays that VTK itself adds."""
     return {name: data[name] for name in data.keys() if len(data[name]) == count and not name.startswith("vtk")}
 
 
 def _take_colors(columns: dict, active: str | None, notes: list[str]):
-    """Takes the array out that holds colours: levels of 8 bits, or floats that are called colours."""
+    """Removes and returns the array of colours: levels of 8 bits, or floats whose name means colours. None without."""
     import numpy as np
 
     def score(name) -> int:
@@ -313,7 +314,7 @@ def _pyvista(data, _alone: bool) -> Arrays:
 
 
 def _triangles(surface):
-    """Triangles of the polygons and strips, and the number of each one's polygon or strip."""
+    """Returns the triangles of polygons and strips, and the index of the polygon or strip of each triangle."""
     import numpy as np
     import pyvista
 
@@ -339,7 +340,7 @@ def _triangles(surface):
 
 
 def _surface(data, notes: list[str]):
-    """The faces, lines and vertices of a data set: of solid cells those outside."""
+    """Returns the faces, lines and vertices of a data set; of solid cells only the outer faces."""
     import warnings
 
     import pyvista
@@ -354,18 +355,18 @@ def _surface(data, notes: list[str]):
     if data.get_cell(0).dimension == 3:
         notes.append(f"points: took the outer surface of the {type(data).__name__}'s cells")
     with warnings.catch_warnings():
-        # Of what later versions do by themselves.
+        # PyVista warns about defaults that later versions change.
         warnings.simplefilter("ignore")
         return data.extract_surface(pass_pointid=False, pass_cellid=False)
 
 
 def _only_vertices(data) -> bool:
-    """True if all cells are vertices, or many of them in one."""
+    """True if all cells are vertices, or cells of several vertices."""
     return set(map(int, set(getattr(data, "celltypes", [])))) <= {0, 1, 2}
 
 
 def _multiblock(blocks, alone: bool) -> Arrays:
-    """All blocks together; those without points, such as tables, are left out."""
+    """Returns all blocks as one mesh or cloud, without blocks that have no points, such as tables."""
     some = [block for block in blocks if getattr(block, "n_points", 0) or getattr(block, "n_blocks", 0)]
     return _merged([adapted(block, alone) for block in some], "MultiBlock")
 
@@ -405,12 +406,12 @@ def _las_points(points, alone: bool) -> Arrays | bytes:
 
 
 def _plain(name) -> str:
-    """A column's name in lower case and without its unit."""
+    """Returns a column's name in lower case and without its unit."""
     return re.sub(r"\s*[\[(][^\])]*[\])]\s*$", "", str(name)).strip().lower()
 
 
 def _table(names, get) -> Arrays:
-    """Columns by their names: positions, normals, colours; all other numbers are attributes."""
+    """Returns a table as points. Names of columns decide which are positions, normals, colours or attributes."""
     import numpy as np
 
     columns = {name: get(name) for name in names}
@@ -465,7 +466,7 @@ def _arrow(table, _alone: bool) -> Arrays:
     return _table(table.column_names, lambda name: table[name].to_numpy())
 
 
-# What reads an object, by the package and the name of its class or of one that it is derived from.
+# Functions that read objects, by the package and the name of the object's class or of a base class.
 _ADAPTERS = {
     ("trimesh", "Trimesh"): _trimesh,
     ("trimesh", "PointCloud"): _trimesh_cloud,

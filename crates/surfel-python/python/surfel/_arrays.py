@@ -14,7 +14,7 @@ from ._errors import InputError, UsageError
 
 _TYPES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint", "f4": "float",
           "f8": "double"}
-# Property names that mean something to the reader of PLY files, so that no attribute may have them.
+# Property names to which the reader of PLY files gives a meaning, so that no attribute may have them.
 _RESERVED = frozenset(
     "x y z nx ny nz red green blue alpha r g b a rgb rgba radius radii su sv sw tu tv tw s t u v texture_u texture_v"
     " normal_x normal_y normal_z normalx normaly normalz normals_x normals_y normals_z n_x n_y n_z diffuse_red"
@@ -24,16 +24,16 @@ _RESERVED = frozenset(
 )
 _NUMBERED = re.compile(r"(scale|rot|f_dc|f_rest|clip_line)_?\d+(_[abc])?")
 _CHANNELS = ("red", "green", "blue", "alpha")
-# How far colours may be above 1 by rounding.
+# Largest excess of a colour over 1 that counts as rounding.
 _ROUNDING = 1e-3
-# Rows whose colours are decoded at once.
+# Number of rows whose colours are decoded at once, which limits the memory.
 _BLOCK = 1 << 20
 
 
 @dataclass
 class Arrays:
-    """Points or a mesh as arrays, and notes on how they were found. Attributes may be of any shape that has a row for
-    each point, or for each face."""
+    """Points or a mesh as arrays, with notes on how they were found. Attributes have a row for each point or face, and
+    any number of columns."""
 
     points: Any
     normals: Any = None
@@ -48,8 +48,8 @@ class Arrays:
 
 
 def with_given(arrays: Arrays, given: dict) -> Arrays:
-    """The arrays with those that are given in place of their own. Attributes are added, each to points or faces by its
-    number of rows."""
+    """Replaces arrays by those in `given`, and returns the result. Attributes are added to points or to faces,
+    depending on their number of rows."""
     for name, value in given.items():
         if name != "attributes":
             setattr(arrays, name, value)
@@ -66,7 +66,7 @@ def with_given(arrays: Arrays, given: dict) -> Arrays:
 
 
 def array(name: str, value):
-    """The value as an array of real numbers, of any strides. Masked and missing values become NaN."""
+    """Returns the value as an array of real numbers, with any strides. Masked and missing values become NaN."""
     import numpy as np
 
     if np.ma.isMaskedArray(value):
@@ -94,8 +94,8 @@ def array(name: str, value):
 
 
 def _unwrapped(value):
-    """The array of NumPy, or what NumPy makes one of, of a tensor of torch, TensorFlow, CuPy or Open3D, or of a column
-    of pandas, Polars or Arrow."""
+    """Returns a tensor of torch, TensorFlow, CuPy or Open3D, or a column of pandas, Polars or Arrow, as a NumPy array.
+    Other values are returned unchanged."""
     for method in ("detach", "cpu", "resolve_conj", "resolve_neg"):
         if hasattr(value, method) and hasattr(value, "numpy"):
             value = getattr(value, method)()
@@ -124,7 +124,7 @@ def _type(value) -> str:
 
 
 def _kind(dtype) -> str:
-    """The number type of PLY that holds these numbers: 64-bit whole numbers become double."""
+    """Returns the NumPy code of the PLY type that stores these numbers; 64-bit integers become double."""
     if dtype.kind == "b":
         return "u1"
     code = f"{dtype.kind}{dtype.itemsize}"
@@ -141,14 +141,14 @@ def _rows(name: str, value, widths: tuple[int, ...], count: int | None, of: str 
 
 
 def _first(wrong) -> int:
-    """The first row that is wrong."""
+    """Returns the index of the first row with a true value in `wrong`."""
     import numpy as np
 
     return int(np.argmax(wrong if wrong.ndim == 1 else wrong.any(axis=1)))
 
 
 def _expect(name: str, right, values, expected: str) -> None:
-    """Refuses values of which some are not right, by the first of their rows."""
+    """Raises InputError unless all values are `right`. The message names the first row that isn't."""
     if not right.all():
         row = _first(~right)
         import numpy as np
@@ -182,7 +182,7 @@ def _radii(value, count: int, repair: bool):
 
 
 def decoded(colors):
-    """Linear light of sRGB-encoded colours from 0 to 1, as float32."""
+    """Returns sRGB-encoded colours from 0 to 1 as linear light, in float32."""
     import numpy as np
 
     linear = np.empty(colors.shape, np.float32)
@@ -193,7 +193,7 @@ def decoded(colors):
 
 
 def _colors(name: str, value, count: int, linear: bool, notes: list[str], of: str = "points"):
-    """Colours as a PLY file has them, red, green, blue and perhaps alpha: levels, or floats of linear light."""
+    """Checks colours. Returns them as a PLY file stores them (levels or linear floats), and their type."""
     import numpy as np
 
     found = _rows(name, value, (3, 4), count, of)
@@ -226,8 +226,8 @@ def _colors(name: str, value, count: int, linear: bool, notes: list[str], of: st
 
 
 def _attributes(name: str, given, count: int, taken: set[str], of: str):
-    """Columns of attributes with the names that they have in the file. Of those of several numbers each is a column,
-    and so is their length."""
+    """Returns the columns of attributes, with their names and types in the file. An attribute of several numbers
+    becomes a column for their length, and a column for each number."""
     import numpy as np
 
     columns = []
@@ -297,7 +297,7 @@ def _face_columns(arrays: Arrays, count: int, linear: bool):
 
 
 def to_ply(arrays: Arrays, linear: bool = False, repair: bool = False):
-    """A copy of the arrays as the bytes of a PLY file, an array of uint8, and the number of points."""
+    """Copies the arrays to a PLY file. Returns its bytes as an array of uint8, and the number of points."""
     import numpy as np
 
     columns, count = _vertex_columns(arrays, linear, repair)

@@ -172,7 +172,7 @@ def _path(item, i: int, folder: str, notes: list[str]) -> str:
             notes += arrays.notes
     except (InputError, TypeError) as error:
         raise type(error)(f"inputs[{i}]: {error}") from None
-    # The name without its ending is the panel's title, if it is given no other.
+    # The name without its extension is the panel's title, unless a title is given.
     path = os.path.join(folder, f"{i + 1}.points")
     with open(path, "wb") as file:
         file.write(found)

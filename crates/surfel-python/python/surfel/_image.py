@@ -35,7 +35,7 @@ def joined(bands: list[Image]) -> Image:
         return image.__reduce__()[1][0]
 
     whole = {name: np.concatenate([planes(band)[name] for band in bands]) for name in planes(bands[0])}
-    # What a worker measured of a band says little of the whole, but for how long they took together.
+    # Most statistics of a tile don't apply to the whole image.
     stats = {key: bands[0].stats[key] for key in ("splats", "threads", "backend")}
     stats["frame_ms"] = sum(band.stats["frame_ms"] for band in bands)
     recipe = bands[0]._native.recipe()

@@ -2,7 +2,7 @@
 
 import sys
 
-# The line that is shown.
+# Text of the line that is shown; empty if none is.
 _line = ""
 
 
@@ -15,7 +15,7 @@ def show(stage: str, share: float) -> None:
     """Writes the stage and its progress, from 0 to 1, if the line changes."""
     global _line
     line = f"surfel: {stage or 'drawing'} {share:4.0%}"
-    # A notebook that is executed to a file keeps every line that is written.
+    # A notebook that is executed to a file would store every version of the line.
     if line != _line and _shown():
         sys.stderr.write("\r" + line.ljust(len(_line)))
         sys.stderr.flush()

@@ -12,7 +12,7 @@ from ._errors import InputError, UsageError
 from ._image import Image
 
 
-# Levels of large files are chosen for the views of all frames together.
+# Largest number of frames of a film: levels of large files are chosen for the views of all frames together.
 _MOST_FRAMES = 1_000_000
 
 

@@ -10,7 +10,7 @@ from ._image import Image
 from ._scene import Scene
 
 COPC = ".copc.laz"
-# Most parts of a job, as `--tile` and `--shard` have it.
+# Maximum number of tasks of a job: the limit of `--tile` and `--shard`.
 MOST = 1_000_000
 
 

@@ -29,7 +29,7 @@ def _join(job):
 def _done(job, client):
     """Yields the results of the job's tasks."""
     client = get_client() if client is None else client
-    # It goes to a worker with the first task there, and stays until it is let go.
+    # The job is copied to a worker with its first task there, and stays in memory until it is released.
     held = client.submit(_held, job, pure=False)
     tasks = deque()
     try:

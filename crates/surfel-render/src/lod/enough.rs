@@ -4,25 +4,28 @@ use super::{Eye, FADE_OCTAVES, LevelNode};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Number of points per pixel from which more points hardly change an image: each contributes little to a pixel's
-/// colour.
+/// Smallest number of points per pixel of the views at which a selection of LOD nodes may end early. More points hardly
+/// change an image, since each contributes little to a pixel's colour.
 const POINTS_A_PIXEL: u64 = 5;
-/// Number of points below which none are skipped, because so few are read quickly.
+/// Smallest number of selected points at which a selection may end early. Fewer points are read quickly, so that
+/// skipping some of them gains nothing.
 const LEAST_POINTS: u64 = 1_000_000;
-/// Largest ratio of the error to the requested error where finer points are skipped. A ratio of 2 is one level of
-/// detail.
+/// Largest ratio of the actual error to the requested error, both sizes of splats in pixels, where finer points are
+/// skipped. A ratio of 2 is one level of detail.
 const MOST_ERRORS: f64 = 2.0;
-/// Limits of the fraction of the views in which points may be skipped. The first applies if the error there is
-/// [`MOST_ERRORS`] times the requested one, the second if the error is barely above the requested one. The rest of the
-/// views is as fine as requested, or as fine as the file.
+/// Largest fractions of the views' area in which points may be skipped. The first applies if splats there are
+/// [`MOST_ERRORS`] times as large as requested, the second if they are barely larger than requested. Elsewhere the
+/// image is as fine as requested, or as fine as the file.
 const LEFT_OUT: [f64; 2] = [0.25, 0.375];
-/// Number of cells along each side of an image, by which the skipped fraction is measured.
+/// Number of cells along each side of an image. The fraction of cells with skipped nodes measures how much of the image
+/// lacks points.
 const CELLS: usize = 64;
 
-/// Number of errors tried per octave.
+/// Number of candidate errors per octave (factor of 2) at which the early end of a selection is tested.
 const STEPS: i32 = 64;
 
-/// Test whether an image has enough points although some of its splats are larger than requested.
+/// Test whether a selection of LOD nodes may end early: the image has enough points although some of its splats are
+/// larger than requested.
 ///
 /// On a slanted surface, such as land toward the horizon, a splat's size is a poor measure of the number of points per
 /// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
@@ -33,19 +36,20 @@ const STEPS: i32 = 64;
 /// only on the nodes and the views, so an image is the same for any threads and caches. The constants are measured on
 /// land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
 pub(super) struct Enough<'a> {
+    /// The views that the selection is for, relative to the object.
     eyes: &'a [Eye<'a>],
-    /// Nodes required for the requested error, each with the size in pixels of the splats drawn in its place, the
-    /// largest first.
+    /// Nodes required for the requested error, the largest size first. The size, in pixels, is that of the coarser
+    /// splats drawn where the node isn't selected.
     wanted: &'a [(f64, &'a LevelNode)],
-    /// Number of skipped nodes, or nodes not completely faded in, that may be visible in each cell of each view.
+    /// Number of visible nodes that are skipped or have not completely faded in, per cell of each view.
     left_out: Vec<u32>,
-    /// Number of cells with such nodes.
+    /// Number of cells in which such nodes are visible, that is, of nonzero elements of `left_out`.
     cells: usize,
 }
 
 impl<'a> Enough<'a> {
-    /// Returns the error that ends a selection, if there are enough points at an error above `least_px`. `wanted` are
-    /// the nodes required for `error_px`, the largest first.
+    /// Returns the error in pixels at which a selection may end early; `None` if it may not end above `least_px`.
+    /// `wanted` are the nodes required for the error `error_px`, the largest first.
     pub(super) fn error_px(
         eyes: &'a [Eye<'a>],
         wanted: &'a [(f64, &'a LevelNode)],
@@ -85,14 +89,15 @@ impl<'a> Enough<'a> {
         None
     }
 
-    /// Returns the largest allowed ratio to the requested error in the part of the views where nodes are skipped.
+    /// Returns the largest ratio to the requested error that is allowed for the current number of cells with skipped
+    /// nodes.
     fn most_errors(&self) -> f64 {
         let share = self.cells as f64 / self.left_out.len() as f64;
         let least = (LEFT_OUT[1] - share) / (LEFT_OUT[1] - LEFT_OUT[0]);
         1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
     }
 
-    /// Marks a node as skipped in the cells where it may be visible.
+    /// Marks the node at this index of `wanted` as skipped, in the cells where it may be visible.
     fn leave_out(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.left_out[cell] += 1;
@@ -100,7 +105,7 @@ impl<'a> Enough<'a> {
         }
     }
 
-    /// Marks a skipped node as selected.
+    /// Removes the mark of [`Self::leave_out`] from the node at this index of `wanted`, because it is selected.
     fn put(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.left_out[cell] -= 1;
@@ -109,7 +114,7 @@ impl<'a> Enough<'a> {
     }
 }
 
-/// Returns the cells of all views in which a node may be visible.
+/// Returns the indices of the cells, of all views, in which a node may be visible.
 fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
     let of_view = |(i, eye): (usize, &Eye<'_>)| {
         let [columns, rows] = cells_in_view(eye, node);
@@ -118,8 +123,8 @@ fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
     eyes.iter().enumerate().flat_map(of_view)
 }
 
-/// Returns the columns and rows of cells that contain the visible part of a node's cube. All cells, if a part of the
-/// cube is nearer than the near plane.
+/// Returns the columns and rows of a view's cells that contain the visible part of a node's cube. Returns all cells if
+/// a part of the cube is nearer than the near plane.
 fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
     let projection = &eye.view.projection;
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

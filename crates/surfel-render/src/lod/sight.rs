@@ -5,26 +5,28 @@ use crate::View;
 use glam::{DAffine3, DVec3};
 use surfel_model::{Cull, Settings};
 
-/// Radius within which a splat's footprint is visible, in radii of the splat from its centre. An affine footprint
-/// extends beyond the splat's own outline by less than half its distance from the centre; three times the bounding
-/// sphere is ample.
+/// Largest distance, in splat radii, from a splat's centre to a visible part of its footprint. An affine footprint
+/// extends beyond the splat's own outline by less than half its distance from the centre, so 3 is ample.
 const REACH: f64 = 3.0;
 
-/// Visibility test of an object's splats in several views.
+/// Test whether splats of an object may be visible in any of several views, by which loaders drop points.
 pub struct Sight<'a> {
+    /// The views, relative to the object.
     eyes: Vec<Eye<'a>>,
+    /// Largest distance, in pixels, of a filtered footprint from the splat's own extent.
     margin_px: f64,
 }
 
 impl<'a> Sight<'a> {
-    /// Prepares views in which splats reach `margin_px` pixels past their own extent ([`Sight::margin_px`]).
+    /// Prepares the test for views in which drawn footprints extend up to `margin_px` pixels beyond their splats.
+    /// [`Sight::margin_px`] computes the number from settings.
     pub fn new(world_from_object: &'a DAffine3, views: &'a [View], margin_px: f64) -> Self {
         let eyes = views.iter().map(|view| Eye::new(world_from_object, Cull::None, view)).collect();
         Self { eyes, margin_px }
     }
 
-    /// Returns the largest distance, in pixels, of a filtered footprint from the splat's extent, plus the margin of
-    /// nodes.
+    /// Returns the largest distance, in pixels, by which drawn footprints extend beyond their splats. The result
+    /// includes the margin with which LOD nodes are selected.
     pub fn margin_px(settings: &Settings) -> f64 {
         // No filter lengthens a splat by more than 1.5 times the prefilter's radius.
         MARGIN_PX + 1.5 * settings.prefilter_radius_px

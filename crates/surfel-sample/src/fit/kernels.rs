@@ -7,25 +7,25 @@ use glam::DVec3;
 use surfel_math::{V2, clip::Clip, kernel};
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// Distance from a splat's centre up to which it has weight, in radii: its own radius, and a quarter for a surface that
-/// curves away.
+/// Largest distance from a splat's centre, in radii, at which the splat has weight: its own radius, and a quarter for a
+/// surface that curves away.
 pub(super) const REACH: f64 = 1.25;
-/// Smallest cosine (60°) between normals on the same surface; other splats belong to another part, as for the interior
-/// weight.
+/// Smallest cosine (60°) between the normals of a splat and of a surface point at which the splat has weight there.
+/// Other splats belong to another part of the surface, as for the interior weight.
 const SAME_SURFACE: f64 = 0.5;
-/// Default cutoff of the renderer.
+/// Cutoff c of the weight exp(−c·ρ²): the renderer's default.
 const CUTOFF: f64 = 2.0;
 
 /// Weight function w of a splat at points of the surface.
 #[derive(Clone, Default)]
 pub(super) struct Kernel {
-    /// Centre relative to the cloud's origin.
+    /// Position of the splat's centre, relative to the cloud's origin.
     center: DVec3,
-    /// Unit normal; zero for a splat that was removed.
+    /// Unit normal of the splat; zero if the splat was removed.
     normal: DVec3,
-    /// Dual basis: dot products with an offset in the splat's plane give the offset's (u, v).
+    /// Dual basis of the half-axes: its dot products with an offset in the splat's plane are the offset's (u, v).
     dual: [DVec3; 2],
-    /// Larger half-axis, in object units.
+    /// Length of the larger half-axis, in object units.
     radius: f64,
     clip: Option<Box<Clip<f64>>>,
 }
@@ -97,7 +97,7 @@ impl Kernels {
         &self.of_slot[slot]
     }
 
-    /// Returns the median radius of the splats, from which the size of sample cells follows.
+    /// Returns the median radius of the splats, by which the size of the samples' cells is selected.
     pub(super) fn median_radius(&self) -> f64 {
         let mut radii: Vec<f64> = self.of_slot.iter().map(|k| k.radius).collect();
         crate::radii::median(&mut radii).unwrap_or(0.0)

@@ -25,41 +25,42 @@ use system::System;
 
 pub use points::{PointFitReport, fit_point_colors};
 
-/// Stop criterion for colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step.
+/// Stop criterion for fits of colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step.
 const STOP: Stop = Stop { residual: 1e-4, steps: 400 };
 
-/// Largest change of a component of a shading normal. If the mesh's normals vary faster than its splats can represent,
-/// an unbounded solution overshoots.
+/// Largest change of a component of a shading normal by the fit. If the mesh's normals vary faster than its splats can
+/// represent, an unbounded solution overshoots.
 const NORMAL_CHANGE: f64 = 0.25;
 
 /// Largest overshoot of a splat's colour beyond the colours under the splat, relative to the range of these colours.
 /// Sharp peaks need a quarter to a third. Without this bound, fits ripple in uniform areas some splats away from an
 /// edge.
 const BEYOND: f64 = 0.35;
-/// Smallest variation of a channel under a splat that limits the overshoot ([`BEYOND`]): a quarter of 1/255 of linear
-/// light.
+/// Smallest range of a channel's values under a splat at which the channel limits the overshoot ([`BEYOND`]): a quarter
+/// of 1/255 of linear light.
 const VARIES: f64 = 1e-3;
-/// Stop criterion for normals: no step turns a normal by a thirtieth of a degree.
+/// Stop criterion for fits of normals: no step turns a normal by a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
-/// Smallest error of blended normals (root mean square of their components) at which a fit is made: half a degree.
+/// Smallest error of blended normals at which they are fitted, as root mean square of their components: half a degree.
 const NORMALS_SHOW: f64 = 0.005;
 
 /// Maximum number of splats in one fit; each needs about a kilobyte.
 const MOST_SPLATS: usize = 1 << 25;
-/// Maximum mean number of splats that overlap at a place; the work grows with its square. Splats with radii of twice
-/// the spacing have 13.
+/// Largest mean number of splats that overlap at a place of the surface. The work grows with its square; splats with
+/// radii of twice the spacing have 13.
 const MOST_OVER_PLACE: usize = 200;
-/// Number of places at which overlapping splats are counted to check the limit.
+/// Number of places at which overlapping splats are counted to check [`MOST_OVER_PLACE`].
 const PROBES: usize = 1024;
 
 /// Report of a fit to a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FitReport {
-    /// Number of sample points on the surface.
+    /// Number of sample points on the mesh's surface.
     pub samples: usize,
     /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
     pub steps: usize,
-    /// KKT residual: the largest change of a value (linear colour or normal component) by one further step.
+    /// KKT residual of the solution: the largest change of a value (linear colour or normal component) by one further
+    /// step.
     pub residual: f64,
     /// Root mean square error of the blend's colours in linear light, over surface and channels, before and after the
     /// fit.
@@ -151,7 +152,7 @@ fn part(values: &[[f32; 6]], first: usize) -> Vec<[f32; 3]> {
     values.iter().map(|v| std::array::from_fn(|c| v[first + c])).collect()
 }
 
-/// Inputs of a fit to a mesh.
+/// Mesh, cloud and settings that the fits of colours and of normals share.
 struct Target<'a> {
     geometry: &'a Geometry<'a>,
     cloud: &'a SplatCloud,

@@ -9,11 +9,13 @@ use crate::parallel::map_each;
 use crate::{NoProgress, Progress, SampleError};
 use surfel_model::{OnInvalid, SplatCloud};
 
-/// Interval at which points are held out: every tenth point serves to find the best number of steps.
+/// Interval, in tree order, of the points that are held out. They serve to find the number of steps that predicts them
+/// best.
 const HELD_OUT: usize = 10;
-/// Maximum number of solver steps; more would only fit noise.
+/// Maximum number of solver steps for the colours of points; more would only fit noise.
 const STEPS: usize = 64;
-/// Number of steps without a better prediction after which the search for the best number stops.
+/// Number of solver steps without a better prediction of held-out points after which the search for the best number
+/// ends.
 const PATIENCE: usize = 8;
 
 /// Report of a fit to the colours of points.

@@ -9,23 +9,24 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Smallest and largest number of samples per splat. With fewer, coefficients are random; more samples than texels only
-/// repeat each other.
+/// Smallest and largest number of samples of a mesh per splat. With fewer, the fit's coefficients are random; more
+/// samples than texels only repeat each other.
 const A_SPLAT: [f64; 2] = [9.0, 36.0];
-/// Total number of samples above which the number per splat is reduced toward its minimum; a sample needs 32 to 44
-/// bytes.
+/// Total number of samples above which the number per splat is reduced toward its minimum ([`A_SPLAT`]). A sample needs
+/// 32 to 44 bytes.
 const MANY: f64 = 16e6;
-/// Smallest number of samples per triangle, if there are at least as many splats as triangles.
+/// Smallest mean number of samples per triangle, if there are at least as many splats as triangles.
 const A_TRIANGLE: f64 = 4.0;
-/// Number of texels per sample above which a sample's value is the mean of nine places.
+/// Number of texels per sample above which a sample's value is the mean of nine places around it.
 const FINE: f64 = 1.5;
-/// Maximum number of cells along the largest side of the bounds, so that three coordinates fit 64 bits.
+/// Maximum number of grid cells along the largest side of the samples' bounds, so that the three coordinates of a cell
+/// fit 64 bits.
 const MOST_CELLS: f64 = (1 << 20) as f64;
 
-/// Place on the surface with its target value and its weight.
+/// Place on a surface, with the value that the blend should have there and its weight in the fit.
 #[derive(Clone, Copy)]
 pub(super) struct Sample<const N: usize> {
-    /// Position relative to [`Samples::center`].
+    /// Position of the place, relative to [`Samples::center`].
     at: Vec3,
     /// Index of the normal in [`Samples::normals`], which is also the index of the face or point.
     normal: u32,
@@ -44,11 +45,11 @@ pub(super) struct Samples<const N: usize> {
     center: DVec3,
     normals: Vec<DVec3>,
     items: Vec<Sample<N>>,
-    /// End index of each cell's samples.
+    /// End of each cell's samples, as an index in `items`.
     ends: Vec<u32>,
 }
 
-/// Packs cell coordinates into 21 bits each.
+/// Packs the coordinates of a cell into 21 bits each.
 fn key(cell: [i64; 3]) -> u64 {
     cell.iter().fold(0, |key, c| key << 21 | (c + (1 << 20)) as u64 & 0x1f_ffff)
 }
@@ -161,9 +162,9 @@ struct Measure {
     samples: Vec<f64>,
     total: f64,
     count: usize,
-    /// Flag per triangle, true if each of its samples represents several texels.
+    /// Flag per triangle, true if each of its samples represents several texels and is averaged.
     coarse: Vec<bool>,
-    /// Mean area per splat.
+    /// Mean area of the surface per splat.
     mean_area: f64,
 }
 

@@ -4,10 +4,10 @@ use super::system::Gram;
 use crate::parallel::{for_chunks, map_chunks};
 use std::ops::{AddAssign, Mul, Sub};
 
-/// Number of splats per task.
+/// Number of splats per parallel task.
 const CHUNK: usize = 4096;
 
-/// Number type of the solver: f32, with errors of at most 3·10⁻⁶, or f64.
+/// Number type in which the solver computes: f32, with errors of at most 3·10⁻⁶, or f64.
 pub(super) trait Scalar: Copy + Default + Send + Sync + PartialOrd + From<f32> + Into<f64> + AddAssign
 where
     Self: Mul<Output = Self> + Sub<Output = Self>,
@@ -27,28 +27,28 @@ impl Scalar for f64 {
     }
 }
 
-/// Values of one splat: three channels, and a fourth that fills the SIMD register.
+/// Values of one splat in the solver: three channels, and a fourth that fills the SIMD register.
 pub(super) type Lanes<T> = [T; 4];
 
-/// Smallest and largest value of each channel.
+/// Smallest and largest allowed change of each channel of a splat.
 pub(super) type Bounds = [[f64; 2]; 4];
 
-/// Stop criterion of the iteration.
+/// Criterion by which the solver's iteration stops.
 #[derive(Clone, Copy)]
 pub(super) struct Stop {
     /// Largest KKT residual at which the iteration stops. The residual is the largest change of a value by a step along
     /// the gradient, of length 1/mass and within the bounds.
     pub(super) residual: f64,
-    /// Maximum number of steps.
+    /// Largest number of steps, after which the iteration stops in any case.
     pub(super) steps: usize,
 }
 
-/// Result of the minimisation.
+/// Result of a minimisation by [`Problem::minimise`].
 pub(super) struct Solution<T> {
-    /// Solution d: the change of each splat's present values, by slot.
+    /// Change d of each splat's present values that minimises the error, by slot.
     pub(super) d: Vec<Lanes<T>>,
     pub(super) steps: usize,
-    /// KKT residual of the solution.
+    /// KKT residual of the solution, as defined in [`Stop::residual`].
     pub(super) residual: f64,
 }
 
@@ -144,16 +144,16 @@ fn difference<T: Scalar>(a: T, b: T) -> f64 {
     a.into() - b.into()
 }
 
-/// Bounds and step length of a splat.
+/// Bounds of a splat's change and the length of its gradient steps.
 #[derive(Clone, Copy, Default)]
 struct Stepper<T> {
     low: Lanes<T>,
     high: Lanes<T>,
-    /// Step length, 1/mass; 0 if the splat has no samples.
+    /// Length of a gradient step, 1/mass; 0 if the splat has no samples.
     step: T,
 }
 
-/// Change of a chunk's values by one step.
+/// Change of the values of one chunk of splats by a gradient step.
 #[derive(Clone, Copy, Default)]
 struct Change {
     /// Dot product of the gradient and the movement of this step; positive if the momentum led uphill.

@@ -8,20 +8,20 @@ use crate::progress::{NoProgress, Progress};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Number of rows computed by one task. It is fixed, so that sums don't depend on the number of threads.
+/// Number of matrix rows that one task computes. It is fixed, so that sums don't depend on the number of threads.
 const OWN: usize = 2048;
-/// Largest relative difference that counts as rounding: an f32 value is multiplied by weights whose sum has four
-/// roundings.
+/// Largest relative difference of two values that counts as rounding. An f32 value is multiplied by weights whose sum
+/// has four roundings.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 /// Matrix G of the normal equations: G_kj = Σ ω·r̂_k·r̂_j over the samples, with the normalised weights r̂ = w/Σw.
 #[derive(Default)]
 pub(super) struct Gram {
-    /// Index of each row's first entry, and the end of the last row.
+    /// Index of each row's first entry, followed by the number of all entries.
     pub(super) starts: Vec<usize>,
     pub(super) columns: Vec<u32>,
     pub(super) values: Vec<f32>,
-    /// Sum of each row. Since no entry is negative, diag(mass) − G is positive semidefinite (Gershgorin).
+    /// Sum of each row's entries. Since no entry is negative, diag(mass) − G is positive semidefinite (Gershgorin).
     pub(super) mass: Vec<f64>,
 }
 
@@ -40,16 +40,20 @@ impl Gram {
     }
 }
 
-/// Minimisation of ½dᵀGd − bᵀd over the change d of the splats' present values, for N channels that share G.
+/// Normal equations of a fit: minimisation of ½dᵀGd − bᵀd over the change d of the splats' present values, for N
+/// channels that share G.
 pub(super) struct System<const N: usize> {
     pub(super) gram: Gram,
-    /// Right-hand side b_k = Σ ω·r̂_k·(f − Σ r̂_j·c_j), where c are the present values.
+    /// Right-hand side b_k = Σ ω·r̂_k·(f − Σ r̂_j·c_j), where ω are the samples' weights, f their values and c the
+    /// present values.
     pub(super) b: Vec<[f64; N]>,
-    /// Change of each splat's value by view-independent EWA: the mean of f − c, weighted by w.
+    /// Change of each splat's value that view-independent EWA would make: the mean of f − c over the samples, weighted
+    /// by w.
     pub(super) ewa: Vec<[f64; N]>,
-    /// Smallest and largest value of the samples under each splat; reversed infinities if there are none.
+    /// Smallest and largest value of the samples under each splat, per channel; infinities in reverse order if there
+    /// are none.
     pub(super) local: Vec<[[f32; 2]; N]>,
-    /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel.
+    /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel, for the present values.
     energy: [f64; N],
     /// Sum of the samples' weights, Σ ω.
     weight: f64,
@@ -140,7 +144,7 @@ impl<const N: usize> System<N> {
     }
 }
 
-/// Rows and right-hand sides of one task's splats.
+/// Matrix rows and right-hand sides of the splats of one task.
 #[derive(Clone)]
 struct Part<const N: usize> {
     lengths: Vec<usize>,
@@ -299,7 +303,7 @@ fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, 
     missing
 }
 
-/// Returns the difference of two values, or 0 if it is within the rounding error.
+/// Returns the difference of two values, or 0 if it is within [`ROUNDING`].
 fn difference(a: f32, b: f32) -> f32 {
     let d = a - b;
     if d.abs() <= ROUNDING * a.abs().max(b.abs()) { 0.0 } else { d }

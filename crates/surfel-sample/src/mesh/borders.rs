@@ -12,50 +12,56 @@ use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
-/// Maximum number of clip lines per splat, as in the rendering model (§7).
+/// Maximum number of clip lines per splat, as in rendering model §7.
 const MOST_LINES: usize = 4;
-/// Maximum number of border pieces tested for one splat. An edge between two faces has two pieces, one for each face.
+/// Maximum number of border pieces near a splat that are tested for clip lines. An edge between two faces has two
+/// pieces, one for each face.
 const MOST_PIECES: usize = 48;
-/// Number of pieces at one position above which each region gets its own index. An ordinary edge has two.
+/// Number of pieces at one position above which each smooth region gets a spatial index of its own
+/// ([`Borders::indices`]). An ordinary edge has two.
 const MOST_IN_PLACE: usize = MOST_PIECES / 2;
 /// Largest height of an edge over a splat's plane at which the edge clips the splat, relative to the splat's radius.
 /// Edges farther away belong to another part of the surface.
 pub(super) const FARTHEST: f64 = 0.5;
-/// Smallest cosine (about 70°) between the normals of an edge's face and of a splat that the edge clips.
+/// Smallest cosine (about 73°) between the normals of an edge's face and of a splat at which the edge clips the splat.
 pub(super) const FACING: f64 = 0.3;
-/// Overhang of a splat over an edge, in (u, v), up to which no line is added.
+/// Largest overhang of a splat over a border, in (u, v), at which no clip line is added.
 const SLACK: f64 = 0.02;
-/// Largest distance, in (u, v), by which a clip line may pass a splat's centre on the wrong side. It occurs because the
+/// Largest distance, in (u, v), of a splat's centre beyond a border that still clips the splat. It occurs because the
 /// surface is curved.
 const BEHIND: f64 = 0.05;
-/// Distance, in (u, v), by which the splats of both sides reach over their common edge: many times the rounding of f32.
+/// Distance, in (u, v), by which the splats of both sides reach over their common border: many times the rounding of
+/// f32.
 const HAIR: f64 = 2e-5;
-/// Number of corners of the polygon that approximates a disk.
+/// Number of corners of the polygon by which a splat's unit disk is approximated.
 const RING: u32 = 24;
-/// Smallest visible area of a splat, in (u, v), if only open edges clip it. In parts of the surface narrower than the
-/// distance between splats, few places have a splat, which must cover the area of several. Without borders, the area
-/// per splat is 0.37 at the radius for its density.
+/// Smallest visible area of a splat, in (u, v), if only open edges and cuts clip it. In parts of the surface narrower
+/// than the distance between splats, few places have a splat, which must cover the area of several. Without borders,
+/// the area per splat is 0.37 at the radius for its density.
 const LEAST_AT_OPEN_EDGES: f64 = 0.4;
-/// Smallest visible area of a splat, in (u, v), if creases clip it.
+/// Smallest visible area of a splat, in (u, v), if creases or bends clip it. Lines are moved outward to reach it.
 const LEAST_AT_CREASES: f64 = 1.1;
-/// Largest height of splats over a bent surface, relative to the distance between them: a third of a pixel for a
-/// distance of two pixels.
+/// Largest height by which splats may stand out from a bent surface, relative to the distance between them. It is a
+/// third of a pixel for a distance of two pixels.
 const STANDING_OUT: f64 = 0.15;
-/// Distance by which splats reach over an edge into another part of an octree, relative to their radius.
+/// Distance by which splats reach over an edge where the surface continues in another part of an octree, relative to
+/// their radius.
 const OVER_CUT: f64 = 0.2;
-/// Area of a face, relative to the area per splat, above which the face has splats of its own.
+/// Smallest area of a face, relative to the area per splat, at which the face has splats of its own. Only then are its
+/// bends borders.
 const RESOLVED: f64 = 3.0;
 
-/// Piece of a border, about as long as a splat's radius.
+/// Piece of a border of a face, about as long as a splat's radius.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
-    /// True for each end of the piece that is also an end of the border.
+    /// Flags for both ends of the piece, true if the end is also an end of the whole border.
     is_end: [bool; 2],
     face: u32,
-    /// Unit normal of the face.
+    /// Unit normal of the piece's face.
     normal: DVec3,
-    /// Unit normal of the face on the other side of the border, if both faces are in the same region.
+    /// Unit normal of the face on the other side of the border; `None` if that face is missing or in another smooth
+    /// region.
     across: Option<DVec3>,
     region: u32,
     kind: Kind,
@@ -65,16 +71,16 @@ struct Piece {
 /// Borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
 pub(crate) struct Borders {
     pieces: Vec<Piece>,
-    /// Index of each smooth region, if many regions meet at one edge, as the pages of a book do. Otherwise all regions
-    /// share one index, under `None`. With a shared index, a splat at such an edge would be compared with the pieces of
-    /// other regions.
+    /// Spatial indices of the pieces. There is one for each smooth region if many regions meet at one edge, as the
+    /// pages of a book do. Otherwise all regions share one index, under `None`. With a shared index, a splat at such an
+    /// edge would be compared with the pieces of other regions.
     indices: HashMap<Option<u32>, PieceIndex>,
     is_crowded: bool,
-    /// Half the length of the longest piece, in object units.
+    /// Half of the longest piece's length, in object units, by which the search for pieces near a splat is widened.
     half: f64,
 }
 
-/// Indices of some pieces, and a tree of their midpoints.
+/// Spatial index of some pieces: their numbers, and a tree of their midpoints.
 struct PieceIndex {
     pieces: Vec<u32>,
     tree: KdTree,
@@ -84,11 +90,11 @@ struct PieceIndex {
 #[derive(Clone, Debug)]
 pub(crate) struct Kept {
     lines: Vec<Line>,
-    /// Area of the visible part; the whole disk has π.
+    /// Area of the visible part, in (u, v); the whole disk has π.
     pub(crate) area: f64,
 }
 
-/// Clip line; points q with normal·q ≤ offset are visible.
+/// Clip line of a splat in (u, v); points q with normal·q ≤ offset are visible.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     normal: DVec2,
@@ -96,20 +102,21 @@ struct Line {
     kind: Kind,
 }
 
-/// Border piece projected into a splat's plane, in (u, v); the visible part is on its left.
+/// Border piece projected into a splat's plane, in (u, v). The splat's visible part is on the left of the direction
+/// from `a` to `b`.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     a: DVec2,
     b: DVec2,
     kind: Kind,
-    /// Distance by which the clip line is moved outward.
+    /// Distance, in (u, v), by which the clip line along the piece is moved outward.
     overhang: f64,
 }
 
 impl Borders {
     /// Cuts the borders of a surface into pieces of about a splat's radius. `count` is the number of splats; the
-    /// distance between them is `density` times `scale`. `regions` has one number per face. Bends are no borders if a
-    /// face next to them is too small for splats of its own.
+    /// distance between them is `density` times `scale`. `regions` has the number of each face's smooth region. Bends
+    /// are no borders if a face next to them is too small for splats of its own.
     pub(crate) fn new(
         geometry: &Geometry,
         borders: &[Border],
@@ -183,7 +190,8 @@ impl Borders {
         self.pieces.is_empty()
     }
 
-    /// Returns the pieces of creases and open edges, for both sides of each edge.
+    /// Returns the pieces at which the surface ends or creases: those of open edges and creases, for both sides of each
+    /// edge.
     fn ends(&self) -> impl Iterator<Item = &Piece> {
         self.pieces.iter().filter(|piece| matches!(piece.kind, Kind::Open | Kind::Crease))
     }
@@ -285,8 +293,8 @@ impl Borders {
 }
 
 impl Segment {
-    /// Returns the unit vector along the segment, and the parameter (0 to 1) of the foot of the perpendicular from the
-    /// origin.
+    /// Returns the unit vector along the segment, and the parameter of the foot of the perpendicular from the origin: 0
+    /// at `a`, 1 at `b`.
     fn foot(&self) -> (DVec2, f64) {
         let along = self.b - self.a;
         (along.normalize_or_zero(), -self.a.dot(along) / along.length_squared())
@@ -296,8 +304,8 @@ impl Segment {
         self.a.lerp(self.b, self.foot().1.clamp(0.0, 1.0))
     }
 
-    /// Returns the part of the segment inside the unit disk and well inside the visible side of the lines. Lines on the
-    /// other side of a narrow strip don't shorten it.
+    /// Returns the part of the segment inside the unit disk and well inside the visible side of the lines; `None` if
+    /// there is none. Lines on the other side of a narrow strip don't shorten it.
     fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
         let along = self.b - self.a;
         let (square, half) = (along.length_squared(), self.a.dot(along));
@@ -325,8 +333,8 @@ impl Segment {
         (from < to).then(|| [self.a + along * from, self.a + along * to])
     }
 
-    /// Returns the line by which this border clips a splat at the origin; `None` if the border faces away from the
-    /// centre.
+    /// Returns the clip line along this segment, for a splat whose centre is the origin; `None` if the segment faces
+    /// away from the centre. `all` are the segments near the splat, and `lines` its earlier clip lines.
     fn line(&self, all: &[Self], lines: &[Line]) -> Option<Line> {
         let (direction, place) = self.foot();
         let outward = -direction.perp();
@@ -354,13 +362,14 @@ impl Segment {
 }
 
 impl Kept {
-    /// Returns the smallest visible area of a splat; with less, the lines are moved outward.
+    /// Returns the smallest visible area, in (u, v), that the splat needs. With less, [`Self::widen`] moves the lines
+    /// outward.
     pub(crate) fn least(&self) -> f64 {
         let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
         if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
     }
 
-    /// True if a point in (u, v) is visible.
+    /// True if the clip lines leave a point in (u, v) visible.
     pub(crate) fn keeps(&self, q: DVec2) -> bool {
         self.lines.iter().all(|line| line.normal.dot(q) <= line.offset + HAIR)
     }
@@ -401,12 +410,12 @@ pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Cl
     Some(ClipColumns { lines: Some(lines), ..ClipColumns::default() })
 }
 
-/// Returns a regular polygon that approximates the unit disk.
+/// Returns the corners of a regular polygon that approximates the unit disk.
 fn ring() -> Vec<DVec2> {
     (0..RING).map(|i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(RING))).collect()
 }
 
-/// Clips a convex polygon to the visible side of a line.
+/// Returns the part of a convex polygon on the visible side of a clip line.
 fn cut(polygon: &[DVec2], line: &Line) -> Vec<DVec2> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, a) in polygon.iter().enumerate() {

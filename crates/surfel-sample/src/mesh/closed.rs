@@ -18,8 +18,8 @@ pub const FLAT_PARTS: &str = "made of flat parts";
 /// a cloud are apart by only a small fraction of their radii.
 pub const FINE_SPLATS: &str = "as fine as their mesh";
 
-/// Largest fraction of wrongly wound edges in a consistently wound mesh. Two triangles run through such an edge in the
-/// same direction; scans and exports have a few.
+/// Largest fraction of wrongly wound edges at which a mesh counts as consistently wound. Two triangles run through such
+/// an edge in the same direction; scans and exports have a few.
 const MISWOUND: f64 = 0.01;
 
 /// True if the mesh is watertight: it bounds a volume, and no back of a triangle is visible from outside. Every edge
@@ -39,9 +39,11 @@ pub fn is_oriented(mesh: &Mesh) -> bool {
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
 }
 
-/// Largest sum of area vectors, relative to the area, of a surface that bounds a volume.
+/// Largest length of the sum of all area vectors, relative to the total area, at which a surface counts as enclosing a
+/// volume. It is 0 for a watertight surface.
 const OPEN: f64 = 0.05;
-/// Smallest volume of such a surface, relative to the volume of a sphere with the same area.
+/// Smallest enclosed volume of a surface that [`turn_outward`] may reverse, relative to the volume of a sphere with the
+/// same area.
 const ROUND: f64 = 0.01;
 
 /// Reverses the winding of a mesh that is inside out, as some exporters write it. Such a mesh is wound consistently,
@@ -83,13 +85,13 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
     true
 }
 
-/// Sums over the edges and triangles of a mesh.
+/// Sums over the edges and triangles of a mesh, which show whether it is watertight and consistently wound.
 #[derive(Default)]
 struct Walk {
-    /// Balance of each edge: +1 per triangle that runs along it one way, −1 for the other way. All sums are 0 on a
-    /// watertight, consistently wound surface.
+    /// Balance of each edge, by its two vertices: +1 per triangle that runs along it one way, −1 for the other way. All
+    /// sums are 0 on a watertight, consistently wound surface.
     edges: HashMap<(u32, u32), i32>,
-    /// Six times the enclosed volume.
+    /// Six times the volume that the triangles enclose.
     volume: f64,
 }
 

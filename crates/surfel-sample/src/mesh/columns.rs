@@ -6,22 +6,23 @@ use glam::DVec3;
 use std::ops::Range;
 use surfel_model::{ExtraValues, Mesh, SplatCloud};
 
-/// Maximum number of triangles in a leaf of the tree.
+/// Maximum number of triangles in a leaf of the bounding-box tree.
 const LEAF: usize = 4;
-/// Largest difference between the distances of two triangles, relative to the mesh's extent, at which the triangle with
-/// the splat's facing is preferred. Thin plates have two triangles in one place.
+/// Largest difference between a splat's distances to two triangles, relative to the mesh's extent, at which both count
+/// as in the same place. The triangle that faces like the splat is then preferred. Thin plates have two triangles in
+/// one place.
 const SAME_PLACE: f64 = 1e-6;
-/// Index that stands for no triangle.
+/// Triangle index that stands for no triangle.
 const NONE: u32 = u32::MAX;
 
-/// Places of splats on the mesh from which they were made.
+/// Places on a mesh that are nearest to the splats made from it, at which the mesh's columns are evaluated.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
     /// Nearest triangle of each splat, or [`NONE`] if an isolated vertex is nearest.
     triangles: Vec<u32>,
-    /// Vertices of the nearest triangle.
+    /// Vertices of each splat's nearest triangle.
     corners: Vec<[u32; 3]>,
-    /// Barycentric coordinates of the nearest place in this triangle.
+    /// Barycentric coordinates of the nearest place in each splat's nearest triangle.
     barycentric: Vec<[f32; 3]>,
 }
 
@@ -82,14 +83,15 @@ struct Tree {
     places: Vec<[DVec3; 3]>,
     order: Vec<u32>,
     nodes: Vec<Node>,
-    /// Squared distance that is added for triangles that face away from the splat.
+    /// Squared distance that is added for triangles that face away from the splat, so that others in the same place are
+    /// preferred.
     away: f64,
 }
 
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Range of [`Tree::order`] with a leaf's triangles; for other nodes, the indices of the two children.
+    /// Range of the leaf's triangles in [`Tree::order`]. For other nodes, it has the indices of the two children.
     holds: Range<u32>,
     is_leaf: bool,
 }

@@ -20,17 +20,19 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Mesh};
 
-/// Number of candidates per sample for elimination. Three cost half as much as Yuksel's five, and the smallest distance
-/// is lower by a tenth.
+/// Number of candidates per sample from which elimination starts. Three cost half as much as Yuksel's five, and the
+/// smallest distance between samples is lower by a tenth.
 const OVERSAMPLING: usize = 3;
-/// Number of samples above which samples are stratified only, without blue noise. Elimination takes seconds per
-/// million.
+/// Largest number of samples that are spread as blue noise. More samples are stratified only, because elimination takes
+/// seconds per million.
 const MOST_ELIMINATED: usize = 1_000_000;
-/// Cosine of 1°, the largest angle between a sample's smooth normal and its facet's normal in a flat part.
+/// Cosine of 1°, the largest angle between a sample's smooth normal and its facet's normal at which the sample counts
+/// as flat.
 const FLAT: f64 = 0.999_847_695;
-/// Number of nearest splats, including the splat itself, that limit gaps where the density changes.
+/// Number of nearest splats, including the splat itself, whose largest spacing gives a splat's radius where the density
+/// changes.
 const BESIDE: usize = 7;
-/// Largest growth of a splat's radius that closes such gaps.
+/// Largest factor by which a splat's radius grows because of coarser neighbours ([`BESIDE`]).
 const MOST_REACHING: f64 = 1.2;
 
 /// Makes `count` splats of a mesh, evenly spread.
@@ -139,8 +141,8 @@ fn spread(
     Ok(see_through::cut(geometry, data, samples.iter().map(|s| s.face).collect()))
 }
 
-/// Returns the spacing for the radius of each splat. Where the density changes, it is the largest spacing of the
-/// splat's neighbours, so that no gap opens between finer and coarser splats.
+/// Returns the spacing from which the radius of each splat follows. Where the density changes, it is the largest
+/// spacing of the splat's neighbours, so that no gap opens between finer and coarser splats.
 fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
     if density.is_even() {
         return vec![density.coarsest; samples.len()];

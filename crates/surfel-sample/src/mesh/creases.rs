@@ -3,25 +3,26 @@
 
 use super::geometry::{Geometry, SAME_NORMAL, Side, edges, find, join};
 
-/// Cosine of 80°, the angle from which every edge is a crease.
+/// Cosine of 80°, the dihedral angle from which every edge is a crease.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Smallest number of connected edges that form a line.
+/// Smallest number of connected feature edges (open, or above the crease angle) that form a line.
 const LINE: usize = 8;
-/// Length of a single edge that counts as a line, relative to the mesh's extent.
+/// Length, relative to the mesh's extent, above which a single feature edge forms a line.
 const LONG: f64 = 1.0 / 16.0;
-/// Smallest ratio of a crease's angle to the angles at edges nearby. Where a coarse mesh bends most, only some edges
-/// are above the crease angle, and the edges nearby are bent only slightly less.
+/// Smallest ratio of an edge's dihedral angle to the angles at smooth edges nearby at which it can be a crease. Where a
+/// coarse mesh bends most, only some edges are above the crease angle, and the edges nearby are bent only slightly
+/// less.
 const CLEAR: f64 = 2.5;
-/// Fraction of the mesh's area above which two coplanar faces count as a plane.
+/// Fraction of the mesh's area above which two coplanar faces together count as a plane.
 const GOOD_SHARE: f64 = 1.0 / 200.0;
 
 /// Properties of a mesh's vertices and faces by which edges are classified as creases.
 pub(super) struct Creases {
-    /// Flag per vertex, true if the vertex is on a line of feature edges.
+    /// Flag per vertex, true if the vertex is on a line of feature edges (open, or above the crease angle).
     line: Vec<bool>,
-    /// Smallest cosine, per face, of the bends at the smooth edges of the face and of its neighbours.
+    /// Cosine of the largest bend, per face, at the smooth edges of the face and of its neighbours.
     least: Vec<f64>,
-    /// Flag per face, true if the face is part of a plane.
+    /// Flag per face, true if the face is part of a plane of several faces.
     planar: Vec<bool>,
 }
 
@@ -62,9 +63,9 @@ fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.iter().map(|root| is_line(*root as usize)).collect()
 }
 
-/// Returns a flag per face, true if the face is part of a plane. A face is coplanar with at least two connected faces,
-/// or with one if both have a large share of the surface. Constructed shapes have such planes; normals shared across
-/// the planes' edges would vary all over them.
+/// Returns a flag per face, true if the face is part of a plane: it is coplanar with at least two connected faces. One
+/// suffices if both together exceed [`GOOD_SHARE`] of the area. Constructed shapes have such planes; normals shared
+/// across the planes' edges would vary all over them.
 fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.areas.len() as u32).collect();
     for edge in edges(sides) {
@@ -85,7 +86,7 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.into_iter().map(|root| is_plane(of[root as usize])).collect()
 }
 
-/// Returns, per face, the smallest cosine of the bends at the smooth edges of the face and of its neighbours.
+/// Returns, per face, the cosine of the largest bend at the smooth edges of the face and of its neighbours.
 fn least_cosines(geometry: &Geometry, sides: &[Side]) -> Vec<f64> {
     let bends = || {
         edges(sides).filter_map(|edge| match edge {

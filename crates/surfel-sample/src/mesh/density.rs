@@ -8,25 +8,28 @@ use crate::progress::NoProgress;
 use crate::tree::{KdTree, Nearest};
 use surfel_math::basis::orthonormal;
 
-/// Maximum number of parts into which a mesh is divided, beyond one per face.
+/// Maximum number of parts into which faces are divided for a density by colours, beyond one part per face.
 const MOST_PARTS: usize = 1 << 18;
-/// Maximum number of additional parts for a density by curvature: where a mesh bends, its faces are already small.
+/// Maximum number of parts into which faces are divided for a density by curvature, beyond one part per face. Where a
+/// mesh bends, its faces are already small.
 const MOST_BENT: usize = 1 << 15;
-/// Number of parts along the largest distance between splats.
+/// Number of parts of a face along the largest distance between splats.
 const FINENESS: f64 = 4.0;
-/// Number of colour samples along each side of a square whose side is half the largest distance between splats.
+/// Number of colour samples along each side of the square in which the variation of colours is measured. The square's
+/// side is half the largest distance between splats.
 const ACROSS: usize = 8;
-/// Number of times that the square is halved; the smallest squares have two samples along each side.
+/// Number of times that the square for the variation of colours is halved. The smallest squares have two samples along
+/// each side.
 const HALVINGS: usize = 2;
-/// Number of distances that are compared: the largest distance divided by powers of √2.
+/// Number of distances between splats that are compared for each part: the largest distance divided by powers of √2.
 const CHOICES: usize = 2 * HALVINGS + 3;
-/// Number of bisection steps that find the price of a splat.
+/// Number of bisection steps that find the price of a splat, at which colours vary as much as requested.
 const BISECTIONS: usize = 30;
 /// Largest growth of the distance between splats per unit of length along the surface.
 const GRADE: f64 = 0.3;
-/// Number of neighbouring parts that limit the growth of a part's distance.
+/// Number of neighbouring parts that limit a part's distance between splats by [`GRADE`].
 const NEIGHBOURS: usize = 16;
-/// Maximum number of passes over all parts.
+/// Maximum number of passes over all parts in which distances are reduced until none exceeds [`GRADE`].
 const SWEEPS: usize = 12;
 
 /// Sampling density of a mesh, as a distance between splats that varies over the mesh.
@@ -34,7 +37,7 @@ pub(crate) struct Density {
     parts: Parts,
     /// Distance between splats in each part, in object units.
     spacing: Vec<f64>,
-    /// Largest distance between splats.
+    /// Largest distance between splats, in object units.
     pub(crate) coarsest: f64,
     is_even: bool,
 }
@@ -84,7 +87,7 @@ impl Density {
     }
 
     /// Computes a density from the curvature of the surface; the distance between splats is at most `coarsest`.
-    /// `squares` is the squared curvature of each face. `asked` maps the mean of `squares` over the parts around to a
+    /// `squares` is the squared curvature of each face. `asked` maps the mean of `squares` over neighbouring parts to a
     /// distance.
     pub(crate) fn where_bent(
         geometry: &Geometry,
@@ -107,7 +110,7 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// Returns the parts of the mesh in each of which the distance is constant.
+    /// Returns the division of the mesh into parts, in each of which the distance is constant.
     pub(crate) fn parts(&self) -> &Parts {
         &self.parts
     }
@@ -122,7 +125,7 @@ impl Density {
         self.spacing[part]
     }
 
-    /// Returns the constant distance that gives a face the same number of splats.
+    /// Returns the constant distance between splats that would give a face the number of splats that its parts have.
     pub(crate) fn of_face(&self, face: usize) -> f64 {
         let parts = &self.spacing[self.parts.of(face)];
         match parts {
@@ -142,26 +145,26 @@ impl Density {
     }
 }
 
-/// Part of the surface for which a distance between splats is selected.
+/// Part of the surface for which one of the compared distances between splats is selected.
 #[derive(Clone, Copy, Default)]
 struct Part {
     area: f64,
-    /// Variance of the colours inside the square of a splat, for each distance that is compared.
+    /// Variance of the colours inside the square of a splat, for each compared distance.
     variances: [f64; CHOICES],
-    /// Index of the smallest distance at which splats are at least half a texel apart.
+    /// Index of the smallest compared distance at which splats are at least half a texel apart.
     finest: usize,
 }
 
 impl Part {
-    /// Returns the index of the distance with the smallest cost: squared error plus price of the splats. `splats` is
-    /// the number of splats per unit of area for each distance.
+    /// Returns the index of the compared distance with the smallest cost: squared error plus price of the splats.
+    /// `splats` is the number of splats per unit of area for each distance.
     fn choice(&self, price: f64, splats: &[f64; CHOICES]) -> usize {
         let cost = |choice: usize| self.variances[choice] + price * splats[choice];
         (0..=self.finest).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0)
     }
 }
 
-/// Returns the index of the smallest distance at which a face's splats are at least half a texel apart.
+/// Returns the index of the smallest compared distance at which a face's splats are at least half a texel apart.
 fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
     let texels = geometry.texels(face);
     let is_apart = |choice: &usize| {
@@ -223,9 +226,9 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     })
 }
 
-/// Nearest parts of each part, including the part itself.
+/// Nearest parts of each part of a mesh, including the part itself.
 struct Neighbours {
-    /// Distance and index of the parts around each part.
+    /// Distances and indices of the parts nearest to each part.
     of: Vec<Vec<(f64, u32)>>,
 }
 

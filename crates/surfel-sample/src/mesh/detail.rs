@@ -8,37 +8,40 @@ use crate::progress::NoProgress;
 use crate::radii;
 use surfel_math::basis::orthonormal;
 
-/// Largest mean distance of splats' rims from the surface, relative to the extent: half a pixel in an image of 1024².
+/// Largest mean distance of splats' rims from the curved surface, relative to the extent: half a pixel in an image of
+/// 1024². It gives [`Detail::shape`].
 const RIM: f64 = 0.5 / 1024.0;
-/// Largest distance of any disk's rim from a thin part of the surface, relative to the extent. A disk that protrudes
-/// from a finger, for example, frays its outline.
+/// Largest distance of any disk's rim from the curved surface, relative to the extent, on thin parts: a third of a
+/// pixel in an image of 1024². A disk that protrudes from a finger, for example, frays its outline.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
-/// Smallest distance between splats on thin parts, relative to the distance elsewhere.
+/// Smallest distance between splats on thin parts, relative to the distance on the rest of the surface.
 const FINEST: f64 = 0.25;
-/// Fraction of additional splats above which thin parts get a finer density.
+/// Fraction of additional splats above which thin parts get a finer density. Fewer wouldn't be worth an uneven one.
 const FEW_MORE: f64 = 0.002;
-/// Variation of colours inside the square that a splat represents: root mean square over the surface, in linear light.
+/// Largest variation of colours inside the square that a splat represents: root mean square over the surface, in linear
+/// light.
 const VARIATION: f64 = 0.03;
-/// Smallest and largest number of splats of a mesh.
+/// Smallest and largest number of splats that [`Detail`] requests for a mesh.
 const SPLATS: (f64, f64) = (5_000.0, 2_000_000.0);
-/// Number of places at which colours are sampled.
+/// Number of places on the surface at which the variation of colours is measured.
 const PLACES: usize = 2048;
-/// Number of colour samples along each side of a square.
+/// Number of colour samples along each side of the square around such a place.
 const ACROSS: i32 = 5;
 
-/// Largest number of splats by colours at which an uneven density is used, relative to an even density.
+/// Number of splats with a density by colours, relative to an even density, below which the uneven density is used.
 const WORTH: f64 = 0.9;
-/// Maximum number of splats with an uneven density; beyond a million, samples aren't blue noise.
+/// Number of splats with an uneven density from which an even density is used instead. Beyond a million, samples aren't
+/// blue noise.
 const MOST_UNEVEN: f64 = 1e6;
 
 /// Numbers of splats that represent a mesh's shape and colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
-    /// Number of splats for the shape: disks protrude from the curved surface by at most half a pixel in an image of
-    /// 1024².
+    /// Number of splats that the shape needs. With it, disks protrude from the curved surface by at most half a pixel
+    /// in an image of 1024², on average.
     pub shape: usize,
-    /// Number of splats for the colours, at an even density; 0 if the colours hardly vary. Colours vary by 0.03 (RMS,
-    /// linear light) inside the square that a splat represents, but there are no more splats than texels.
+    /// Number of splats that the colours need at an even density; 0 if the colours hardly vary. With it, colours vary
+    /// by 0.03 (RMS, linear light) inside the square that a splat represents. There are no more splats than texels.
     pub colors: usize,
     /// Number of splats made, 5,000 to 2,000,000: the larger of both numbers, or fewer if they are closer where colours
     /// vary.
@@ -46,7 +49,7 @@ pub struct Detail {
 }
 
 impl Detail {
-    /// Computes the number of splats and their density.
+    /// Computes the number of splats that a mesh needs for its shape and colours, and their density.
     pub(crate) fn new(geometry: &Geometry, smooth: &Smooth) -> (Self, Density) {
         let area = geometry.total_area();
         let splats = |spacing: f64| (area / (spacing * spacing)).min(SPLATS.1);

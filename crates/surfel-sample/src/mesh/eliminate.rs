@@ -11,49 +11,50 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Exponent α of Yuksel's weights (§3).
+/// Exponent α of the weights in Yuksel 2015, §3.
 const ALPHA: i32 = 8;
-/// Factor β of Yuksel's weight limit, which prevents close pairs from dominating all others (§3).
+/// Factor β of the weight limit in Yuksel 2015, §3, which prevents close pairs from dominating all others.
 const BETA: f64 = 0.65;
-/// Exponent γ of Yuksel's weight limit (§3).
+/// Exponent γ of the weight limit in Yuksel 2015, §3.
 const GAMMA: f64 = 1.5;
 
 /// Maximum number of candidates in a block. Pairs across blocks are ignored: a few per cent of the samples are less
 /// even, at the same density. In return, all threads and their caches are used.
 const BLOCK: usize = 1 << 14;
-/// Number of candidates above which blocks are halved in parallel.
+/// Number of candidates above which the division into blocks is computed in parallel.
 const PARALLEL: usize = 1 << 16;
 
-/// Maximum number of candidates per row of cells with which one candidate is compared. The limit bounds the cost for
-/// meshes with many faces in one place. With even threefold oversampling, a cell has four candidates.
+/// Maximum number of candidates per row of grid cells with which one candidate is compared. The limit bounds the cost
+/// for meshes with many faces in one place. With even threefold oversampling, a cell has four candidates.
 const MOST_IN_ROW: usize = 48;
-/// Smallest overlap of a pair that counts, relative to the pair's reach. The weight of larger overlaps is above 10⁻¹⁰.
+/// Smallest overlap of a pair of candidates that counts, relative to the pair's reach. The weight of larger overlaps is
+/// above 10⁻¹⁰.
 const LEAST: f32 = 0.05;
-/// Maximum number of grid levels for candidates of different reach; each level has half the cell size of the previous
+/// Maximum number of grid levels, for candidates of different reach. Each level has half the cell size of the previous
 /// one.
 const LEVELS: u16 = 12;
-/// Maximum number of cells along an axis. Cells farther out are merged, which costs only time.
+/// Maximum number of grid cells along an axis. Cells farther out are merged, which costs only time.
 const MOST_CELLS: f64 = 65_000.0;
 
-/// Number of low bits of a weight (f32) that its bucket ignores. The remaining 7 bits of the fraction give 128 buckets
-/// per power of two.
+/// Number of low bits of a weight (f32) that [`bucket_of`] ignores. The remaining 7 bits of the fraction give 128
+/// buckets per power of two.
 const BUCKET_SHIFT: u32 = 23 - 7;
-/// Number of buckets for all finite weights.
+/// Number of buckets that all finite weights need.
 const BUCKETS: usize = 0x7f80_0000 >> BUCKET_SHIFT;
-/// Index that stands for no candidate.
+/// Candidate index that stands for no candidate.
 const NONE: u16 = u16::MAX;
 
 /// Candidate for a sample, which elimination removes or retains.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Candidate {
     pub(crate) position: DVec3,
-    /// Part of the surface that contains the candidate.
+    /// Index of the part of the surface that contains the candidate.
     pub(crate) part: u32,
-    /// Unique number, less than the number of candidates.
+    /// Number of the candidate, unique and less than the number of candidates.
     pub(crate) number: u32,
 }
 
-/// Properties shared by all candidates in a part.
+/// Properties that all candidates in one part of the surface share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PartFacts {
     /// Unit normal of the part. Candidates ignore each other if their normals differ by more than 90°, as on opposite
@@ -148,19 +149,20 @@ fn blocks(count: usize) -> Vec<Range<usize>> {
 
 struct Thinning<'a> {
     of_part: &'a (dyn Fn(u32) -> PartFacts + Sync),
-    /// Distance of a pair, relative to its reach, below which the weight doesn't grow, before the factor [`BETA`].
+    /// Distance of a pair, relative to its reach and before the factor [`BETA`], below which the pair's weight doesn't
+    /// grow.
     closest: f64,
 }
 
-/// Candidate of a block. The position is relative to the block, in units of the block's largest reach.
+/// Candidate in a block. Its position is relative to the block, in units of the block's largest reach.
 #[derive(Clone, Copy, Default)]
 struct Local {
     position: Vec3,
     reach: f32,
     normal: Vec3,
-    /// Grid level whose cells fit the candidate's own reach; a level's cells have side 2^−level.
+    /// Grid level whose cells fit the candidate's own reach. Level n has cells of side 2⁻ⁿ.
     level: u16,
-    /// Index among the block's candidates.
+    /// Index of the candidate among the block's candidates.
     index: u16,
 }
 
@@ -176,9 +178,9 @@ struct Pair {
 #[derive(Default)]
 struct Block {
     locals: Vec<Local>,
-    /// Sorted pairs of a cell and an index in `locals`.
+    /// Pairs of a cell's number and the index in `locals` of a candidate in it, sorted by cell.
     cells: Vec<(u64, u16)>,
-    /// Buffer for sorting `cells`.
+    /// Buffer for the radix sort of `cells`.
     sorting: Vec<(u64, u16)>,
     pairs: Vec<Pair>,
     /// Candidates close to the current one, and their squared distances; the last element is a dummy.
@@ -367,9 +369,9 @@ fn sort_by_cell(cells: &mut Vec<(u64, u16)>, sorting: &mut Vec<(u64, u16)>, most
 struct Queue {
     /// Weight of each candidate; NaN once the candidate is removed.
     weights: Vec<f64>,
-    /// First candidate of each bucket, or [`NONE`].
+    /// First candidate in each bucket, or [`NONE`] if the bucket is empty.
     heads: Vec<u16>,
-    /// Next candidate in the same bucket, or [`NONE`].
+    /// Next candidate in the same bucket as each candidate, or [`NONE`] if it is the last.
     next: Vec<u16>,
 }
 

@@ -4,7 +4,7 @@ use super::geometry::Geometry;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Depth of the deepest level, at which splats are 2⁸ times as fine as the root's.
+/// Depth of the deepest level of the octree, at which splats are 2⁸ times as fine as the root's.
 const DEEPEST: u32 = 8;
 
 /// Cube of the octree, with the triangles whose centroids it contains.
@@ -12,16 +12,16 @@ pub(crate) struct Node {
     pub(crate) depth: u32,
     /// Range of the cube's triangles in [`FaceTree::order`].
     pub(crate) faces: Range<usize>,
-    /// Indices of the children; empty for a leaf.
+    /// Range of the children's node indices; empty for a leaf.
     pub(crate) children: Range<u32>,
 }
 
 /// Octree over triangles. Nodes are in breadth-first order, and the children of a node are consecutive.
 pub(crate) struct FaceTree {
     pub(crate) nodes: Vec<Node>,
-    /// Triangle indices, sorted so that the triangles of each node are consecutive.
+    /// Indices of all triangles, sorted so that those of each node are consecutive.
     pub(crate) order: Vec<u32>,
-    /// Side of the root's cube.
+    /// Side of the root's cube, in object units.
     pub(crate) side: f64,
 }
 

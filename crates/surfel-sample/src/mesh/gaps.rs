@@ -14,34 +14,35 @@ use std::collections::HashSet;
 use std::f64::consts::FRAC_1_SQRT_2;
 use surfel_math::basis::orthonormal;
 
-/// Maximum number of rounds; each round tests which gaps the moved splats cover.
+/// Maximum number of rounds in which splats are moved to gaps. Each round tests which gaps the moved splats cover.
 const ROUNDS: usize = 4;
-/// Inverse of the largest fraction of splats moved per round.
+/// Inverse of the largest fraction of splats that may be moved per round.
 const MOST_MOVED: usize = 64;
-/// Number of splats that may always be moved per round, even in small clouds.
+/// Number of splats that may be moved per round even if it exceeds the fraction 1/[`MOST_MOVED`].
 const LEAST_MOVED: usize = 16;
-/// Smallest number of splats per tested place along an edge. It limits the number of places, so that the tests don't
-/// cost more than the splats.
+/// Smallest number of splats of the cloud per tested place along an edge. It limits the number of places, so that the
+/// tests don't cost more than the splats.
 const SPLATS_A_PLACE: f64 = 2.0;
-/// Distance between tested places along an edge, relative to a splat's radius.
+/// Distance between tested places along an edge, relative to the splats' median radius.
 const STEP: f64 = 0.2;
-/// Distances of tested places from the edge toward the middle of the face, relative to a splat's radius.
+/// Distances from an edge, toward the middle of the face, at which places are tested, relative to the splats' median
+/// radius.
 const INSETS: [f64; 3] = [0.03, 0.3, 1.0];
-/// Smallest distance between places that get a splat in the same round, relative to the splat's radius.
+/// Side of the grid cells in each of which one splat is moved per round, relative to the splats' median radius.
 const APART: f64 = 0.5;
-/// Angles from a face's normal, in degrees, of the directions from which places are tested.
+/// Angles from a face's normal, in degrees, of the tilted directions from which a place must be covered.
 const TILTS: [f64; 2] = [25.0, 50.0];
-/// Number of splats around a place that are tested: in the first pass, and in the second pass if these don't cover the
-/// place.
+/// Numbers of splats nearest to a place that are tested for covering it: in the first pass, and in the second pass for
+/// places that the first leaves uncovered.
 const ASKED: [usize; 2] = [6, 32];
-/// Number of candidates among which the splat with the nearest neighbour is selected for moving.
+/// Number of consecutive splats of which the one with the nearest neighbour may be moved.
 const CHOICE: usize = 8;
-/// Number of nearest splats, including the splat itself, of which only one may be moved.
+/// Number of nearest splats, including the splat itself, of which only one may be moved to a gap.
 const NEIGHBOURS: usize = 8;
-/// Smallest cosine between the normals of a moved splat and of the neighbour that replaces it.
+/// Smallest cosine (60°) between the normals of a moved splat and of the neighbour that replaces it.
 const ALIKE: f64 = 0.5;
 
-/// Tested place on the surface, as a face and a position.
+/// Place on the surface that is tested for a gap, as a face and a position.
 type Place = (u32, DVec3);
 
 /// Finds places near borders that no splat covers, and moves splats to them.
@@ -82,7 +83,8 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     }
 }
 
-/// Selects one place in each grid cell and region; the cell's side is the smallest distance between moved splats.
+/// Selects one place in each grid cell and smooth region, so that places are apart. The cell's side is [`APART`] times
+/// `radius`.
 fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Iterator<Item = Place> + 'a {
     let mut cells = HashSet::new();
     let cell = move |(face, q): &Place| {
@@ -91,7 +93,8 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
     places.iter().filter(move |place| cells.insert(cell(place))).copied()
 }
 
-/// Returns the places that none of the given splats covers. For each place, the `asked` nearest splats are tested.
+/// Returns those of `places` that none of the given splats covers from all directions. For each place, the `asked`
+/// nearest splats are tested.
 fn uncovered(
     on: &Placed,
     kept: &[Option<Grown>],
@@ -126,8 +129,8 @@ fn uncovered(
     places.iter().zip(is_bare).filter(|(_, is_bare)| *is_bare).map(|(place, _)| *place).collect()
 }
 
-/// Selects at most `most` splats to be moved. No border clips them, and none of their neighbours is selected too. They
-/// are sorted by the distance of their nearest neighbour, relative to their radius.
+/// Selects at most `most` splats that may be moved to gaps. No border clips them, and none of their neighbours is
+/// selected too. They are sorted by the distance of their nearest neighbour, relative to their radius.
 fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let tree = KdTree::new(&on.positions);
     let whole: Vec<usize> = (0..tree.len()).filter(|slot| kept[tree.index(*slot)].is_none()).collect();
@@ -163,7 +166,8 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     ordered.into_iter().map(|(_, slot)| tree.index(slot)).take(most).collect()
 }
 
-/// Returns unit vectors from a face toward test viewpoints: along its normal, and tilted to several sides.
+/// Returns the directions from which places on a face must be covered, as unit vectors: along its normal, and tilted by
+/// [`TILTS`] to several sides.
 fn seen_from(normal: DVec3) -> [DVec3; EYES] {
     let (u, v) = orthonormal(normal);
     let [(sin, cos), (far_sin, far_cos)] = TILTS.map(|degrees| degrees.to_radians().sin_cos());

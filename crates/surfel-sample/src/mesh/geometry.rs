@@ -11,40 +11,42 @@ use surfel_model::{AlphaMode, Mesh};
 
 /// Cosine of the crease angle, 40°. Faces that meet at a larger angle don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of 0.02°: normals that differ by less count as equal.
+/// Cosine of 0.02°, the largest angle between two normals that count as equal.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
-/// Cosine of 15°. Where faces meet at a smaller angle, splats protrude by less than half the distance between them.
+/// Cosine of 15°, the largest angle between faces at which splats don't end at the edge. Splats protrude there by less
+/// than half the distance between them.
 const BENT_COS: f64 = 0.965_925_826_289_068;
-/// Smallest thickness of a triangle with area, relative to its longest edge. The normal of a thinner triangle would
-/// consist of the rounding of f32 positions.
+/// Smallest height of a triangle, relative to its longest edge, at which it has an area. The normal of a thinner
+/// triangle would consist of the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
-/// Area, relative to the squared extent, above which a mesh is searched for repeated triangles; a box has at most 6.
-/// Without the search, the splats of thousands of triangles in one place would all coincide.
+/// Area of a mesh, relative to its squared extent, above which it is searched for repeated triangles; a box has at most
+/// 6. Without the search, the splats of thousands of triangles in one place would all coincide.
 const MANIFOLD: f64 = 8.0;
 
-/// Mesh prepared for sampling. Indices must be valid and positions finite.
+/// Mesh prepared for sampling: positions in f64, and normals and areas of its faces. Indices must be valid and
+/// positions finite.
 pub(crate) struct Geometry<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) positions: Vec<DVec3>,
-    /// Unit face normals; zero for triangles without area.
+    /// Unit normal of each face; zero for triangles without area.
     pub(crate) normals: Vec<DVec3>,
-    /// Face areas; zero where the normal is zero.
+    /// Area of each face; zero where the normal is zero.
     pub(crate) areas: Vec<f64>,
-    /// Largest side of the bounding box.
+    /// Largest side of the mesh's bounding box, in object units.
     pub(crate) extent: f64,
-    /// Number of triangles that repeat another one; they have no area.
+    /// Number of triangles with the corners and winding of another one. Their areas are set to zero.
     pub(crate) repeated: usize,
 }
 
-/// Edge between welded vertices, as the side of one face.
+/// Edge between welded vertices, as one of the faces at the edge sees it.
 #[derive(Clone, Copy)]
 pub(super) struct Side {
     pub(super) lo: u32,
     pub(super) hi: u32,
     /// Corner (3·face + 0..3) at which the edge starts, in the face's own order.
     corner: u32,
-    /// True if the face runs from `lo` to `hi`.
+    /// True if the face's own order runs from vertex `lo` to vertex `hi`.
     pub(super) forward: bool,
 }
 
@@ -54,27 +56,27 @@ impl Side {
     }
 }
 
-/// Reason why a splat ends at an edge.
+/// Reason why splats end at an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// There is no face on the other side.
+    /// Open edge: there is no face on the other side.
     Open,
-    /// Faces meet at a large angle, or more than two meet, or their windings disagree.
+    /// Crease: faces meet at a large angle, or more than two meet, or their windings disagree.
     Crease,
-    /// The surface is smooth, but bends so much that splats would protrude from it.
+    /// Bend of a smooth surface that is so strong that splats would protrude from the surface.
     Bend,
-    /// The surface continues in another part of an octree.
+    /// Edge at which the surface continues in another part of an octree.
     Cut,
 }
 
-/// Edge at which splats end, as the side of one face.
+/// Edge at which the splats of one of its faces end.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
     /// Ends of the edge, with the face on the left when seen from outside.
     pub(crate) ends: [DVec3; 2],
-    /// Corner (3·face + 0..3) at which the edge starts.
+    /// Corner (3·face + 0..3) at which the edge starts, and which thus gives the face.
     pub(crate) corner: u32,
-    /// Face on the other side, if there is exactly one other face.
+    /// Index of the face on the other side; `None` unless there is exactly one.
     pub(crate) across: Option<u32>,
     pub(crate) kind: Kind,
 }
@@ -87,13 +89,13 @@ impl Border {
 
 /// Smooth normals of a mesh, and the borders at which splats end.
 pub(crate) struct Smooth {
-    /// Unit normals of the three corners of each face.
+    /// Unit normals that shade the three corners of each face.
     pub(crate) corner_normals: Vec<[DVec3; 3]>,
     /// Number of edges that are creases or open.
     pub(crate) feature_edges: usize,
-    /// Feature edges, and edges at which the surface bends by more than 15°, once for each face.
+    /// Edges at which splats end, once for each face: creases, open edges, and bends of more than 15°.
     pub(crate) borders: Vec<Border>,
-    /// Index of each face's smooth region; regions are separated by creases and open edges.
+    /// Number of each face's smooth region; creases and open edges separate regions.
     pub(crate) regions: Vec<u32>,
 }
 

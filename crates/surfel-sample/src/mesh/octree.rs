@@ -20,12 +20,12 @@ use surfel_model::{
 /// Maximum number of splats in one level of the octree.
 const MOST_IN_LEVEL: f64 = 4e6;
 
-/// Largest mean number of splats per node in a level. The limits matter if triangles reach far beyond their node's
-/// cube, as in a fan; a watertight surface has 200 to 800 splats per node.
+/// Largest mean number of splats per node in one level. The limits on levels matter if triangles reach far beyond their
+/// node's cube, as in a fan; a watertight surface has 200 to 800 splats per node.
 const MOST_IN_NODE: usize = 1024;
-/// Mean number of splats per triangle that a level may always have.
+/// Mean number of splats per triangle that a level may have, regardless of [`MOST_IN_NODE`].
 const MOST_ON_TRIANGLE: usize = 8;
-/// Number of splats that a level may always have.
+/// Number of splats that a level may have, regardless of [`MOST_IN_NODE`].
 const SMALL_LEVEL: usize = 16_384;
 
 /// Options of the conversion of a mesh to an octree.
@@ -192,7 +192,7 @@ fn weighted(octree: Octree) -> Result<Octree, SampleError> {
 struct Level {
     cloud: SplatCloud,
     spacing: f64,
-    /// Indices of the splats in `cloud`, per node.
+    /// Indices in `cloud` of the splats of each node.
     splats_of: Vec<Vec<usize>>,
 }
 
@@ -270,7 +270,7 @@ fn describe(
     }
 }
 
-/// Splats of all nodes collected so far, in the order of the octree.
+/// Splats of all nodes that were collected so far, in the order of the octree.
 #[derive(Default)]
 struct Collected {
     centers: Vec<DVec3>,

@@ -40,9 +40,9 @@ pub struct MeshOptions {
 /// Report of a conversion of a mesh to splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshReport {
-    /// Method used.
+    /// Method by which the mesh was converted.
     pub method: MeshMethod,
-    /// Numbers of splats that shape and colours need, with [`MeshMethod::Detail`].
+    /// Numbers of splats that shape and colours need; `None` unless the method is [`MeshMethod::Detail`].
     pub detail: Option<Detail>,
     /// Number of splats made.
     pub splats: usize,
@@ -54,18 +54,18 @@ pub struct MeshReport {
     pub feature_edges: usize,
     /// True if at least nine in ten samples are shaded by their facet's own normal: the mesh consists of flat parts.
     pub flat: bool,
-    /// Median of the larger semi-axes, in object units.
+    /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in the cloud.
+    /// Interior weight of the cloud, as stored in it; `None` if it couldn't be measured.
     pub interior_weight: Option<f64>,
 }
 
-/// Number of vertices above which a mesh counts as dense.
+/// Number of vertices above which a mesh counts as dense, so that it becomes one splat per vertex by default.
 const DENSE: usize = 50_000;
-/// Distance between automatic samples, relative to the largest side of the bounds: 2 px in an image of 1024², in which
-/// the standard deviation of a splat is 1.7 px.
+/// Distance between the samples of the default options, relative to the largest side of the bounds. It is 2 px in an
+/// image of 1024², in which the standard deviation of a splat is 1.7 px.
 const SPACING: f64 = 2.0 / 1024.0;
-/// Smallest and largest number of automatic samples on a flat mesh.
+/// Smallest and largest number of samples of the default options, on a flat mesh.
 const AUTOMATIC: (f64, f64) = (20_000.0, 500_000.0);
 
 impl MeshOptions {

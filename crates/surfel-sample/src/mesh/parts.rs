@@ -4,11 +4,12 @@
 use super::geometry::Geometry;
 use glam::DVec3;
 
-/// Maximum number of times that the sides of a face are halved.
+/// Maximum number of times that the sides of a face are halved to divide it into parts.
 const MOST_HALVINGS: f64 = 10.0;
-/// Corners of the four parts of a face whose sides are halved; `None` is the part in the middle. The order makes each
-/// part adjacent to the previous part or to the second one.
+/// Corners of a face at which its four parts are, in order, if its sides are halved; `None` is the part in the middle.
+/// The order makes each part adjacent to the previous part or to the second one.
 const CORNERS: [Option<usize>; 4] = [Some(0), None, Some(1), Some(2)];
+/// Index of the middle part in [`CORNERS`].
 const MIDDLE: usize = 1;
 
 /// Place on the surface: a face and barycentric coordinates.
@@ -44,7 +45,7 @@ impl Sample {
 /// Consecutive parts of a face form a connected area.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts {
-    /// Index of the first part of each face, and finally the number of all parts.
+    /// Index of the first part of each face, followed by the number of all parts.
     first: Vec<u32>,
 }
 

@@ -11,24 +11,24 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
 use surfel_model::{ClipColumns, Shape};
 
-/// Growth factors of a splat's radius that are tried if clip lines leave too small an area. The clip lines stay in
-/// place.
+/// Growth factors of a splat's radius that are tried in order if clip lines leave too small an area of the splat.
 const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
-/// Largest growth factor of a splat's radius.
+/// Largest growth factor of a splat's radius because of clip lines.
 pub(super) const MOST_GROWN: f64 = 2.2;
 
-/// Height over a splat's plane, relative to the splat's radius, below which a place counts as in the plane.
+/// Largest height of a place over a splat's plane, relative to the splat's radius, at which the place counts as in the
+/// plane.
 const IN_PLANE: f64 = 1e-3;
 
-/// Number of directions from which coverage of a place is tested.
+/// Number of directions from which a place near a border must be covered.
 pub(super) const EYES: usize = 9;
 
-/// Splats placed on the surface, without clips.
+/// Splats placed on a mesh, before they are clipped at its borders.
 pub(super) struct Placed<'a> {
     pub(super) geometry: &'a Geometry<'a>,
-    /// Density that gives the distance between splats.
+    /// Density of the splats, which gives the distances between them and thus their radii.
     pub(super) density: &'a Density,
-    /// Factor for the radii that follow from the density.
+    /// Factor by which radii that follow from the density are scaled.
     pub(super) radius_scale: f64,
     pub(super) samples: Vec<Sample>,
     pub(super) positions: Vec<DVec3>,
@@ -37,10 +37,10 @@ pub(super) struct Placed<'a> {
     pub(super) radii: Vec<f64>,
 }
 
-/// Growth factor of a clipped splat's radius, and the splat's visible part.
+/// Growth factor of a clipped splat's radius, and the visible part of the grown splat.
 pub(super) type Grown = (f64, Kept);
 
-/// Splats clipped at the borders of the surface.
+/// Shape and clip columns of splats that end at the borders of the surface.
 pub(super) struct Bordered {
     pub(super) shape: Shape,
     pub(super) clips: Option<ClipColumns>,
@@ -60,7 +60,7 @@ impl Placed<'_> {
         self.radii[i] = radii::DENSITY * self.density.at(&sample) * self.radius_scale;
     }
 
-    /// Returns the growth and the visible part of splat `i`; `None` if no border clips it.
+    /// Returns the growth factor and the visible part of splat `i` after clipping; `None` if no border clips it.
     pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32], found: &mut Nearest) -> Option<Grown> {
         let region = regions[self.samples[i].face as usize];
         let mut at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region, found);

@@ -8,18 +8,19 @@ use glam::DVec3;
 /// Place on the surface: the index of a part, and barycentric coordinates in the part.
 pub(crate) type PartPlace = (u32, [f64; 3]);
 
-/// Function that returns the corners of a part if it is [`slender`]; its arguments are the part's index and the
-/// expected number of places.
+/// Function that returns the corners of a part if places on it must be spread by halving ([`slender`]). Its arguments
+/// are the part's index and the expected number of places.
 pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize, f64) -> Option<[DVec3; 3]> + Sync);
 
 /// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and the quarters' sizes. The middle
 /// quarter has a negative size, because it is rotated by half a turn.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
-/// Maximum number of base-4 digits of a place's number that select quarters.
+/// Maximum number of base-4 digits of a place's number that select nested quarters of a triangle.
 const MOST_DIGITS: u32 = 16;
-/// Ratio of a triangle's length to its width from which it is halved instead of quartered.
+/// Ratio of a triangle's longest side to its height above which it is halved instead of quartered.
 const SLENDER: f64 = 8.0;
-/// Smallest width of a halved triangle, in distances between places. Narrower ones have their places in a row.
+/// Smallest width of a halved triangle, in distances between places. Narrower triangles are quartered, because their
+/// places are in a row.
 const LEAST_WIDTH: f64 = 4.0;
 
 /// Returns the corners of a triangle if it is slender and wide enough for several rows of `count` places; else `None`.
@@ -37,13 +38,13 @@ pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
 /// intervals of the sum of weights.
 pub(crate) struct Scatter<'a> {
     weights: &'a [f64],
-    /// Cumulative sum of the weights up to the end of each part.
+    /// Sum of the weights of each part and all parts before it.
     ends: Vec<f64>,
-    /// Last part with a positive weight.
+    /// Index of the last part with a positive weight.
     last: usize,
-    /// Number of places.
+    /// Number of places that are spread.
     count: usize,
-    /// Sum of all weights.
+    /// Sum of the parts' weights.
     total: f64,
 }
 
@@ -79,7 +80,7 @@ impl<'a> Scatter<'a> {
         self.map(self.count, &|k| k, progress, &|i, part, random| of(self.irregular_place(i, part, slender, random)))
     }
 
-    /// Returns the places of [`Self::irregular`] with these numbers, which must ascend.
+    /// Returns the places of [`Self::irregular`] with these numbers, which must be in ascending order.
     pub(crate) fn some_irregular(
         &self,
         slender: SlenderParts<'_>,

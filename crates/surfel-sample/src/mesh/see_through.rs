@@ -12,50 +12,53 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, Shape};
 
-/// Number of directions in which the contour is searched.
+/// Number of directions from a disk's centre in which the contour of the visible area is searched.
 const DIRECTIONS: usize = 24;
-/// Number of steps from a disk's centre to its rim in each direction.
+/// Number of steps from a disk's centre to its rim in which alpha is sampled along each direction.
 const STEPS: usize = 6;
-/// Largest distance of the contour's points from a straight line, relative to the disk's radius.
+/// Largest distance of contour points from a straight line at which one clip line stands for them, relative to the
+/// disk's radius.
 const STRAIGHT: f64 = 0.1;
 /// Alpha below which a surface is invisible: half a step of 1/255.
 const NOTHING: f32 = 0.5 / 255.0;
-/// Radius, in disk radii, inside which everything must be invisible for a disk to be removed. Neighbouring splats reach
-/// that far into the disk, and average their alpha with the disk's. Without the disk, visible neighbours would stand
-/// out.
+/// Radius, in disk radii, inside which everything must be invisible for a disk of a blended surface to be removed.
+/// Neighbouring splats reach that far into the disk, and average their alpha with the disk's. Without the disk, visible
+/// neighbours would stand out.
 const REACH: f64 = 2.25;
-/// Absolute barycentric coordinate above which a place is too far from a triangle for its texture.
+/// Absolute barycentric coordinate from which a place is too far from a triangle for its texture. The disk's centre is
+/// sampled instead.
 const FAR: f64 = 4.0;
-/// Maximum number of times that a disk is divided into four.
+/// Maximum number of times that a partly visible disk is divided into four.
 const DIVISIONS: usize = 2;
-/// Number of disks that division may make, in addition to one per splat.
+/// Number of disks that dividing may make, in addition to one per splat.
 const MOST_ADDED: usize = 100_000;
-/// Half of the usual distance between a disk and its neighbours, relative to the disk's radius.
+/// Half of the usual distance between a disk and its neighbours, relative to the disk's radius. Smaller disks are
+/// placed at this offset, and colours averaged over a square of twice this side.
 const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
 
 /// Splat, or one of the smaller disks that replace it.
 #[derive(Clone, Copy, Default)]
 struct Piece {
-    /// Index of the original splat.
+    /// Index of the original splat to which the piece belongs.
     source: u32,
-    /// Centre in (u, v) of the original splat's disk.
+    /// Centre of the piece, in (u, v) of the original splat's disk.
     at: DVec2,
-    /// Size relative to the original splat.
+    /// Size of the piece, relative to the original splat.
     scale: f64,
     color: [f32; 4],
     fate: Fate,
 }
 
-/// Result of the alpha test of a piece.
+/// Result of the alpha test of a piece, which decides whether the piece is drawn, clipped, divided or removed.
 #[derive(Clone, Copy, Default)]
 enum Fate {
     #[default]
     Whole,
-    /// The contour of the visible area crosses the piece; the lines clip it.
+    /// Clip by these lines, because the contour of the visible area crosses the piece.
     Clipped([ClipLine; 4]),
-    /// The centre of the piece is cut away, but another part is visible.
+    /// Removal after division: an alpha mask cuts the centre of the piece away, but another part is visible.
     Scraps,
-    /// The piece is transparent on average, but a part of it is opaque.
+    /// Division if possible, else no change: the piece is transparent on average, but a part of it is opaque.
     Mixed,
     Gone,
 }

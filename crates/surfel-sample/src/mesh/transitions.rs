@@ -6,17 +6,17 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use surfel_math::basis::unit;
 
-/// Cosine of the angle, 40°, from which an edge is a crease. Creases get no edge splats: the surface differs on both
-/// sides anyway, and a splat centred on a crease would protrude.
+/// Cosine of 40°, the largest angle between faces at an edge that gets edge splats. At creases, the surface differs on
+/// both sides anyway, and a splat centred on a crease would protrude.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
-/// Largest mean number of splats per edge. The limits matter if edges reach far beyond the cubes of their leaves, as in
-/// a fan; a watertight surface has about two per edge.
+/// Largest mean number of edge splats per edge. The limits matter if edges reach far beyond the cubes of their leaves,
+/// as in a fan; a watertight surface has about two per edge.
 const MOST_ON_EDGE: u64 = 8;
-/// Number of edge splats that every mesh may have, regardless of the mean.
+/// Number of edge splats that every mesh may have, regardless of [`MOST_ON_EDGE`].
 const FEW: u64 = 16_384;
 
-/// Splat on an edge between two leaves.
+/// Splat centred on a mesh edge between two leaves of the octree.
 #[derive(Clone, Copy)]
 pub(crate) struct EdgeSplat {
     pub(crate) center: DVec3,
@@ -28,10 +28,10 @@ pub(crate) struct EdgeSplat {
 
 /// Mesh edge between faces of two different leaves of the octree.
 struct LeafEdge {
-    /// The two leaves in ascending order.
+    /// Node indices of the two leaves, in ascending order.
     leaves: [u32; 2],
     face: u32,
-    /// Corner of the face at which the edge starts.
+    /// Corner (0 to 2) of the face at which the edge starts.
     corner: usize,
     /// Distance between the splats on the edge.
     spacing: f64,
@@ -39,7 +39,7 @@ struct LeafEdge {
     between: DVec3,
 }
 
-/// Edges shared by a pair of leaves, and the splats on them.
+/// Edges shared by one pair of the octree's leaves, and the splats on them.
 #[derive(Default)]
 pub(crate) struct Shared {
     pub(crate) edges: Vec<[DVec3; 2]>,
@@ -115,8 +115,8 @@ pub(crate) fn shared_edges(
     shared
 }
 
-/// Returns the largest limit per count for which the sum of the limited counts is at most `limit`. The result is at
-/// least 1.
+/// Returns the limit per count for which the sum of the limited counts is at most `limit`, as large as possible. The
+/// result is at least 1.
 fn most_each(counts: &[u64], limit: u64) -> u64 {
     let mut sorted = counts.to_vec();
     sorted.sort_unstable();

@@ -9,10 +9,10 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
 
-/// Smallest cosine (60°) between normals at one position that belong to the same surface.
+/// Smallest cosine (60°) between the normals of two vertices at one position at which they become one point.
 const AGREE: f64 = 0.5;
-/// Largest growth of a disk to cover the triangles around its vertex. Larger disks of long triangles would reach over
-/// borders.
+/// Largest factor by which a disk grows to cover the triangles around its vertex. Larger disks of long triangles would
+/// reach over borders.
 const MOST_GROWN: f64 = 2.0;
 
 /// Converts the vertices of a mesh to points, with stored or angle-weighted normals, and with the colours of the mesh's
@@ -26,12 +26,12 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     Ok(vertices(mesh)?.points)
 }
 
-/// Vertices of a mesh as points.
+/// Vertices of a mesh converted to points, with their origin in the mesh.
 struct Vertices {
     points: PointCloud,
-    /// Index of each point's vertex.
+    /// Index of the mesh vertex from which each point was made.
     sources: Vec<u32>,
-    /// First vertex at the same position, for each vertex of the mesh.
+    /// Index of the first vertex at the same position, for each vertex of the mesh.
     weld: Vec<u32>,
 }
 

@@ -8,52 +8,54 @@ use std::collections::HashMap;
 use std::ops::Range;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
-/// Size of a splat relative to the ellipse through its triangle's corners. It exceeds 1, so that the corners aren't on
+/// Size of a splat, relative to the ellipse through its triangle's corners. It exceeds 1, so that the corners aren't on
 /// the splat's rim.
 pub(crate) const REACH: f64 = 1.1;
-/// Largest size of a splat relative to the ellipse through the corners, used if a ridge bulges.
+/// Largest size of a splat, relative to the ellipse through its triangle's corners, if a ridge bulges out of the
+/// triangle.
 const MOST_REACH: f64 = 1.6;
 /// Number of directions tried for a line that separates the triangle from a ridge beyond it.
 const DIRECTIONS: u32 = 64;
-/// Distance, in (u, v), from the rim or from a line within which a ridge's points count as outside.
+/// Distance, in (u, v), from the splat's rim or from a clip line within which points count as outside.
 const SLACK: f64 = 1e-4;
-/// Sizes, relative to the triangle, to which a splat is cut back; the largest possible one is tried first. A disk of
-/// size [`REACH`] has no corner beyond twice the triangle's size.
+/// Sizes, relative to the triangle, to which a splat is cut back if it can't be clipped otherwise; the largest possible
+/// one is used. A disk of size [`REACH`] has no corner beyond twice the triangle's size.
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
 /// Smallest size of a splat that is cut back, relative to its triangle. Neighbours overlap by this margin. A sliver
 /// viewed edge-on may contain a pixel that its own filtered footprint just misses, and a neighbour must cover the
 /// pixel.
 const LEAST_CUT: f64 = 1.01;
-/// Number of directions in which a splat is tested for parts that protrude from the surface.
+/// Number of directions from a splat's centre in which parts that protrude from the surface are searched.
 const RING: u32 = 32;
-/// Distance, in (u, v), of a clip line from the part to be covered if both would touch: many times the rounding of f32.
+/// Distance, in (u, v), by which a clip line that would touch a visible part is moved away from it: many times the
+/// rounding of f32.
 const HAIR: f64 = 2e-5;
-/// Largest distance of a curve from its chord, in (u, v), at which a line replaces the curve.
+/// Largest distance of a ridge's curve from its chord, in (u, v), at which a clip line replaces the clip curve.
 const STRAIGHT_UV: f64 = 1e-3;
-/// Number of sample points per piece of a ridge.
+/// Number of points at which a piece of a ridge is sampled.
 pub(crate) const PIECE_SAMPLES: usize = 9;
-/// Maximum number of pieces in a leaf of a region's tree.
+/// Maximum number of pieces in a leaf of a region's spatial index.
 const LEAF: usize = 4;
 
 /// Piece of a ridge that clips the splats of the surface on one of its sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
-    /// Curve in the direction that has the surface on its left, viewed from outside.
+    /// Curve of the piece, in the direction that has the clipped surface on its left, viewed from outside.
     pub conic: Conic,
-    /// Ridge that contains the piece.
+    /// Index of the ridge that contains the piece.
     pub ridge: u32,
-    /// Smooth region of the surface that the piece bounds.
+    /// Number of the smooth region of the surface that the piece bounds.
     pub region: u32,
-    /// Unit normal of the adjacent triangle on this side.
+    /// Unit normal of the triangle next to the piece, on the clipped surface's side.
     pub normal: DVec3,
-    /// True if the curve equals its chord.
+    /// True if the curve is its chord, a straight segment.
     pub is_straight: bool,
-    /// Distance by which the splats of both sides overlap across the piece, because their planes don't meet in it
-    /// exactly.
+    /// Distance, in object units, by which the splats of both sides overlap across the piece. Their planes don't meet
+    /// in it exactly.
     pub overlap: f64,
 }
 
-/// Borders of a surface, with a spatial index for each smooth region.
+/// Borders that clip the splats of a surface, with a spatial index for each smooth region.
 pub(crate) struct Borders {
     pub all: Vec<Border>,
     regions: HashMap<u32, RegionBorders>,
@@ -66,11 +68,11 @@ struct RegionBorders {
     nodes: Vec<Ends>,
 }
 
-/// Straight piece of a border, or a short part of a curve with its chord.
+/// Part of a border in the spatial index: a straight border, or a short part of a curved one, with its chord's ends.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
-    /// Upper bound of the distance between the border and the chord.
+    /// Upper bound of the distance between this part of the border and its chord.
     margin: f64,
     border: u32,
 }
@@ -188,7 +190,7 @@ fn divide(pieces: &mut [Piece], node: usize, nodes: &mut Vec<Ends>) {
     divide(after, 2 * node + 2, nodes);
 }
 
-/// Splat with its clip curve and clip lines.
+/// Splat as half-axes around a centre, with its clip curve and clip lines.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ClippedSplat {
     pub center: DVec3,
@@ -220,7 +222,7 @@ struct Clipper {
     t: DVec3,
     curve: Option<Conic>,
     lines: Vec<[f64; 3]>,
-    /// Edge (0 to 2) of the triangle to which the curve belongs.
+    /// Edge (0 to 2) of the triangle along which the clip curve runs; `None` without a curve.
     curved_edge: Option<usize>,
     is_cut_back: bool,
 }

@@ -9,35 +9,36 @@ use glam::{DMat3, DVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Fraction of an edge's squared length that is added to its squared error in the order of collapses. In flat areas the
-/// term makes the triangles even; elsewhere it is small relative to a chord's error.
+/// Fraction of an edge's squared length that is added to the squared error to order collapses. In flat areas the term
+/// makes the triangles even; elsewhere it is small relative to a chord's error.
 const EVENNESS: f64 = 1e-5;
-/// Smallest cosine of the angle by which a collapse may turn a triangle's normal.
+/// Smallest cosine (about 45°) between a triangle's normals before and after a collapse.
 const LEAST_TURN: f64 = 0.7;
-/// Height of a triangle, relative to its longest edge, below which the triangle is a sliver.
+/// Height of a triangle, relative to its longest edge, below which the triangle is a sliver. A collapse may make a
+/// triangle a sliver only if the triangle was more slender before.
 const SLIVER: f64 = 0.1;
-/// Length of the longest edge, relative to that of an even triangulation with as many triangles. Larger splats would
-/// have too large a depth tolerance.
+/// Largest length of an edge at first, relative to that of an even triangulation with the requested number of
+/// triangles. Larger splats would have too large a depth tolerance.
 const LONGEST: f64 = 2.2;
-/// Largest error of a collapse, relative to the longest edge allowed at that time. Flat parts thus get longer edges
-/// before a curved part loses its shape.
+/// Largest error of a collapse, relative to the longest edge allowed in that round, until the last round. Flat parts
+/// thus get longer edges before a curved part loses its shape.
 const DEAREST: f64 = 0.01;
-/// Maximum number of passes over all edges.
+/// Maximum number of rounds in which all edges are tried.
 const ROUNDS: usize = 8;
-/// Largest distance of a ridge from its triangle's edge, relative to the triangle's height. The splat reaches a third
-/// of the height beyond the edge.
+/// Largest distance of a ridge from its triangle's edge, relative to the triangle's height, at which a collapse is
+/// accepted. The splat reaches a third of the height beyond the edge.
 const MOST_BULGE: f64 = 0.28;
 
-/// Limits at which the simplification stops.
+/// Limits of a simplification by edge collapse.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
     /// Number of triangles at which the simplification stops.
     pub faces: usize,
-    /// Largest error of a collapse, in object units.
+    /// Largest error that a collapse may have, in object units.
     pub error: f64,
     /// Largest distance of a ridge from its chord at which it counts as straight, in object units.
     pub straight: f64,
-    /// Cosine of the crease angle.
+    /// Cosine of the crease angle, at which faces no longer belong to one smooth surface.
     pub crease_cos: f64,
 }
 
@@ -83,7 +84,7 @@ struct Candidate {
     keep: u32,
     remove: u32,
     target: DVec3,
-    /// Squared distance from the surface and its ridges after the collapse.
+    /// Squared distance of the result from the original surface and its ridges.
     error: f64,
     cost: f64,
 }
@@ -94,9 +95,9 @@ struct Collapser<'a> {
     /// Function that returns the distance of a point from the original mesh.
     distance: &'a dyn Fn(DVec3) -> f64,
     alive: Vec<bool>,
-    /// Triangles at each vertex; some may be removed ones.
+    /// Indices of the triangles at each vertex, some of which may be removed ones.
     around: Vec<Vec<u32>>,
-    /// Number of remaining triangles at each vertex.
+    /// Number of triangles at each vertex that aren't removed.
     valences: Vec<u32>,
     quadrics: Vec<Quadric>,
     longest: f64,

@@ -2,13 +2,13 @@
 
 use glam::{DVec3, DVec4};
 
-/// Number of points at which the error of a curve is measured (C12 eq. 12).
+/// Number of points at which the distance between a curve and a ridge is measured (C12 eq. 12).
 const SAMPLES: usize = 24;
-/// Number of intervals in the table that converts parameters to arc length.
+/// Number of intervals in the table that converts a curve's parameters to arc length.
 const TABLE: usize = 48;
-/// Smallest and largest weight of the middle control point.
+/// Smallest and largest weight of a fitted curve's middle control point.
 const WEIGHT: (f64, f64) = (0.05, 20.0);
-/// Number of steps of the minimisation, more than its four variables need.
+/// Number of steps of the minimisation in [`fit`], more than its four variables need.
 const STEPS: usize = 160;
 
 /// Rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
@@ -123,12 +123,12 @@ pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     points.iter().enumerate().map(|(i, p)| conic.at(t(i)).distance(*p)).fold(0.0, f64::max)
 }
 
-/// Curve fitted to a polyline.
+/// Curve fitted to a polyline, and its errors.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fit {
     pub conic: Conic,
-    /// Errors by C12 eq. 12: of the curve from which the fit starts, and of the fitted curve, which is at most as
-    /// large.
+    /// Errors, as defined in C12 eq. 12, of the curve from which the fit starts and of the fitted curve, which is never
+    /// worse.
     pub errors: [f64; 2],
 }
 

@@ -39,7 +39,7 @@ impl SharpErrors {
 
 /// Point of a mesh that is nearest to a query point.
 struct Foot {
-    /// Distance to the query point.
+    /// Distance from the query point to the nearest point.
     distance: f64,
     /// Triangle that contains the nearest point; 0 if the mesh has no triangles.
     face: usize,
@@ -49,12 +49,12 @@ struct Foot {
 /// Sum and maximum of the deviations of splats' sample points from a mesh.
 #[derive(Clone, Copy, Default)]
 struct Deviation {
-    /// Sum of the distances.
+    /// Sum of the sample points' distances from the mesh.
     distances: f64,
     largest: f64,
-    /// Sum of the angles between normals, in degrees.
+    /// Sum of the angles between the normals of splat and mesh at the sample points, in degrees.
     degrees: f64,
-    /// Number of sample points.
+    /// Number of sample points that were measured.
     count: usize,
 }
 
@@ -179,14 +179,14 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
     columns.clip(0, surfel_model::ClipPolicy::Exact)
 }
 
-/// Maximum number of corners that a square has after clipping by four lines.
+/// Maximum number of corners of the polygon around a splat's visible part: a square clipped by four lines.
 const HULL_CORNERS: usize = 8;
 
 /// Returns the corners of a polygon around the visible part of a splat: the square around its disk, clipped by its
 /// lines. Corners may repeat. A sliver's disk may be thousands of times as wide as its visible part, so that the
 /// squares of crossing slivers would all overlap.
 fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
-    /// Tolerance for rounding, relative to a line's coefficients.
+    /// Slack for rounding when the square is clipped, relative to a line's coefficients.
     const SLACK: f64 = 1e-9;
     let mut corners: Vec<V2<f64>> =
         [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(u, v)| V2::new(u, v)).into();

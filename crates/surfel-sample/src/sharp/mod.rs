@@ -109,11 +109,11 @@ pub struct SharpReport {
     /// first value is for splats in their triangles' planes. The second one is for the result, in which planes are
     /// moved to the ridge's mean height.
     pub mismatch: [f64; 2],
-    /// Distances between splats and mesh.
+    /// Distances between the resulting splats and the mesh.
     pub errors: SharpErrors,
-    /// Median of the larger semi-axes, in object units.
+    /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in the cloud.
+    /// Interior weight of the cloud, as stored in it; `None` if it couldn't be measured.
     pub interior_weight: Option<f64>,
 }
 
@@ -214,15 +214,15 @@ pub fn sharp_splats_from_mesh(
     Ok((cloud, report))
 }
 
-/// Borders and smooth regions of a surface.
+/// Borders of a surface that clip its splats, and the smooth regions between them.
 struct Sides {
     /// Borders, two for each piece of a ridge: one for the surface on either side.
     borders: Borders,
-    /// Indices of the borders along the three edges of each triangle.
+    /// Index of the border along each of the three edges of each triangle; `None` for edges on no ridge.
     own: Vec<[Option<usize>; 3]>,
-    /// Index of each triangle's smooth region.
+    /// Number of the smooth region of each triangle.
     regions: Vec<u32>,
-    /// Mean errors of the curves, before and after fitting.
+    /// Mean distance between ridges and curves (C12 eq. 12), before and after fitting.
     curve_errors: [f64; 2],
 }
 

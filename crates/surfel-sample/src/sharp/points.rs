@@ -14,42 +14,45 @@ use glam::DVec3;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, OnInvalid, SplatCloud};
 
-/// Number of neighbours that decide if a point is in a flat patch. The number is small, so that patches reach close to
-/// edges.
+/// Number of neighbours from which a point's patch is fitted and tested for flatness. The number is small, so that flat
+/// patches reach close to edges.
 const FLAT_NEIGHBOURS: usize = 12;
-/// Number of neighbours among which planes are searched. With this many, each of a corner's three faces has flat
-/// patches.
+/// Number of neighbours of a point among whose patches planes are searched. With this many, each of a corner's three
+/// faces has flat patches.
 const WIDE: usize = 112;
-/// Smallest number of flat patches in a plane.
+/// Smallest number of flat patches that form a plane.
 const LEAST_ON_PLANE: usize = 4;
-/// Largest residual of a flat neighbourhood, relative to the cloud's median residual. Noise thus counts as flat.
+/// Largest residual of a flat patch, relative to the median residual of the cloud, which measures noise. Noisy surfaces
+/// thus count as flat.
 const NOISE_MARGIN: f64 = 2.0;
-/// Largest residual of a flat neighbourhood without noise, relative to its extent. It admits the bow of a curved
+/// Largest residual of a flat patch, relative to its extent, regardless of noise. It admits the bow of a curved
 /// surface.
 const BOW: f64 = 0.02;
-/// Largest angle between the normals of one plane, relative to the crease angle.
+/// Largest angle between the normals of a plane and of its patches, relative to the crease angle.
 const SAME_SHARE: f64 = 0.625;
-/// Smallest ratio of an edge's angle to the spread of the normals on each of its sides. The two halves of any bend have
-/// a ratio of 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
+/// Smallest ratio of an edge's angle to the spread of the normals on either side of the edge. The two halves of any
+/// bend have a ratio of 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
 const JUMP: f64 = 6.0;
-/// Smallest fraction of an edge's angle that must remain at the edge if each side is assumed to continue its bend.
+/// Smallest fraction of the angle between two planes that must remain at their edge if each side is assumed to continue
+/// its bend. Otherwise the surface is curved and has no edge.
 const AT_EDGE: f64 = 0.7;
-/// Smallest amount by which a face is on one side of another face's plane if they meet in an edge. The amount is 1 if
-/// the whole face is on one side, and 0 if both sides are equal.
+/// Smallest one-sidedness of a face at which it meets another face's plane in an edge. It is 1 if the whole face is on
+/// one side of the plane, and 0 if equal parts are on both sides.
 const ONE_SIDED: f64 = 0.5;
-/// Distance from a plane, in spacings, within which a patch is counted only partly for its side.
+/// Distance from a plane, in point spacings, from which a patch counts fully for its side of the plane; nearer patches
+/// count less.
 const SIDE_SPACINGS: f64 = 0.5;
-/// Distance from every plane, in units of the point spacing, above which a point belongs to no plane.
+/// Distance from all planes, in point spacings, from which a point belongs to no plane.
 const FAR_SPACINGS: f64 = 0.35;
-/// Distance from every plane, in units of the median residual, above which a point belongs to no plane.
+/// Distance from all planes, in median residuals, from which a point belongs to no plane.
 const FAR_RESIDUALS: f64 = 4.0;
 
 /// Report of [`sharpen_points`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SharpPointsReport {
-    /// Number of splats clipped by a line.
+    /// Number of splats that got at least one clip line.
     pub clipped: usize,
-    /// Number of splats clipped by at least two lines, at corners.
+    /// Number of splats clipped by at least two lines, as at corners.
     pub corners: usize,
     /// Number of splats that were moved onto a plane at an edge, and turned into it.
     pub turned: usize,
@@ -88,28 +91,28 @@ pub fn sharpen_points(
     assemble_cloud(cloud, &points, &sides, &positions)
 }
 
-/// Flat patch around a point, in grid steps from the centre of all points.
+/// Patch of the surface around a point, as a plane. Lengths are in grid steps from the centre of all points.
 #[derive(Clone, Copy, Default)]
 struct Patch {
     center: DVec3,
-    /// Unit normal, outward.
+    /// Unit normal on the outer side of the surface.
     normal: DVec3,
     is_flat: bool,
 }
 
-/// Plane fitted to a point and its neighbours, in grid steps.
+/// Plane fitted to a point and its neighbours, and measures of its flatness, in grid steps.
 #[derive(Clone, Copy, Default)]
 struct PlaneFit {
     patch: Patch,
-    /// Standard deviation of the points along the plane's normal (the residual).
+    /// Standard deviation of the points perpendicular to the plane (the residual).
     residual: f64,
     /// Largest standard deviation of the points along a direction in the plane.
     extent: f64,
-    /// Mean distance of the six nearest neighbours.
+    /// Mean distance from the point to its six nearest neighbours.
     spacing: f64,
 }
 
-/// Plane through `center`, the weighted mean of flat patches.
+/// Plane through `center` near a point, the weighted mean of flat patches with similar normals.
 #[derive(Clone)]
 struct Plane {
     center: DVec3,
@@ -125,8 +128,8 @@ impl Plane {
         self.normal.dot(p - self.center)
     }
 
-    /// Returns the mean side of another plane on which this plane's patches are: from −1 (all behind it) to 1 (all in
-    /// front).
+    /// Returns on which side of another plane this plane's patches are: from −1 (all behind it) to 1 (all in front).
+    /// Patches nearer to that plane than `width` count less.
     fn side_of(&self, other: &Self, width: f64) -> f64 {
         let side = |patch: &Patch| (other.distance(patch.center) / width).clamp(-1.0, 1.0);
         self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
@@ -151,7 +154,7 @@ impl Plane {
 #[derive(Clone, Debug)]
 struct Side {
     center: DVec3,
-    /// Normal of the plane into which the splat is turned, if it is turned.
+    /// Normal of the plane into which the splat is turned; `None` if it isn't turned.
     turned: Option<DVec3>,
     /// Half-spaces that clip the splat, each as the unit normal into the half-space and the signed distance of the
     /// splat's centre.
@@ -162,7 +165,7 @@ struct Side {
 struct Patches<'a> {
     points: &'a Neighbours,
     patches: Vec<Patch>,
-    /// Median residual of all points: the standard deviation of a neighbourhood from its plane.
+    /// Median over all points of the standard deviation of a neighbourhood from its plane.
     residual: f64,
     spacing: f64,
     crease_cos: f64,

@@ -4,7 +4,8 @@ use crate::mesh::geometry::Geometry;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Cosine of 45°, the largest angle by which a ridge may turn at a vertex; otherwise the vertex is a corner.
+/// Cosine of 45°, the largest angle by which a ridge may turn at a vertex. Where it turns more sharply, the vertex is a
+/// corner.
 const SHARP_TURN_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Mesh edge, as its two vertices in ascending order.
@@ -14,7 +15,7 @@ pub(crate) fn edge(a: u32, b: u32) -> Edge {
     (a.min(b), a.max(b))
 }
 
-/// Freedom of a vertex to move during simplification.
+/// Constraint on moving a vertex during simplification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// Vertex on no ridge, which may move over the surface.
@@ -25,7 +26,7 @@ pub(crate) enum Kind {
     Corner,
 }
 
-/// Piece of a ridge between two vertices, as indices into the ridge's points, with `from` < `to`.
+/// Piece of a ridge between two of its vertices, given by their indices in the ridge, with `from` < `to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub ridge: u32,
@@ -38,12 +39,12 @@ pub(crate) struct Surface {
     pub positions: Vec<DVec3>,
     pub faces: Vec<[u32; 3]>,
     pub kinds: Vec<Kind>,
-    /// Piece of a ridge for every crease and open edge.
+    /// Piece of a ridge along each crease and open edge, by the edge's vertices.
     pub pieces: HashMap<Edge, Piece>,
     /// Smooth chains of creases and open edges, from corner to corner, as vertex indices. A loop starts and ends at the
     /// same corner.
     pub ridges: Vec<Vec<u32>>,
-    /// Largest side of the bounding box.
+    /// Largest side of the surface's bounding box, in object units.
     pub extent: f64,
 }
 

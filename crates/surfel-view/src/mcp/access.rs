@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 /// Folders and files that tools may read.
 #[derive(Clone, Debug)]
 pub(super) struct Access {
-    /// Canonical paths of the folders and files.
+    /// Canonical paths of the folders and files that tools may read.
     roots: Vec<PathBuf>,
 }
 

@@ -3,18 +3,18 @@
 use super::tools::Tools;
 use serde_json::{Value, json};
 
-/// Maximum length of a message, in bytes.
+/// Largest accepted length of a message, in bytes.
 pub(super) const MAX_LINE: usize = 1 << 20;
 /// Supported versions of the protocol, the newest last. Their differences don't concern this server.
 const VERSIONS: [&str; 3] = ["2024-11-05", "2025-03-26", "2025-06-18"];
 
-/// Error code for text that isn't JSON.
+/// JSON-RPC error code for text that isn't JSON.
 const PARSE_ERROR: i32 = -32700;
-/// Error code for JSON that isn't a request.
+/// JSON-RPC error code for JSON that isn't a request.
 const INVALID_REQUEST: i32 = -32600;
-/// Error code for a method that doesn't exist.
+/// JSON-RPC error code for a method that doesn't exist.
 const NO_METHOD: i32 = -32601;
-/// Error code for parameters that are wrong for a method.
+/// JSON-RPC error code for parameters that are wrong for a method.
 const INVALID_PARAMETERS: i32 = -32602;
 
 /// Instructions that the server gives to the host's language model.

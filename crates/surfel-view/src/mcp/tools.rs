@@ -16,19 +16,19 @@ use surfel_load::scene::is_scene_file;
 use surfel_render::{Frame, Planes, Renderer as _};
 use surfel_sample::NoProgress;
 
-/// Maximum number of views per request.
+/// Largest accepted number of views in a request.
 const MAX_VIEWS: usize = 12;
-/// Maximum number of files per request.
+/// Largest accepted number of files in a request.
 const MAX_FILES: usize = 64;
-/// Maximum number of pixels of all images of a request together.
+/// Largest accepted number of pixels of all images of a request together.
 const MAX_PIXELS: u64 = 1 << 23;
-/// Default size of an image, in pixels.
+/// Default width and height of an image, in pixels.
 const SIZE: [u32; 2] = [768, 768];
-/// Default size of each image of a contact sheet, in pixels.
+/// Default width and height, in pixels, of each image on a contact sheet (one image with several views).
 const SHEET_SIZE: [u32; 2] = [384, 384];
-/// Font height on a contact sheet, as a fraction of an image's shorter side.
+/// Font height of the panel names on a contact sheet, as a fraction of an image's shorter side.
 const SHEET_FONT: f64 = 0.045;
-/// Maximum number of notes in an answer.
+/// Largest number of notes in an answer. Further notes are left out.
 const MAX_NOTES: usize = 16;
 
 /// Returns the descriptions of all tools, with the schemas of their arguments.
@@ -118,11 +118,11 @@ pub(super) fn descriptions() -> Value {
     ])
 }
 
-/// Arguments of a tool call.
+/// Arguments of a tool call, by name.
 struct Arguments<'a>(&'a Map<String, Value>);
 
 impl Arguments<'_> {
-    /// Returns an error for arguments that the tool doesn't have.
+    /// Returns an error if an argument isn't in `known`, the names of the tool's arguments.
     fn check(&self, known: &[&str]) -> Result<(), String> {
         match self.0.keys().find(|key| !known.contains(&key.as_str())) {
             Some(key) => Err(format!("there is no argument {key}, expected {}", known.join(", "))),
@@ -206,12 +206,12 @@ impl Asked {
     }
 }
 
-/// Returns a content block with text.
+/// Returns a content block of a tool's result, with `value` as text.
 fn text_block(value: &Value) -> Value {
     json!({ "type": "text", "text": value.to_string() })
 }
 
-/// Returns a content block with an image.
+/// Returns a content block of a tool's result, with a PNG image.
 fn image_block(png: &[u8]) -> Value {
     json!({ "type": "image", "data": BASE64.encode(png), "mimeType": "image/png" })
 }
@@ -222,7 +222,7 @@ fn result(value: Value, images: Vec<Value>) -> Value {
     json!({ "content": content, "structuredContent": value, "isError": false })
 }
 
-/// Tools with their resident scenes.
+/// Tools, with the scenes that are in memory for them.
 pub(super) struct Tools {
     access: Access,
     sessions: Sessions,
@@ -371,7 +371,7 @@ impl Tools {
     }
 }
 
-/// Returns an error if `count` images of this size have too many pixels together.
+/// Returns an error if `count` images of this size have more than [`MAX_PIXELS`] pixels together.
 fn check_pixels(size: [u32; 2], count: usize) -> Result<(), String> {
     let pixels = (u64::from(size[0]) * u64::from(size[1])).saturating_mul(count as u64);
     if pixels == 0 || pixels > MAX_PIXELS {

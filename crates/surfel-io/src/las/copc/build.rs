@@ -8,29 +8,30 @@ use super::octants::cell;
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// Number of cells along a node's side, as a power of two.
+/// Number of cells along the side of a node's cube, as a power of two: 2⁷ = 128.
 pub(super) const CELL_BITS: u32 = 7;
-/// Maximum number of points of an octant that isn't divided.
+/// Largest number of points of an octant that isn't divided further: a single node contains all of them.
 pub(super) const LEAF_POINTS: u64 = 40_000;
-/// Marker for a point without a level.
+/// Marker for a point that has no level yet.
 const NONE: u8 = u8::MAX;
 
-/// A point's Morton code, of [`Part::bits`] bits per axis, and its index.
+/// A point's Morton code, of [`Part::bits`] bits per axis, and the point's index.
 pub(super) type Coded = (u64, u32);
 
-/// Position of a part of the cloud in the octree.
+/// Part of a cloud whose points are assigned to levels at a time, and its position in the octree.
 pub(super) struct Part {
     /// Bits per axis of a Morton code.
     pub(super) bits: u32,
-    /// Level of the octant that contains all points of the part.
+    /// Level of the octant that encloses all points of the part.
     pub(super) depth: u32,
-    /// Level of an enclosing octant that isn't divided, if any: its points all get this level at most.
+    /// Level of an enclosing octant that isn't divided, if there is one. All points that no level above selects get
+    /// this level.
     pub(super) leaf_at: Option<u32>,
 }
 
-/// Assigns a level to each of the points, which are sorted by code. `stands` receives the index of each selected point
-/// and the range of points that it represents. `taken` contains the occupied cells that are larger than the part: their
-/// levels and Morton codes.
+/// Assigns a level to each of the points, which are sorted by code, and returns the levels. `stands` receives the index
+/// of each selected point, and the range of points that it represents. `taken` contains the levels and Morton codes of
+/// occupied cells that are larger than the part. Selected points add theirs.
 pub(super) fn levels(
     points: &[Coded],
     part: &Part,

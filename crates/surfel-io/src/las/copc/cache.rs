@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
-/// Identity of a file: path, size and modification time when it was opened. A file that changes later has another
-/// identity.
+/// Identity of a file by path, size and modification time when it was opened. Caches compare it: a file that changes
+/// later has another identity, so that its old nodes aren't used.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FileState {
     pub(super) path: PathBuf,
@@ -17,27 +17,27 @@ pub struct FileState {
 }
 
 impl FileState {
-    /// Returns the current state of an existing file; `None` if it isn't a regular file or can't be opened.
+    /// Returns the identity of a file as it is now; `None` if it isn't a regular file or can't be opened.
     pub fn of(path: &Path) -> Option<Self> {
         RegularFile::open(path).ok()?.map(|file| Self::of_opened(path, &file))
     }
 
-    /// Returns the state of an open file.
+    /// Returns the identity of an open file, which was opened by the path `path`.
     pub(super) fn of_opened(path: &Path, file: &RegularFile) -> Self {
         Self { path: path.to_path_buf(), bytes: file.file_bytes(), modified: file.modified() }
     }
 }
 
-/// Selection of the fields of a node's points that are decoded.
+/// Fields of a node's points that were decoded. A cached node is used only for the same fields.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Decoded {
-    /// All fields.
+    /// All fields of the points.
     All,
-    /// The fields that splats are made of.
+    /// Only the fields that splats are made of, with these colours and normals.
     Splats(LevelValues),
 }
 
-/// Cache key: file, byte offset of the node, and decoded fields.
+/// Key of a cached node: file, byte offset of the node's chunk, and decoded fields.
 type Key = (Arc<FileState>, u64, Decoded);
 
 /// Least-recently-used cache of decoded nodes of COPC files ([`super::Copc::with_cache`]), with a limit in bytes.
@@ -47,7 +47,7 @@ pub struct NodeCache(Mutex<Kept>);
 #[derive(Debug, Default)]
 struct Kept {
     nodes: HashMap<Key, (Arc<[u8]>, u64)>,
-    /// Keys by time of last use.
+    /// Keys of the cached nodes by time of last use, which is a counter. The first one is removed first.
     order: BTreeMap<u64, Key>,
     now: u64,
     bytes: u64,
@@ -56,14 +56,14 @@ struct Kept {
 }
 
 impl NodeCache {
-    /// Sets the maximum number of cached bytes, which is 0 initially.
+    /// Sets the maximum number of bytes that the cached nodes take. The limit is 0 initially.
     pub fn limit(&self, most_bytes: u64) {
         let mut kept = self.lock();
         kept.most_bytes = most_bytes;
         kept.shrink();
     }
 
-    /// Returns the number of cached bytes.
+    /// Returns the number of bytes that the cached nodes take.
     pub fn bytes(&self) -> u64 {
         self.lock().bytes
     }
@@ -88,7 +88,7 @@ impl NodeCache {
         Some(records.clone())
     }
 
-    /// Caches a node that was read, if it fits.
+    /// Counts a node that was read from the file, and caches its decoded points (`records`) if they fit.
     pub(super) fn add(&self, file: &Arc<FileState>, at: u64, decoded: Decoded, (records, read_bytes): (&[u8], u64)) {
         let kept = &mut *self.lock();
         kept.read_bytes += read_bytes;

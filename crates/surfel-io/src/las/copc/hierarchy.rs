@@ -22,25 +22,25 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Maximum compressed and decompressed size, in bytes, of nodes that are decoded together. A single larger node is
-/// decoded alone.
+/// Maximum number of compressed bytes, and of decompressed bytes, of nodes that are decoded together. A single larger
+/// node is decoded alone.
 const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
-/// Maximum level below the root.
+/// Largest supported level of a node; the root has level 0.
 const MAX_LEVEL: u32 = super::octants::BITS;
 
-/// A node of the octree.
+/// A node of the octree in a COPC file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CopcNode {
-    /// Level; the root is level 0.
+    /// Level of the node in the octree; the root is at level 0, and each level halves the cubes.
     pub level: u32,
-    /// `VoxelKey` of the node within its level: x, y and z.
+    /// Position of the node's cube among those of its level, counted in cubes along x, y and z: the `VoxelKey` of COPC.
     pub cell: [u32; 3],
     /// Size of the node's chunk of compressed points, in bytes.
     pub bytes: u64,
     /// Number of points in the node's chunk, without those of ancestors or descendants.
     pub points: u64,
-    /// Indices of the child nodes; at most 8.
+    /// Range of the child nodes' indices among [`Copc::nodes`]; at most 8.
     pub children: Range<u32>,
     /// Byte offset of the node's chunk in the file.
     at: u64,
@@ -60,30 +60,31 @@ pub struct Copc {
     nodes: Vec<CopcNode>,
 }
 
-/// Selection of the point columns to read.
+/// Selection of the point columns that are read from nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeColumns<'a> {
-    /// All columns.
+    /// All columns of the points.
     All,
-    /// Only the columns that splats are made of: positions, colours, normals and extra bytes. The slice gives the
-    /// colours and normals to read by node index. Columns that aren't read are zero.
+    /// Only the columns that splats are made of: positions, colours, normals and extra bytes. The slice states for each
+    /// node, by index, which colours and normals are read. Columns that aren't read are zero.
     Splats(&'a [LevelValues]),
 }
 
-/// Colours and normals to read: a point's own values, or the mean values of its level.
+/// Selection of the colours and normals that are read: a point's own, or the mean of the points that it represents at
+/// its level ([`LEVEL_COLORS`], [`LEVEL_NORMALS`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum LevelValues {
-    /// Own values only.
+    /// Only the points' own colours and normals, without the mean ones.
     #[default]
     Without,
-    /// Own values, and the mean values of the level.
+    /// The points' own colours and normals, and the mean ones.
     With,
-    /// Mean values of the level only; own values if the file has no mean values.
+    /// Only the mean colours and normals. If the file has no mean ones, the points' own.
     Alone,
 }
 
 impl NodeColumns<'_> {
-    /// Returns the fields to decode for the points of a node.
+    /// Returns the fields to decode for the points of the node with index `node`.
     fn of(self, node: u32) -> Decoded {
         match self {
             Self::All => Decoded::All,
@@ -99,9 +100,10 @@ pub type Keeps<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 /// Points of a selection of nodes.
 #[derive(Clone, Debug)]
 pub struct NodePoints {
-    /// The points, with the notes and coordinate reference system of any loaded file.
+    /// The points as a point cloud, with notes and coordinate reference system as for any loaded file.
     pub loaded: Loaded,
-    /// Number of points up to and including each node, in the order of the nodes.
+    /// For each node, the number of points of this node and those before it. These are the ends of the nodes' ranges in
+    /// the cloud.
     pub ends: Vec<usize>,
 }
 
@@ -148,13 +150,13 @@ impl Copc {
         Ok(Self { file, cache: None, header_points, has_colors, has_splats, center, half, spacing, nodes })
     }
 
-    /// Returns the same file with a cache of decoded nodes, which other files may share.
+    /// Returns the same file with a cache of decoded nodes, which several files may share. `None` disables caching.
     #[must_use]
     pub fn with_cache(self, cache: Option<Arc<NodeCache>>) -> Self {
         Self { cache, ..self }
     }
 
-    /// Returns the nodes, level by level; the children of a node are consecutive.
+    /// Returns the nodes of the octree, level by level; the children of a node are consecutive.
     pub fn nodes(&self) -> &[CopcNode] {
         &self.nodes
     }
@@ -164,7 +166,7 @@ impl Copc {
         self.nodes.iter().map(|node| node.points).sum()
     }
 
-    /// True if points have colours.
+    /// True if the point format has colours. They may be all black.
     pub fn has_colors(&self) -> bool {
         self.has_colors
     }
@@ -174,25 +176,25 @@ impl Copc {
         self.has_splats
     }
 
-    /// Returns the number of points that the header states.
+    /// Returns the number of points that the file's header states.
     pub fn header_points(&self) -> u64 {
         self.header_points
     }
 
-    /// Returns the distance between neighbouring points of a level, in object units; each level halves it.
+    /// Returns the distance between neighbouring points at a level, in the file's units; each level halves it.
     pub fn spacing(&self, level: u32) -> f64 {
         self.spacing * (-f64::from(level)).exp2()
     }
 
-    /// Returns the centre and half the side of a node's cube.
+    /// Returns the centre of a node's cube and half of its side, in the file's units.
     pub fn cube(&self, node: &CopcNode) -> (DVec3, f64) {
         let half = self.half * (-f64::from(node.level)).exp2();
         let corner = self.center - self.half;
         (corner + DVec3::from(node.cell.map(|c| 2.0 * f64::from(c) + 1.0)) * half, half)
     }
 
-    /// Returns the octant, at the finest possible level, that contains a point, in object units. Points outside the
-    /// root's cube are assigned to the nearest octant. [`Self::cell_above`] returns the octants that enclose it.
+    /// Returns the octant at the finest possible level that contains a point, in the file's coordinates. Points outside
+    /// the root's cube are assigned to the nearest octant. [`Self::cell_above`] returns the octants that enclose it.
     pub fn cell_of(&self, point: DVec3) -> [u32; 3] {
         let cells = f64::from(1_u32 << MAX_LEVEL);
         let at = (point - (self.center - self.half)) / (2.0 * self.half) * cells;
@@ -204,7 +206,7 @@ impl Copc {
         cell.map(|c| c >> MAX_LEVEL.saturating_sub(level))
     }
 
-    /// Returns the row number of each node's first point, in the order in which the file stores points.
+    /// Returns the row number of each node's first point: the number of points before it in the file.
     pub fn first_rows(&self) -> Vec<u64> {
         let mut order: Vec<usize> = (0..self.nodes.len()).collect();
         order.sort_by_key(|i| self.nodes[*i].at);
@@ -216,7 +218,7 @@ impl Copc {
         rows
     }
 
-    /// Reads the points of nodes, given by index, in this order; ignores indices without a node.
+    /// Reads the points of nodes, given by index, in this order; ignores indices for which there is no node.
     ///
     /// # Errors
     /// [`IoError`] if the file can't be read or a node is damaged.
@@ -351,7 +353,8 @@ impl Copc {
     }
 }
 
-/// Appends the points of a node that pass the filter; appends all if none passes and no point was appended before.
+/// Appends the points of a node that pass the filter `keeps`. Appends all of them if none passes and no point was
+/// appended before.
 fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Keeps<'_>), records: &mut [u8]) {
     let stated = header.extra.iter().find(|extra| extra.name == RADIUS);
     let radius_at = stated.map(|extra| (POINT_BYTES[usize::from(header.format)] + extra.at, value_of(extra.kind)));
@@ -369,7 +372,7 @@ fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Kee
     }
 }
 
-/// Marks the extra bytes that belong to fields of these names.
+/// Returns for each extra byte of a point whether it belongs to a field with one of these names.
 fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
     let mut is_marked = vec![false; extra_bytes];
@@ -380,7 +383,7 @@ fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     is_marked
 }
 
-/// Checks that a node's chunk has as many points as its entry states.
+/// Checks that a node's chunk has as many points as the hierarchy states, if the chunk itself states their number.
 fn check_node(source: &mut dyn Source, node: &CopcNode, vlr: &LazVlr, record_bytes: usize) -> Result<(), Problem> {
     let there = chunk_points(source, node.at, node.bytes, vlr, record_bytes)?;
     if there.is_some_and(|there| there != node.points) {
@@ -425,7 +428,8 @@ impl Pages<'_> {
         self.finish()
     }
 
-    /// Adds a node's entry, or returns the byte offset and length of the page that the entry refers to.
+    /// Parses an entry of the hierarchy. Adds a node, or returns the byte offset and length of the further page to
+    /// which the entry refers.
     fn add(&mut self, entry: &[u8]) -> Result<Option<[u64; 2]>, String> {
         let number = |at: usize| i32::from_le_bytes(field(entry, at));
         let [level, x, y, z] = [0, 4, 8, 12].map(number);
@@ -460,7 +464,7 @@ impl Pages<'_> {
         }
     }
 
-    /// Returns the nodes, level by level, with the range of each node's children.
+    /// Checks that the nodes are a tree. Returns them level by level, with the range of each node's children.
     fn finish(self) -> Result<Vec<CopcNode>, Problem> {
         let all = self.entries.values().fold(0_u64, |sum, node| sum.saturating_add(node.points));
         super::super::laz::check_size(self.header, all, self.file_bytes)?;

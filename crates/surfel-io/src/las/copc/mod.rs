@@ -28,15 +28,17 @@ pub fn up_of_columns(path: &Path, columns: Option<&TableColumns>) -> Option<(For
     Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
 }
 
-/// Bytes of the COPC info record, and of an `Entry` of the hierarchy.
+/// Number of bytes of the COPC info record's data.
 const INFO_BYTES: usize = 160;
+/// Number of bytes of an `Entry` of the COPC hierarchy.
 const ENTRY_BYTES: usize = 32;
-/// Byte offset of the info record's data: the record follows the 375-byte header.
+/// Byte offset of the COPC info record's data in the file: after the 375-byte header and the record's own 54-byte
+/// header.
 const INFO_AT: usize = 375 + 54;
 
-/// Names of the extra bytes with a point's normal.
+/// Names of the extra bytes with a point's own normal.
 const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
-/// Names of the extra bytes with the mean colour of the points that a point represents at its level.
+/// Names of the extra bytes with a mean colour: that of the points that a point represents at its level of the octree.
 pub const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-/// Names of the extra bytes with the mean normal of the points that a point represents at its level.
+/// Names of the extra bytes with a mean normal: that of the points that a point represents at its level of the octree.
 pub const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];

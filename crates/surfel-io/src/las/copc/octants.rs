@@ -1,9 +1,9 @@
 //! Morton codes of octants, with 21 bits per axis.
 
-/// Maximum number of levels below the root that a code has bits for.
+/// Number of bits per axis of a Morton code, and thus the largest level below the root.
 pub(super) const BITS: u32 = 21;
 
-/// Inserts two zero bits before each of the 21 lowest bits.
+/// Inserts two zero bits before each of the 21 lowest bits, where a Morton code has the bits of the other axes.
 fn spread(v: u64) -> u64 {
     let mut v = v & 0x1f_ffff;
     v = (v | v << 32) & 0x1f_0000_0000_ffff;
@@ -22,12 +22,12 @@ fn compact(v: u64) -> u32 {
     ((v | v >> 32) & 0x1f_ffff) as u32
 }
 
-/// Returns the Morton code of a cell; x has the lowest bit.
+/// Returns the Morton code of a cell, given by its position along x, y and z. Bits of x come first, from the lowest.
 pub(super) fn code([x, y, z]: [u32; 3]) -> u64 {
     spread(x.into()) | spread(y.into()) << 1 | spread(z.into()) << 2
 }
 
-/// Returns the cell of a Morton code.
+/// Returns the position along x, y and z of the cell with a Morton code.
 pub(super) fn cell(code: u64) -> [u32; 3] {
     [compact(code), compact(code >> 1), compact(code >> 2)]
 }

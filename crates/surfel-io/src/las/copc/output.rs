@@ -9,7 +9,7 @@ use ::laz::{LazVlr, LazVlrBuilder};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 
-/// A variable length record, copied from the input.
+/// A variable length record, which is copied from the input to the output.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Record {
     /// Reserved bytes, user ID and record ID, as in the file.
@@ -45,19 +45,19 @@ impl Record {
     }
 }
 
-/// Statistics of all points, for the header.
+/// Statistics of all points, which the output's header states.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Summary {
     pub(super) count: u64,
     pub(super) low: [i32; 3],
     pub(super) high: [i32; 3],
-    /// Number of points of each return; return 1 is at index 0.
+    /// Number of points by their return number; return 1 is at index 0.
     pub(super) returns: [u64; 15],
     #[serde(with = "bits")]
     pub(super) gps_time: [f64; 2],
 }
 
-/// Serialises floats by their bits, because JSON can't express infinite numbers.
+/// Serialisation of floats by their bits, because JSON can't express infinite numbers.
 mod bits {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -83,7 +83,7 @@ impl Default for Summary {
 }
 
 impl Summary {
-    /// Adds a record of format 6, 7 or 8.
+    /// Adds a point record of format 6, 7 or 8 to the statistics.
     pub(super) fn add(&mut self, record: &[u8], position: [i32; 3]) {
         self.count += 1;
         for (k, v) in position.into_iter().enumerate() {
@@ -111,7 +111,7 @@ impl Summary {
     }
 }
 
-/// The octree's cube, in coordinates of the file.
+/// The cube of the octree's root, in coordinates of the file, and the spacing of points at the root.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Cube {
     pub(super) center: [f64; 3],
@@ -119,10 +119,10 @@ pub(super) struct Cube {
     pub(super) spacing: f64,
 }
 
-/// Position of a node's chunk in a file of chunks, and its checksum.
+/// Octant and byte range of a node's compressed points in a file of chunks.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 pub(super) struct Chunk {
-    /// Index of the chunk file, if there are several.
+    /// Index of the file with the chunk, if there are several such files.
     #[serde(skip)]
     pub(super) file: usize,
     pub(super) level: u32,
@@ -130,14 +130,14 @@ pub(super) struct Chunk {
     pub(super) at: u64,
     pub(super) bytes: u64,
     pub(super) points: u64,
-    /// Checksum of the chunk.
+    /// Checksum of the chunk's bytes.
     pub(super) sum: u32,
 }
 
 /// Header fields and variable length records that the output copies from the first input.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Template {
-    /// The first 375 bytes of its header; bytes that the header lacks are zero.
+    /// The first 375 bytes of the first input's header; bytes that the header lacks are zero.
     pub(super) header: Vec<u8>,
     pub(super) records: Vec<Record>,
     pub(super) format: u8,
@@ -147,12 +147,12 @@ pub(super) struct Template {
 }
 
 impl Template {
-    /// Returns the size of a point record, in bytes.
+    /// Returns the size of a point record in the output, in bytes.
     pub(super) fn record_bytes(&self) -> usize {
         POINT_BYTES[usize::from(self.format)] + self.extra_bytes
     }
 
-    /// Returns the LASzip record that describes the compression.
+    /// Returns the LASzip record, which describes the compression of the output.
     pub(super) fn laz(&self) -> io::Result<LazVlr> {
         let laz = LazVlrBuilder::default().with_point_format(self.format, self.extra_bytes as u16);
         Ok(laz.map_err(|e| io::Error::other(e.to_string()))?.with_variable_chunk_size().build())
@@ -162,8 +162,8 @@ impl Template {
 /// Callback that reads the bytes of a chunk.
 pub(super) type ReadChunk<'a> = &'a mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>;
 
-/// Writes the COPC file. Chunks are in order of level, so that the coarse levels of a file can be read at once. `read`
-/// reads a chunk; `copied` receives the number of chunk bytes written so far.
+/// Writes the COPC file. Chunks are in order of level, so that the coarse levels can be read at once. `read` reads the
+/// bytes of a chunk; `copied` receives the number of chunk bytes written so far, as progress.
 pub(super) fn write(
     out: &mut dyn Write,
     of: &Template,
@@ -253,15 +253,15 @@ fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     nodes.into_iter().map(|((level, code), chunk)| (level, code, chunk)).collect()
 }
 
-/// Numbers of variable-length records, as a header states them.
+/// Numbers and position of the variable length records, which the header states.
 struct Records {
     count: usize,
-    /// Byte offset of the extended records.
+    /// Byte offset in the file of the extended variable length records.
     extended_at: u64,
     extended: usize,
 }
 
-/// Converts the first input's header to the output's.
+/// Converts the header of the first input, `h`, to that of the output.
 fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: Records) {
     let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
     let mut software = [0; 32];

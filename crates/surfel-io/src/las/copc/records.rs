@@ -3,7 +3,7 @@
 use super::super::field;
 use super::super::header::POINT_BYTES;
 
-/// Returns the COPC format with all fields of `format` except waveforms.
+/// Returns the point format that COPC allows and that has all fields of `format` except waveforms.
 pub(super) fn target(format: u8) -> u8 {
     match format {
         2 | 3 | 5 | 7 => 7,
@@ -12,7 +12,8 @@ pub(super) fn target(format: u8) -> u8 {
     }
 }
 
-/// Appends a record of `format`, converted to the format that [`target`] returns, without extra bytes.
+/// Appends the record `r` of point format `format`, converted to the format that [`target`] returns. Extra bytes aren't
+/// appended.
 pub(super) fn append(format: u8, r: &[u8], out: &mut Vec<u8>) {
     if format >= 6 {
         return out.extend_from_slice(&r[..POINT_BYTES[usize::from(target(format))]]);

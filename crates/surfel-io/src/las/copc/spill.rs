@@ -8,17 +8,17 @@ use std::hash::Hash;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Number of bytes of a list that are written to the file at a time.
+/// Number of bytes from which a list's records in memory are written to the file, as one block.
 const BLOCK_BYTES: usize = 256 << 10;
-/// Maximum number of bytes of all lists in memory.
+/// Number of bytes of all lists in memory from which all of them are written to the file.
 const HELD_BYTES: usize = 32 << 20;
 
-/// Creates a file without a name in `folder`.
+/// Creates a temporary file without a name in `folder`.
 pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
     tempfile::tempfile_in(folder)
 }
 
-/// A list of records. The last records are in memory, the others in the file.
+/// A list of records. The last records are in memory, the others in blocks of the file.
 #[derive(Debug, Default)]
 pub(super) struct List {
     held: Vec<u8>,
@@ -26,23 +26,24 @@ pub(super) struct List {
     pub(super) bytes: u64,
 }
 
-/// Lists of records by key.
+/// Lists of records by key, most of which are in a temporary file.
 pub(super) struct Spill<K> {
     file: File,
     end: u64,
     index: HashMap<K, usize>,
     lists: Vec<List>,
     held: usize,
-    /// Key and list of the last record; the next record usually goes to the same list.
+    /// Key of the last record, and its list's index. The next record usually goes to the same list.
     last: Option<(K, usize)>,
 }
 
-/// A block of a list in the file: byte offset, number of bytes and checksum.
+/// A block of a list's records in the file: byte offset, number of bytes and checksum.
 pub(super) type Block = (u64, usize, u32);
+/// Blocks of a list, in order of writing.
 pub(super) type Blocks = Vec<Block>;
 
-/// Returns a checksum. Changes within eight consecutive bytes are always detected; other changes are missed with a
-/// probability of 2⁻³².
+/// Returns a checksum of a block, by which damage on the disk is detected. Changes within eight consecutive bytes are
+/// always detected; other changes are missed with a probability of 2⁻³².
 pub(super) fn checksum(bytes: &[u8]) -> u32 {
     let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     let (words, rest) = bytes.as_chunks::<8>();
@@ -52,12 +53,12 @@ pub(super) fn checksum(bytes: &[u8]) -> u32 {
     (sum ^ sum >> 32) as u32
 }
 
-/// Positions of the lists in a finished or interrupted file, from which writing can continue.
+/// Positions of the lists in a file. With them, writing can continue after an interruption.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Index<K> {
-    /// Length of the file, in bytes.
+    /// Length of the file in bytes, as far as its blocks are valid.
     pub(super) end: u64,
-    /// Keys in order of their first record, with the blocks of each.
+    /// Keys in order of their first record, with the blocks of each key's list.
     pub(super) lists: Vec<(K, Blocks)>,
 }
 
@@ -77,7 +78,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(Self::of(unnamed(folder)?, Index::default()))
     }
 
-    /// Opens the lists that `stored` describes in a file.
+    /// Opens the lists in a file, at the positions that `stored` states.
     pub(super) fn of(file: File, stored: Index<K>) -> Self {
         let (mut index, mut lists) = (HashMap::new(), Vec::new());
         for (key, blocks) in stored.lists {
@@ -88,7 +89,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Self { file, end: stored.end, index, lists, held: 0, last: None }
     }
 
-    /// Syncs all records to disk and returns their positions.
+    /// Writes all records to the file, syncs it to disk, and returns the positions of the lists.
     pub(super) fn stored(&mut self) -> io::Result<Index<K>> {
         self.flush()?;
         self.file.sync_data()?;
@@ -133,7 +134,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(())
     }
 
-    /// Writes all records from memory to the file.
+    /// Writes all records that are in memory to the file.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         (0..self.lists.len()).try_for_each(|at| self.write(at))
     }
@@ -143,7 +144,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         self.index.len()
     }
 
-    /// Changes the key of each list to `key(old key)`; joins lists that get the same key.
+    /// Changes the key of each list to `key(old key)`. Lists that get the same key are joined.
     pub(super) fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
         self.flush()?;
         let mut old: Vec<(K, usize)> = std::mem::take(&mut self.index).into_iter().collect();
@@ -162,12 +163,12 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(())
     }
 
-    /// Returns the keys, with the number of bytes of each list.
+    /// Returns the key of each list, with the list's number of bytes.
     pub(super) fn sizes(&self) -> impl Iterator<Item = (K, u64)> + '_ {
         self.index.iter().map(|(key, at)| (*key, self.lists[*at].bytes))
     }
 
-    /// Removes and returns a list.
+    /// Removes a list and returns it; it is empty if there is none with this key.
     pub(super) fn take(&mut self, key: K) -> List {
         self.last = None;
         let list = self.index.remove(&key).map(|at| std::mem::take(&mut self.lists[at])).unwrap_or_default();
