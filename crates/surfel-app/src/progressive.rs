@@ -42,7 +42,7 @@ pub enum Detail {
 /// let source = request::Source::of(&["scan.copc.laz".into()], None)?;
 /// let request = request::Request::new(source, &request::Pictures::One, &Default::default())?;
 /// let mut backend = surfel_backend::Backend::auto()?;
-/// progressive::resolve(request, None, &NoProgress, &mut |_| (), &mut |resolved, detail| {
+/// progressive::resolve(request, &NoProgress, &mut |_| (), &mut |resolved, detail| {
 ///     let resident = backend.upload(&resolved.scene)?;
 ///     let frame = backend.render(&resident, &resolved.file.camera, &resolved.file.settings)?;
 ///     println!("{detail:?}: {} pixels", frame.color().len());
@@ -55,7 +55,6 @@ pub enum Detail {
 /// Errors of [`Request::load`] and [`Request::resolve`]. An error that `each` returns ends the loading.
 pub fn resolve<E: From<Error>>(
     request: Request,
-    stdin: Option<Arc<[u8]>>,
     progress: &dyn Progress,
     note: &mut dyn FnMut(String),
     each: &mut dyn FnMut(Resolved, Detail) -> Result<(), E>,
@@ -63,7 +62,7 @@ pub fn resolve<E: From<Error>>(
     let has_levels = request.files().any(|path| levels::has_levels(&path));
     let mut loaded;
     if has_levels {
-        loaded = request.load(stdin, progress)?;
+        loaded = request.load(progress)?;
         if loaded.facts.iter().any(|facts| facts.partial) {
             for step in (1..=STEPS).rev() {
                 let fewer = |most: Option<u32>| {
@@ -76,10 +75,10 @@ pub fn resolve<E: From<Error>>(
         }
     } else {
         let coarse = sample_of(&request);
-        loaded = coarse.load(stdin.clone(), progress)?;
+        loaded = coarse.load(progress)?;
         if loaded.facts.iter().any(|facts| facts.thinned) {
             each(coarse.resolve(loaded, progress, &mut |_| ())?, Detail::Coarse)?;
-            loaded = request.load(stdin, progress)?;
+            loaded = request.load(progress)?;
         } else {
             loaded = as_whole(&request, loaded);
         }
@@ -115,12 +114,12 @@ pub(crate) enum First {
 }
 
 /// Loads a coarse selection of the points of files without levels of detail.
-pub(crate) fn first(request: &Request, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<First, Error> {
+pub(crate) fn first(request: &Request, progress: &dyn Progress) -> Result<First, Error> {
     if request.files().any(|path| levels::has_levels(&path)) {
         return Ok(First::Nothing);
     }
     let coarse = sample_of(request);
-    let loaded = coarse.load(stdin, progress)?;
+    let loaded = coarse.load(progress)?;
     Ok(match loaded.facts.iter().any(|facts| facts.thinned) {
         true => First::Coarse(Box::new(coarse), loaded),
         false => First::Whole(as_whole(request, loaded)),

@@ -221,7 +221,7 @@ impl Pictures {
 /// let mut options = surfel_app::request::RenderOptions::default();
 /// options.set("view", "front").map_err(surfel_load::Error::Usage)?;
 /// let request = Request::new(Source::of(&["scan.ply".into()], None)?, &Pictures::One, &options)?;
-/// let loaded = request.load(None, &surfel_sample::NoProgress)?;
+/// let loaded = request.load(&surfel_sample::NoProgress)?;
 /// let resolved = request.resolve(loaded, &surfel_sample::NoProgress, &mut |note| eprintln!("{note}"))?;
 /// # Ok(())
 /// # }
@@ -240,6 +240,8 @@ pub struct Request {
     /// True if the scene file has lights, but neither the file nor the options choose a shader. The lights then have no
     /// effect.
     has_unused_lights: bool,
+    /// Content for the name `-`.
+    stdin: Option<Arc<[u8]>>,
     level_store: Arc<LevelStore>,
     /// True if splats get the numbers of their rows in the file, even if no plane needs them, such as for picking.
     has_rows: bool,
@@ -269,6 +271,7 @@ impl Request {
             base: PathBuf::new(),
             scene: None,
             has_unused_lights: false,
+            stdin: None,
             level_store: Arc::default(),
             has_rows: false,
             estimates: Arc::default(),
@@ -312,6 +315,12 @@ impl Request {
         Ok(())
     }
 
+    /// Returns the request with the content for the name `-`.
+    #[must_use]
+    pub fn with_stdin(self, stdin: Option<Arc<[u8]>>) -> Self {
+        Self { stdin, ..self }
+    }
+
     /// Returns the request with a shared cache of files with levels of detail. Successive requests with the same cache
     /// read less.
     #[must_use]
@@ -339,7 +348,7 @@ impl Request {
     /// True if the points of some file don't fit into the memory budget at once. Each image then needs its own
     /// selection of LOD nodes.
     pub fn exceeds_memory(&self) -> bool {
-        let options = self.load_options(None);
+        let options = self.load_options();
         let exceeds = |object: &ObjectFile| {
             let path = self.base.join(object.splats.as_ref()?);
             check_size(&path, &options.clone().with_convert(&object.convert, &self.base)).err()
@@ -387,9 +396,10 @@ impl Request {
         coarse
     }
 
-    /// Returns the options for loading the objects. Of large COPC files, they read only an overview, which is enough to
-    /// place a camera; for [`Pictures::Any`], they read all points. `stdin` is the content of the input named `-`.
-    pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
+    /// Returns the options for loading the objects. With them, only an overview of large COPC files is read, which is
+    /// enough to place a camera; for [`Pictures::Any`], all points are read. The content for the name `-` isn't part of
+    /// them.
+    pub fn load_options(&self) -> LoadOptions {
         // Verification compares the image with one that antialiases edges, for which interior weights are needed.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
@@ -399,7 +409,6 @@ impl Request {
         let gaussians = options.gaussians || self.tells_composite();
         options
             .with_gaussians(gaussians)
-            .with_stdin(stdin)
             .with_memory(self.options.splats.memory)
             .with_up(self.options.up.flatten().or(up))
             .with_level_store(Some(self.level_store.clone()))
@@ -410,8 +419,8 @@ impl Request {
     ///
     /// # Errors
     /// Errors of [`load_objects`].
-    pub fn load(&self, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
-        let options = self.load_options(stdin);
+    pub fn load(&self, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
+        let options = self.load_options().with_stdin(self.stdin.clone());
         let bare = self.tells_composite();
         let load = if bare { load_bare_objects } else { load_objects };
         let loaded = load(&self.objects, &self.base, &options, progress)?;
@@ -469,7 +478,7 @@ impl Request {
             let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
             let sight_px = (!casts_shadows).then(|| Sight::margin_px(&file.settings));
             let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
-            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), &seen, progress)?;
+            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(), &seen, progress)?;
             tell(&loaded, &self.options, note)?;
         }
         Ok(loaded)
@@ -553,8 +562,8 @@ pub fn shared_coloring(
     };
     let mut tallies = Tallies::default();
     for source in sources {
-        let request = Request::new(source?, &Pictures::One, options)?;
-        request.load(stdin.clone(), progress)?.tally(&mut tallies);
+        let request = Request::new(source?, &Pictures::One, options)?.with_stdin(stdin.clone());
+        request.load(progress)?.tally(&mut tallies);
     }
     let found = tallies.coloring(attribute).map(|(coloring, _)| coloring);
     Ok(found.filter(|coloring| coloring.scale != ColorScale::Direct))

@@ -102,7 +102,6 @@ struct Shown {
 /// points.
 pub struct Loader {
     request: Request,
-    stdin: Option<Arc<[u8]>>,
 }
 
 /// Files that a [`Loader`] has loaded, for [`Session::adopt`].
@@ -114,7 +113,7 @@ impl Loader {
     /// # Errors
     /// Errors of [`Request::load`].
     pub fn load(self, progress: &dyn Progress) -> Result<Loaded, Error> {
-        let objects = self.request.load(self.stdin, progress)?;
+        let objects = self.request.load(progress)?;
         Ok(Loaded(LoadedScene::new(&self.request, objects)))
     }
 }
@@ -207,7 +206,9 @@ impl Session {
 
     fn request(&self, options: &RenderOptions) -> Result<Request, Error> {
         let source = Source::of(&self.inputs, self.stdin.as_deref())?;
-        let request = Request::new(source, &Pictures::One, options)?.with_level_store(self.level_store.clone());
+        let request = Request::new(source, &Pictures::One, options)?
+            .with_stdin(self.stdin.clone())
+            .with_level_store(self.level_store.clone());
         if self.is_for_any_camera {
             let by_levels = request.exceeds_memory() && !options.all_levels;
             return Ok(if by_levels { request } else { request.with_pictures(Pictures::Any) });
@@ -229,7 +230,7 @@ impl Session {
         if self.loaded.iter().any(|loaded| loaded.is_for(&request)) {
             return Ok(None);
         }
-        let (coarse, objects) = match progressive::first(&request, self.stdin.clone(), progress)? {
+        let (coarse, objects) = match progressive::first(&request, progress)? {
             progressive::First::Coarse(coarse, objects) => (coarse, objects),
             progressive::First::Whole(objects) => {
                 self.make_room();
@@ -245,7 +246,7 @@ impl Session {
         loaded.is_coarse = true;
         loaded.shown = Some(Shown { options: None, resolved, resident, camera: None });
         self.loaded.insert(0, loaded);
-        Ok(Some(Loader { request, stdin: self.stdin.clone() }))
+        Ok(Some(Loader { request }))
     }
 
     /// Replaces the coarse selection of points by the files that a [`Loader`] loaded.
@@ -302,7 +303,7 @@ impl Session {
             return Ok(());
         }
         self.make_room();
-        let objects = request.load(self.stdin.clone(), progress)?;
+        let objects = request.load(progress)?;
         self.loaded.insert(0, LoadedScene::new(request, objects));
         Ok(())
     }
@@ -490,7 +491,7 @@ impl Session {
 impl LoadedScene {
     fn new(request: &Request, objects: LoadedObjects) -> Self {
         let scene = Scene { objects: objects.objects.clone(), ..Scene::default() };
-        let (options, files) = (request.load_options(None), request.objects().to_vec());
+        let (options, files) = (request.load_options(), request.objects().to_vec());
         let corners = surfel_framing::scene_bounds(&scene).map_or_else(Vec::new, |(lo, hi)| {
             let corner =
                 |i: usize| DVec3::from_array(std::array::from_fn(|k| if i >> k & 1 == 0 { lo[k] } else { hi[k] }));
@@ -512,7 +513,7 @@ impl LoadedScene {
 
     /// True if the request would load the same files with the same options.
     fn is_for(&self, request: &Request) -> bool {
-        self.files == request.objects() && self.options == request.load_options(None)
+        self.files == request.objects() && self.options == request.load_options()
     }
 
     /// True if only an overview of some file is loaded, which lacks finer levels of detail.

@@ -375,8 +375,21 @@ impl Backend {
     /// # Errors
     /// Errors of [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for
     /// the planes `index`, `label` and `position`, which have no mean.
+    pub fn render_sampled(
+        &mut self,
+        scene: &BackendScene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        samples: Option<u32>,
+        frame: &mut Frame,
+    ) -> Result<Stats, RenderError> {
+        let Some(samples) = samples else { return self.render_into(scene, view, settings, planes, frame) };
+        self.render_supersampled(scene, view, settings, planes, samples, frame)
+    }
+
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
-    pub fn render_supersampled(
+    fn render_supersampled(
         &mut self,
         scene: &BackendScene,
         view: &View,

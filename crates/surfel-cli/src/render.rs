@@ -7,7 +7,7 @@ use crate::failure::Failure;
 use crate::film::Film;
 use crate::output::{self, Format, Output};
 use crate::pieces::{self, Pictures};
-use crate::resolve::{self, Resolved, Source, resolve, resolve_progressively};
+use crate::resolve::{self, Resolved, Source, resolve};
 use crate::series::{self, Series};
 use crate::stats;
 use crate::stdin::{self, Stdin, is_stdin};
@@ -283,14 +283,12 @@ impl<'a> Session<'a> {
                 return Ok(Drawn { stats, ..Drawn::default() });
             }
         }
-        let pictures = self.series.pictures.clone();
-        if !args.progressive {
-            let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
-            return self.draw_scene(resolved, Detail::Full, label);
+        if args.progressive {
+            self.check_progressive(label)?;
         }
-        self.check_progressive(label)?;
-        let (mut drawn, stdin) = (Drawn::default(), Rc::clone(&self.stdin));
-        resolve_progressively(source, &pictures, args, &stdin, console, &mut |resolved, detail| {
+        let (pictures, stdin) = (self.series.pictures.clone(), Rc::clone(&self.stdin));
+        let mut drawn = Drawn::default();
+        resolve(source, &pictures, args, &stdin, console, &mut |resolved, detail| {
             drawn = self.draw_scene(resolved, detail, label)?;
             Ok(())
         })?;
@@ -315,20 +313,25 @@ impl<'a> Session<'a> {
         }
     }
 
+    /// Returns another backend if the current one was selected automatically and can't draw the scene.
+    fn suitable(&self, backend: &Backend, resolved: &Resolved, planes: Planes) -> Result<Option<Backend>, Failure> {
+        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
+        if self.args.backend_name() != "auto" || refuses(&backend.info().capabilities).is_none() {
+            return Ok(None);
+        }
+        choose(self.args, self.threads, self.console, refuses).map(Some)
+    }
+
     /// Draws all frames of a loaded scene.
     fn draw_scene(&mut self, resolved: Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
-        let (args, console) = (self.args, self.console);
+        let args = self.args;
         camera::view(&resolved.file.camera, &args.render)?;
         if args.print_scene && detail == Detail::Full {
             print_scene(&resolved.file)?;
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
         let planes = planes(&args.render, args.render.verify, self.output.as_ref());
-        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
-        let mut other = None;
-        if args.backend_name() == "auto" && refuses(&backend.info().capabilities).is_some() {
-            other = Some(choose(args, self.threads, console, refuses)?);
-        }
+        let mut other = self.suitable(&backend, &resolved, planes)?;
         let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), resolved, detail, planes, label);
         // The next image may be drawn by the fastest backend again.
         self.backend = Some(backend);
@@ -715,10 +718,8 @@ impl<'a> Job<'a> {
         let settings = &resolved.file.settings;
         let bar = self.console.progress();
         bar.stage("drawing", 0);
-        let mut once = |planes| match self.args.render.samples {
-            Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
-            None => backend.render_into(&resident, &view, settings, planes, &mut self.frame),
-        };
+        let samples = self.args.render.samples;
+        let mut once = |planes| backend.render_sampled(&resident, &view, settings, planes, samples, &mut self.frame);
         // The frame that isn't timed also counts fragments, because counting takes time.
         let counted = once(self.planes.with_fragments(self.args.stats))?;
         if let Some(repeat) = self.args.repeat.filter(|_| detail == Detail::Full) {

@@ -5,7 +5,6 @@ use crate::failure::Failure;
 use crate::output;
 use crate::stdin::{Stdin, is_stdin};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use surfel_app::options::Options;
 use surfel_app::progressive::{self, Detail};
 use surfel_app::request::{Pictures, Request};
@@ -24,58 +23,34 @@ pub(crate) fn resolve(
     args: &Options,
     stdin: &Stdin,
     console: &Console,
-) -> Result<Resolved, Failure> {
-    let (request, bytes) = request(source, pictures, args, stdin)?;
-    let progress = console.progress();
-    let loaded = request.load(bytes, &progress)?;
-    let mut notes = Vec::new();
-    let resolved = request.resolve(loaded, &progress, &mut |note| notes.push(note));
-    drop(progress);
-    notes.iter().for_each(|note| console.note(note));
-    Ok(resolved?)
-}
-
-/// Loads a scene progressively, and calls `each` with successively finer scenes.
-pub(crate) fn resolve_progressively(
-    source: Source,
-    pictures: &Pictures,
-    args: &Options,
-    stdin: &Stdin,
-    console: &Console,
     each: &mut dyn FnMut(Resolved, Detail) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let (request, bytes) = request(source, pictures, args, stdin)?;
-    let progress = console.progress();
-    let notes = std::cell::RefCell::new(Vec::new());
-    let tell = || {
-        progress.clear();
-        notes.take().iter().for_each(|note: &String| console.note(note));
-    };
-    let resolved = progressive::resolve(
-        request,
-        bytes,
-        &progress,
-        &mut |note| notes.borrow_mut().push(note),
-        &mut |scene, detail| {
-            tell();
-            each(scene, detail)
-        },
-    );
-    tell();
-    resolved
-}
-
-/// Request for images of a scene, and the content of stdin (`None` unless an input is `-`).
-type Asked = (Request, Option<Arc<[u8]>>);
-
-/// Creates the request for images of a source.
-pub(crate) fn request(source: Source, pictures: &Pictures, args: &Options, stdin: &Stdin) -> Result<Asked, Failure> {
     let mut said = args.render.clone();
     if let (Some(bar), Source::Geometry(paths)) = (&mut said.splats.colorbar, &source) {
         *bar = output::of_input(bar, paths.first().map_or(Path::new(""), PathBuf::as_path));
     }
     let request = Request::new(source, pictures, &said)?;
     let from_stdin = request.objects().iter().flat_map(|o| [&o.splats, &o.mesh]).flatten().any(|path| is_stdin(path));
-    let bytes = if from_stdin { Some(stdin.bytes()?) } else { None };
-    Ok((request, bytes))
+    let request = if from_stdin { request.with_stdin(Some(stdin.bytes()?)) } else { request };
+    let progress = console.progress();
+    let notes = std::cell::RefCell::new(Vec::new());
+    let tell = || {
+        progress.clear();
+        notes.take().iter().for_each(|note: &String| console.note(note));
+    };
+    let note = &mut |note| notes.borrow_mut().push(note);
+    let each = &mut |scene, detail| {
+        tell();
+        each(scene, detail)
+    };
+    let resolved = match args.progressive {
+        true => progressive::resolve(request, &progress, note, each),
+        false => request
+            .load(&progress)
+            .and_then(|loaded| request.resolve(loaded, &progress, note))
+            .map_err(Failure::from)
+            .and_then(|scene| each(scene, Detail::Full)),
+    };
+    tell();
+    resolved
 }

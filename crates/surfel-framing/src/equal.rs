@@ -2,10 +2,9 @@
 
 use crate::patches::Patches;
 use glam::DVec3;
-use surfel_model::Object;
 
 /// Number of objects, or of parts of one object, from which they aren't compared any more.
-const MOST: usize = 33;
+pub(crate) const MOST: usize = 33;
 /// Largest number of times that one of several equal parts is split into equal parts again, as for rows of rows of
 /// rows.
 const DEPTH: usize = 3;
@@ -27,24 +26,6 @@ const CELLS: f64 = 16.0;
 /// Number of patches per grid cell for which the cell size is chosen, so that cells on the surface aren't empty. Small
 /// samples therefore get larger cells.
 const PATCHES_OF_CELLS: f64 = 6.0;
-
-impl Patches {
-    /// Returns a sample of the first object if all objects have equal shapes, or of one of several equal parts.
-    /// Otherwise returns `self`. A row of equal shapes therefore gets the same up axis and view as a single one.
-    pub fn one_of(self, objects: &[Object]) -> Self {
-        if let [first, others @ ..] = objects
-            && !others.is_empty()
-            && others.len() < MOST
-            && let Some(one) = Self::of(std::slice::from_ref(first))
-        {
-            let is_equal = |other| Self::of(std::slice::from_ref(other)).is_some_and(|o| are_equal(&one, &o));
-            if others.iter().all(is_equal) {
-                return one;
-            }
-        }
-        one_part(&self).unwrap_or(self)
-    }
-}
 
 /// Returns one of a shape's parts if they are equal and separated by gaps along an axis, and `None` otherwise.
 pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {

@@ -1,6 +1,6 @@
 //! Camera framing: places a camera so that the scene fills the image.
 
-use crate::patches::Patches;
+use crate::samples::Samples;
 use crate::strays::{Kind, Sphere, without_strays};
 use crate::up_axis::{UpConvention, Upright};
 use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewChoice};
@@ -535,7 +535,12 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
 ///
 /// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with additional evidence.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
-    up_axis::upright(Patches::of(objects), |all| all.one_of(objects), convention)
+    upright_of(&Samples::new(objects), convention)
+}
+
+/// Returns the up axis of [`upright`], from samples that other estimates share.
+pub fn upright_of(samples: &Samples, convention: UpConvention) -> Upright {
+    up_axis::upright(samples, convention)
 }
 
 /// Returns the best view of the objects: the one with the highest viewpoint entropy and visible curvature among twelve
@@ -561,5 +566,10 @@ pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
 
 /// Returns the view of [`best_view`], and the reason for which it was chosen.
 pub fn choose_view(objects: &[Object], up: Up) -> ChosenView {
-    viewpoint::choose_view(Patches::of(objects), |all| all.one_of(objects), up)
+    view_of(&Samples::new(objects), up)
+}
+
+/// Returns the view of [`choose_view`], from samples that other estimates share.
+pub fn view_of(samples: &Samples, up: Up) -> ChosenView {
+    viewpoint::choose_view(samples, up)
 }

@@ -31,11 +31,13 @@ mod equal;
 mod framing;
 mod front;
 pub mod patches;
+mod samples;
 pub mod strays;
 mod up_axis;
 mod view;
 pub mod viewpoint;
 
 pub use framing::*;
+pub use samples::Samples;
 pub use up_axis::{UpConvention, UpReason, Upright};
 pub use view::{ChosenView, NamedView, ViewAngles, ViewAxes, ViewChoice, ViewReason};

@@ -10,6 +10,7 @@
 //! have y and z exchanged.
 
 use crate::patches::{Patch, Patches};
+use crate::samples::Samples;
 use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -246,20 +247,15 @@ impl Piece {
     }
 }
 
-/// Estimates the up axis of a scene whose files don't state it. Map coordinates of the whole scene decide first, and
-/// then the shape of the part that `one_of` selects, such as one of several equal objects. The result is deterministic,
-/// and the time doesn't grow with the data.
-pub(crate) fn upright(
-    all: Option<Patches>,
-    one_of: impl FnOnce(Patches) -> Patches,
-    convention: UpConvention,
-) -> Upright {
+/// Estimates the up axis of a scene whose files don't state it: from map coordinates of the whole scene, else from the
+/// shape of one of its equal parts. Deterministic, and its time doesn't grow with the data.
+pub(crate) fn upright(samples: &Samples, convention: UpConvention) -> Upright {
     let nothing = Upright { up: convention.up(), reason: convention.reason() };
-    let Some(all) = all else { return nothing };
-    if let Some(up) = map_height(&all) {
+    let Some(all) = samples.all() else { return nothing };
+    if let Some(up) = map_height(all) {
         return Upright { up, reason: UpReason::Georeferenced };
     }
-    let patches = &one_of(all);
+    let patches = samples.one().unwrap_or(all);
     let shape = Shape::of(patches, convention);
     let mut best = (f64::NEG_INFINITY, nothing.up);
     for (up, cost) in Up::ALL.into_iter().zip(convention.costs()) {

@@ -16,6 +16,7 @@
 
 use crate::front::front;
 use crate::patches::{Patch, Patches};
+use crate::samples::Samples;
 use crate::up_axis::{axis_of, depth_camera, others};
 use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use glam::{DVec2, DVec3};
@@ -183,15 +184,13 @@ impl Compared {
     }
 }
 
-/// Chooses the view with the highest score, for the part of a scene that `one_of` selects, such as one of several equal
-/// objects. The elevation of the ring of candidates depends on the whole scene. The result is deterministic, and the
-/// time doesn't grow with the data.
-pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
-    let Some(all) = all else {
+/// Chooses the view with the highest score for one of the equal parts of a scene. The elevation of the ring depends on
+/// the whole scene. Deterministic, and its time doesn't grow with the data.
+pub(crate) fn choose_view(samples: &Samples, up: Up) -> ChosenView {
+    let Some((all, patches)) = samples.all().zip(samples.one()) else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
     };
-    let mut elevation_deg = elevation(&all, up);
-    let patches = &one_of(all);
+    let mut elevation_deg = elevation(all, up);
     let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
     let ahead = match up {
         Up::MinusY => DVec3::Z,

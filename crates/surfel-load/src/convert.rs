@@ -7,8 +7,7 @@ use crate::{Error, LoadOptions, levels, memory};
 use glam::DVec3;
 use std::path::Path;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Mesh, OnInvalid, Outliers, PointCloud, PointColors, Shape, SplatCloud,
-    TextureSampling,
+    Column3, ExtraColumn, Mesh, OnInvalid, Outliers, PointCloud, PointColors, Shape, SplatCloud, TextureSampling,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -37,16 +36,9 @@ fn chosen(
     options: &LoadOptions,
     notes: &mut Vec<String>,
 ) -> Result<Option<Vec<bool>>, Error> {
-    let convert = ConvertOptions {
-        crop: options.crop,
-        classes: options.classes.clone(),
-        returns: options.returns,
-        condition: options.condition.clone(),
-        every: options.every,
-        ..ConvertOptions::default()
-    };
     let unsuitable = |problem| Error::Unsuitable { path: path.to_path_buf(), problem };
-    let found = surfel_model::choose(&convert, count, position, levels::own_columns(extras)).map_err(unsuitable)?;
+    let found =
+        surfel_model::choose(&options.convert, count, position, levels::own_columns(extras)).map_err(unsuitable)?;
     let Some((_, left)) = found.left.last() else { return Ok(None) };
     let steps: Vec<String> = found.left.iter().map(|(key, left)| format!("`{key}` leaves {left}")).collect();
     let steps = steps.join(", ");
@@ -123,14 +115,14 @@ fn chosen_points_of_levels(
         notes.push(format!("left out {words}, which are no surface (`classes=all` keeps them)"));
     }
     let total = points.len();
-    let dropped = if options.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
+    let dropped = if options.convert.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
     if dropped > 0 {
         notes.push(format!(
             "left out {dropped} of {total} points at exactly 0,0,0, where sensors write that nothing came back \
              (`all_points` keeps them)"
         ));
     }
-    if options.outliers == Outliers::Drop {
+    if options.convert.outliers == Some(Outliers::Drop) {
         let total = points.len();
         let found = surfel_sample::outliers(&points, progress);
         let mut keep = found.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
@@ -146,11 +138,11 @@ fn chosen_points_of_levels(
             total - points.len()
         ));
     }
-    let dropped = options.max_points.map_or(0, |most| points.thin(most));
+    let dropped = options.max_points().map_or(0, |most| points.thin(most));
     if dropped > 0 {
         notes.push(format!("{} of {} points are left, evenly chosen", points.len(), points.len() + dropped));
     }
-    Ok((points, dropped > 0 || options.every.is_some()))
+    Ok((points, dropped > 0 || options.convert.every.is_some()))
 }
 
 /// Selects points by the options, and converts them to splats.
@@ -163,7 +155,7 @@ pub(crate) fn points(
 ) -> Result<(SplatCloud, Conversion), Error> {
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
     // If splats are estimated from neighbours, coincident points are dropped there.
-    let is_direct = !options.all_points && levels::Radii::are_stated(&points);
+    let is_direct = !options.convert.all_points && levels::Radii::are_stated(&points);
     let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
     if dropped > 0 {
         notes.push(format!(
@@ -179,7 +171,7 @@ pub(crate) fn points(
     if is_thinned || !radii.are_known(&points) {
         return splats_of_points(&points, None, path, options, notes, progress);
     }
-    let (cloud, report) = radii.splats(points, options.radius_scale)?;
+    let (cloud, report) = radii.splats(points, options.radius_scale())?;
     notes.push(format!(
         "a point cloud: {}, normals and radii (median {}) as the file has them",
         counted(report.splats as u64, "splats"),
@@ -201,9 +193,9 @@ pub fn splats_of_points(
     let remedy = memory::Remedy::Points;
     memory::check(path, points.len() as u64, memory::prepared_bytes(points), options.memory, remedy)?;
     let point_options = PointOptions {
-        radius_scale: options.radius_scale,
+        radius_scale: options.radius_scale(),
         viewpoint: above,
-        coincident: if options.all_points { usize::MAX } else { COINCIDENT },
+        coincident: if options.convert.all_points { usize::MAX } else { COINCIDENT },
         level_where_scattered: above.is_some(),
         interior_weight: !options.has_stated_weight,
         ..PointOptions::default()
@@ -225,10 +217,10 @@ fn finished(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let cloud = levels::close(cloud, options.interior_weight, stated)?;
-    let cloud = if options.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
-    let cloud = match options.colors {
-        PointColors::AsIs => cloud,
-        PointColors::Fit => fit_colors(cloud, path, notes, progress)?,
+    let cloud = if options.convert.sharp { sharpen(cloud, path, options, notes, progress)? } else { cloud };
+    let cloud = match options.convert.colors {
+        Some(PointColors::Fit) => fit_colors(cloud, path, notes, progress)?,
+        None | Some(PointColors::AsIs) => cloud,
     };
     Ok((cloud, Conversion::Points(report)))
 }
@@ -264,7 +256,7 @@ fn textured(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<SplatCloud, Error> {
-    let sampling = options.texture_sampling.unwrap_or_default();
+    let sampling = options.convert.texture.sampling.unwrap_or_default();
     if sampling == TextureSampling::Point || mesh.triangles.is_empty() {
         return Ok(cloud);
     }
@@ -296,17 +288,17 @@ pub(crate) fn mesh(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
-    let method = options.method.unwrap_or_else(|| MeshOptions::auto(mesh).method);
-    let is_spread = !options.sharp && method.is_spread();
+    let method = options.method().unwrap_or_else(|| MeshOptions::auto(mesh).method);
+    let is_spread = !options.convert.sharp && method.is_spread();
     if mesh.has_normal_maps() && !is_spread {
         notes
             .push("left out the normal maps: they shade splats that are spread over the mesh, as `splats` does".into());
     }
-    if options.sharp {
+    if options.convert.sharp {
         let (cloud, conversion) = sharp(mesh, path, options, notes, progress)?;
         return Ok((textured(cloud, mesh, path, options, notes, progress)?, conversion));
     }
-    let mesh_options = MeshOptions { method, radius_scale: options.radius_scale };
+    let mesh_options = MeshOptions { method, radius_scale: options.radius_scale() };
     let made = surfel_sample::splats_from_mesh(mesh, &mesh_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(mesh_note(mesh, &report));
@@ -322,7 +314,7 @@ fn sharpen(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<SplatCloud, Error> {
-    let angle = options.crease_angle_deg.unwrap_or(surfel_sample::SharpOptions::default().crease_angle_deg);
+    let angle = options.convert.crease_angle.unwrap_or(surfel_sample::SharpOptions::default().crease_angle_deg);
     let made = surfel_sample::sharpen_points(&cloud, angle, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
     notes.push(match report.clipped {
@@ -346,10 +338,10 @@ fn sharp(
 ) -> Result<(SplatCloud, Conversion), Error> {
     let defaults = surfel_sample::SharpOptions::default();
     let sharp_options = surfel_sample::SharpOptions {
-        crease_angle_deg: options.crease_angle_deg.unwrap_or(defaults.crease_angle_deg),
-        splats: options.method.and_then(|method| if let MeshMethod::Count(n) = method { Some(n) } else { None }),
-        error: options.sharp_error,
-        radius_scale: options.radius_scale,
+        crease_angle_deg: options.convert.crease_angle.unwrap_or(defaults.crease_angle_deg),
+        splats: options.method().and_then(|method| if let MeshMethod::Count(n) = method { Some(n) } else { None }),
+        error: options.convert.error,
+        radius_scale: options.radius_scale(),
     };
     let made = surfel_sample::sharp_splats_from_mesh(mesh, &sharp_options, progress);
     let (cloud, report) = made.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;

@@ -102,7 +102,7 @@ impl LevelStore {
         options: &LoadOptions,
         progress: &dyn Progress,
     ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
-        let key = (path.to_path_buf(), options.columns.as_ref().map(ToString::to_string));
+        let key = (path.to_path_buf(), options.convert.columns.as_ref().map(ToString::to_string));
         let slot = lock(&self.converted).entry(key).or_default().clone();
         let mut converted = lock(&slot);
         let budget = options.memory.or_else(default_budget).unwrap_or(0);
@@ -112,8 +112,12 @@ impl LevelStore {
             if budget < self.least_memory || levels::has_levels(path) {
                 return Ok(None);
             }
-            let file =
-                levels::save_temporary((path, options.columns.as_ref()), &large_files_folder(), budget, progress)?;
+            let file = levels::save_temporary(
+                (path, options.convert.columns.as_ref()),
+                &large_files_folder(),
+                budget,
+                progress,
+            )?;
             *converted = Some(Converted { of, file: Arc::new(file) });
         }
         Ok(converted.as_ref().map(|Converted { file, .. }| {

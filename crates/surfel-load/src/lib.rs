@@ -15,8 +15,10 @@
 //!
 //! ```no_run
 //! use surfel_load::{LoadOptions, load};
+//! use surfel_model::ConvertOptions;
 //! # fn main() -> Result<(), surfel_load::Error> {
-//! let options = LoadOptions::default().with_color_by(Some("height".into()));
+//! let convert = ConvertOptions { color_by: Some("height".into()), ..ConvertOptions::default() };
+//! let options = LoadOptions::default().with_convert(&convert, "".as_ref());
 //! let loaded = load("scan.laz".as_ref(), &options, &surfel_sample::NoProgress)?;
 //! println!("{} splats, up {}", loaded.cloud.len(), loaded.up);
 //! # Ok(())

@@ -80,7 +80,7 @@ pub(crate) fn read_needed(
     let Some((copc, note)) = by_levels else { return Err(too_large) };
     let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
     loaded.notes.insert(0, note);
-    if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path, options.columns.as_ref()) {
+    if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path, options.convert.columns.as_ref()) {
         // The COPC copy is z-up; format and up axis of the source file are restored.
         (loaded.format, loaded.up) = (format, up);
         if let (Content::Points(points), true) = (&mut loaded.content, is_said) {
@@ -94,10 +94,10 @@ pub(crate) fn read_needed(
 pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
-    let Some(count) = surfel_io::survey_points(path, options.columns.as_ref()).filter(|_| is_all) else {
+    let Some(count) = surfel_io::survey_points(path, options.convert.columns.as_ref()).filter(|_| is_all) else {
         return Ok(());
     };
-    let points = options.max_points.map_or(count.points, |most| count.points.min(most as u64));
+    let points = options.max_points().map_or(count.points, |most| count.points.min(most as u64));
     let remedy = if count.has_radii { memory::Remedy::Fewer } else { memory::Remedy::Levels };
     let bytes = memory::loaded_bytes(&count);
     memory::check(path, points, bytes, options.memory, remedy)
@@ -135,8 +135,8 @@ fn converted(
         Content::Splats(cloud) => {
             closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
             let cloud = convert::chosen_splats(cloud, path, options, notes)?;
-            let scaled = options.radius_scale != 1.0;
-            (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
+            let scaled = options.radius_scale() != 1.0;
+            (if scaled { convert::scaled(cloud, options.radius_scale())? } else { cloud }, Conversion::None)
         }
         Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(mut points) => {
@@ -220,13 +220,13 @@ pub fn splats_of(
     }
     let of_mesh = on_mesh.as_ref().map(MeshColumns::names).unwrap_or_default();
     cloud = numbered(cloud, &of_mesh, path, options, &mut notes)?;
-    let colors = options.color_by.as_ref().map(|_| Colors::of(options)).transpose()?.unwrap_or_default();
-    if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.color_by) {
+    let colors = options.convert.color_by.as_ref().map(|_| Colors::of(options)).transpose()?.unwrap_or_default();
+    if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.convert.color_by) {
         cloud = columns.values(cloud, attribute, &colors)?;
     }
     let is_of_points = matches!(conversion, Conversion::Points(_))
         || cloud.data().comments.iter().any(|comment| comment == surfel_sample::OF_POINTS);
-    let job = options.color_by.as_ref().filter(|_| octree.is_none()).map(|attribute| ColorJob {
+    let job = options.convert.color_by.as_ref().filter(|_| octree.is_none()).map(|attribute| ColorJob {
         path: path.to_path_buf(),
         attribute: attribute.clone(),
         colors,
@@ -332,7 +332,7 @@ pub(crate) fn load_mesh(
     let (up, up_reason) = (loaded.up, up_reason(&loaded));
     beside.extend(loaded.beside);
     let mut notes = loaded.notes;
-    if options.color_by.is_some() {
+    if options.convert.color_by.is_some() {
         notes.push("drew polygons without color_by: give the file as \"splats\" to colour it by values".into());
     }
     let found = match loaded.content {

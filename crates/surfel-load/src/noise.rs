@@ -52,9 +52,10 @@ struct Judged {
 impl Judged {
     fn new(options: &LoadOptions) -> Self {
         // A condition on the class may select noise on purpose, so that noise isn't removed then.
-        let names_class = options.condition.as_ref().is_some_and(|text| text.to_ascii_lowercase().contains("class"));
-        let are_named = matches!(options.classes, Some(Classes::All | Classes::Only(_)));
-        Self { by_class: !are_named && !names_class, by_flag: options.classes != Some(Classes::All) }
+        let names_class =
+            options.convert.condition.as_ref().is_some_and(|text| text.to_ascii_lowercase().contains("class"));
+        let are_named = matches!(options.convert.classes, Some(Classes::All | Classes::Only(_)));
+        Self { by_class: !are_named && !names_class, by_flag: options.convert.classes != Some(Classes::All) }
     }
 }
 
@@ -84,7 +85,7 @@ pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::ExtraValues;
+    use surfel_model::{ConvertOptions, ExtraValues};
 
     fn extras() -> Vec<ExtraColumn> {
         let column = |name: &str, values: Vec<u8>| ExtraColumn { name: name.into(), values: ExtraValues::U8(values) };
@@ -93,19 +94,22 @@ mod tests {
 
     #[test]
     fn noise_and_withheld_points_are_no_surface_unless_they_are_chosen() {
+        let options = |convert: ConvertOptions| LoadOptions { convert, ..LoadOptions::default() };
         let all = LoadOptions::default();
         let found = noise_points(&extras(), 6, &all).unwrap();
         assert_eq!(found.flags, [false, true, true, false, true, true]);
         assert_eq!(found.words(), "3 points of noise (classes 7 and 18) and 1 point flagged as withheld");
         assert!(noise_points(&extras()[..0], 6, &all).is_none());
         let flags = |text: &str| {
-            let options = LoadOptions::default().with_classes(Some(text.parse().unwrap()));
+            let classes = Some(text.parse().unwrap());
+            let options = options(ConvertOptions { classes, ..ConvertOptions::default() });
             noise_points(&extras(), 6, &options).map(|found| found.flags)
         };
         assert_eq!(flags("all"), None);
         assert_eq!(flags("2,7").unwrap(), [false, false, false, false, true, true]);
         assert_eq!(flags("!2").unwrap(), [false, true, true, false, true, true]);
-        let named = LoadOptions::default().with_condition(Some("Classification = 7".into()));
+        let condition = Some("Classification = 7".into());
+        let named = options(ConvertOptions { condition, ..ConvertOptions::default() });
         assert_eq!(noise_points(&extras(), 6, &named).unwrap().words(), "2 points flagged as withheld");
         assert_eq!(water(&extras(), 6).unwrap(), [false, false, false, true, false, false]);
     }

@@ -28,7 +28,7 @@ pub fn load_octree(
     mesh.up = up_reason.map(|_| up);
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let octree_options =
-        OctreeOptions { texture: options.texture_sampling.unwrap_or_default(), ..OctreeOptions::default() };
+        OctreeOptions { texture: options.convert.texture.sampling.unwrap_or_default(), ..OctreeOptions::default() };
     let octree = surfel_sample::octree_from_mesh(&mesh, &octree_options, progress).map_err(sample)?;
     Ok((octree, notes))
 }

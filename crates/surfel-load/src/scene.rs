@@ -350,7 +350,7 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
         let (known, notes) = gaussians(cloud, &read, path, options)?;
         return Ok(LoadedFile { known, notes, beside });
     }
-    let most = options.max_points.unwrap_or(usize::MAX);
+    let most = options.max_points().unwrap_or(usize::MAX);
     let thinned = matches!(&read.content, Content::Points(points) if points.len() > most);
     let (made, color_job) = splats_of(read, path, options, progress)?;
     let (facts, about_noise) = facts_of(&made, options);
@@ -392,7 +392,7 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
         flat: says(surfel_sample::FLAT_PARTS),
         fine: says(surfel_sample::FINE_SPLATS),
         each_side: says(EACH_SIDE),
-        all_classes: options.classes == Some(Classes::All),
+        all_classes: options.convert.classes == Some(Classes::All),
         noise: noise.is_some(),
         transparent,
         ..ObjectFacts::default()

@@ -93,14 +93,14 @@ struct Strays {
 /// Returns the grid of an image of all points, with these bounds. Returns an error if the image is too large for a
 /// file, or if a few strays make it excessively large.
 pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
-    let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
+    let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.convert.outliers);
     let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);
     let pixels = |b: [f64; 4]| [side(b[0], b[2]), side(b[1], b[3])];
     let area = |b: [f64; 4]| pixels(b).iter().product::<f64>();
     let found = if area(bounds) > ABSURD_PX { strays(sources) } else { None };
     if let Some(strays) = found.filter(|strays| area(bounds) > ABSURD_TIMES * area(strays.others)) {
         let Strays { count, farthest: p, distance, path, others } = strays;
-        let ([width, height], drop) = (pixels(bounds), outliers != Outliers::Drop);
+        let ([width, height], drop) = (pixels(bounds), outliers != Some(Outliers::Drop));
         let what = if count == 1 { "a stray point lies" } else { "stray points lie" };
         let number = if count == 1 { String::new() } else { format!("{count} ") };
         let others = others.map(|v| (v * 1e3).round() / 1e3);

@@ -252,7 +252,7 @@ impl Ortho {
             return Err(Error::Unsuitable { path: first, problem });
         }
         let layout = Layout::new(grid, sampling_of(&sources));
-        options.load.color_by = None;
+        options.load.convert.color_by = None;
         Ok(Self { sources, grid, layout, options, color_by, crs, notes, unused, coloring })
     }
 
@@ -521,7 +521,7 @@ impl ColorChoice {
         self.first_points.get_or_insert_with(|| path.to_path_buf());
         self.has_uncolored |= !points.has_colors;
         self.lacks_intensity |= !points.has_intensity;
-        let attributes: Vec<&str> = match &load.color_by {
+        let attributes: Vec<&str> = match &load.convert.color_by {
             Some(attribute) => vec![attribute],
             None => OWN_COLORS.to_vec(),
         };
@@ -535,7 +535,7 @@ impl ColorChoice {
                 others: Vec::new(),
             };
             let lacking = self.tallies.add_points(&job, cloud).err().map(|known| Lacking { member: 0, known });
-            if load.color_by.is_some() {
+            if load.convert.color_by.is_some() {
                 self.is_column |= ExtraColumn::find(&cloud.extras, attribute).is_some();
                 self.jobs.push((job, lacking));
             }
@@ -552,10 +552,10 @@ impl ColorChoice {
         unused: &mut Unused,
     ) -> Result<SharedColors, Error> {
         let own = || OWN_COLORS[usize::from(self.lacks_intensity)].to_owned();
-        let Some(attribute) = load.color_by.clone().or_else(|| self.has_uncolored.then(own)) else {
+        let Some(attribute) = load.convert.color_by.clone().or_else(|| self.has_uncolored.then(own)) else {
             return Ok((None, None));
         };
-        let is_column = self.is_column || (load.color_by.is_none() && attribute == OWN_COLORS[0]);
+        let is_column = self.is_column || (load.convert.color_by.is_none() && attribute == OWN_COLORS[0]);
         let first = self.jobs.first().map(|(job, _)| job.path.clone()).or(self.first_points);
         let found = self.tallies.coloring(&attribute);
         for (job, lacking) in &self.jobs {
@@ -570,7 +570,7 @@ impl ColorChoice {
         let (coloring, note) = found.unzip();
         let scale = coloring.as_ref().map_or(ColorScale::Direct, |coloring| coloring.scale.clone());
         notes.extend(note.map(|note| (first.clone(), note)));
-        if load.color_by.is_some() {
+        if load.convert.color_by.is_some() {
             for source in sources {
                 let Holds::Splats(cloud) = &mut source.holds else { continue };
                 let data = cloud.data();

@@ -212,15 +212,17 @@ impl Input {
         if let Some(found) = cache.prepared.iter().find(suits) {
             return Ok(found.clone());
         }
-        let request = Request::new(self.source()?, pictures, options)?.with_level_store(self.level_store.clone());
-        let key = format!("{:?} {:?}", request.objects(), request.load_options(None));
+        let request = Request::new(self.source()?, pictures, options)?
+            .with_stdin(self.bytes.clone())
+            .with_level_store(self.level_store.clone());
+        let key = format!("{:?} {:?}", request.objects(), request.load_options());
         let loaded = match &cache.loaded {
             Some((known, loaded)) if *known == key => loaded.clone(),
             _ => {
                 // The old scene is freed first.
                 *cache = Cache::default();
                 memory::check_splats(self.points, &options.splats, threads)?;
-                let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
+                let loaded = on_threads(threads, || request.load(progress))??;
                 cache.loaded = Some((key, loaded.clone()));
                 loaded
             }
@@ -283,10 +285,7 @@ pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Resu
         None => prepared.resident((backend.info().backend, quantised), scene, backend)?,
     };
     let mut frame = Frame::default();
-    let stats = match options.samples {
-        Some(n) => backend.render_supersampled(&resident, &view, &file.settings, job.planes, n, &mut frame),
-        None => backend.render_into(&resident, &view, &file.settings, job.planes, &mut frame),
-    }?;
+    let stats = backend.render_sampled(&resident, &view, &file.settings, job.planes, options.samples, &mut frame)?;
     let drawn = metadata::drawn(options, &camera, quantised, backend.info())?;
     let lights = moved.map_or_else(|| file.lights.clone(), |moved| moved.lights);
     let scene = SceneFile { camera, lights, ..file.clone() };

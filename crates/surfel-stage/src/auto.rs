@@ -3,16 +3,17 @@
 use crate::closed;
 use crate::estimates::Estimates;
 use crate::sheets;
+use std::borrow::Cow;
 use std::path::Path;
 use surfel_framing::patches::Patches;
 use surfel_framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice};
-use surfel_framing::{UpConvention, UpReason, Upright, upright};
+use surfel_framing::{Samples, UpConvention, UpReason, Upright, upright_of};
 use surfel_load::SparseReason;
 use surfel_load::scene::{assemble, bare_object, is_scene_file, load_bare_objects, load_scene, read_scene_file};
 use surfel_load::{Error, LoadOptions};
 use surfel_load::{LoadedObjects, ObjectFacts, ObjectNote};
 use surfel_model::{
-    Camera, Composite, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, PointsAs, Scene, SceneFile,
+    Camera, Composite, Cull, DepthTolerance, Geometry, Light, Material, Object, ObjectFile, PointsAs, Scene, SceneFile,
     Settings, Shader, Transparency, Up,
 };
 use surfel_render::{Preset, View};
@@ -146,12 +147,12 @@ pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec
     notes
 }
 
-/// Determines the up axis of objects without a scene file, and the reason. The axis comes from the first file whose
-/// content or format states it, or else from the objects' shape ([`upright`]).
-pub fn auto_up(loaded: &LoadedObjects) -> Upright {
+/// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
+/// states it decides; otherwise the objects' shape does ([`upright_of`]).
+pub fn auto_up(loaded: &LoadedObjects, samples: &Samples) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
-        Some(first) => upright(&loaded.objects, UpConvention::of(first.points, first.up)),
+        Some(first) => upright_of(samples, UpConvention::of(first.points, first.up)),
         None => Upright { up: Up::PlusY, reason: UpReason::Convention },
     })
 }
@@ -162,18 +163,46 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
 /// [`Error::Model`] for objects without a finite extent, which can't be framed. The camera and settings in the options
 /// are validated when they are used, not here.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
-    scene_by(&Estimates::default(), objects, loaded, options)
+    let estimates = Estimates::default();
+    let up = options.up.unwrap_or_else(|| auto_up(loaded, estimates.samples(loaded)).up);
+    let staged = stage(&estimates, objects, loaded, up, options)?;
+    let lights = estimates.lighting(loaded, up).lights(&staged.camera);
+    Ok(staged.into_scene(up, Some(lights), options.settings))
 }
 
-/// Creates a scene file like [`auto_scene`], but reuses the estimates about the loaded objects that `estimates` already
-/// contains.
-pub fn scene_by(
+/// Camera, background and materials of an automatic scene.
+#[derive(Clone, Debug)]
+pub struct Staged {
+    /// The camera.
+    pub camera: Camera,
+    /// Background, linear RGB and straight alpha in [0, 1].
+    pub background: [f64; 4],
+    /// Objects with their materials.
+    pub objects: Vec<ObjectFile>,
+}
+
+impl Staged {
+    /// Returns the scene file with these lights and settings.
+    pub fn into_scene(self, up: Up, lights: Option<Vec<Light>>, settings: Settings) -> SceneFile {
+        let Self { camera, background, objects } = self;
+        let (sky, ground, matcap) = (None, None, None);
+        let up = Some(up);
+        SceneFile { up, camera, background, ambient: AMBIENT, lights, sky, ground, matcap, objects, settings }
+    }
+}
+
+/// Chooses camera, background and materials like [`auto_scene`], and reuses cached estimates of the loaded objects.
+///
+/// # Errors
+/// Errors of [`auto_scene`].
+pub fn stage(
     estimates: &Estimates,
-    objects: Vec<ObjectFile>,
+    mut objects: Vec<ObjectFile>,
     loaded: &LoadedObjects,
+    up: Up,
     options: &AutoOptions,
-) -> Result<SceneFile, Error> {
-    let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
+) -> Result<Staged, Error> {
+    let samples = estimates.samples(loaded);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     let camera = match &options.camera {
         Some(camera) => camera.clone(),
@@ -192,38 +221,28 @@ pub fn scene_by(
             estimates.camera(loaded, &scene, framing).ok_or_else(nothing)?
         }
     };
-    let mut objects = objects;
     // An invalid camera is reported later, where the scene is drawn.
     let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
-    let all = || loaded.facts.iter().zip(&loaded.objects);
-    let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
-    for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
-        let covers = |view| sheets::covers_other_surfaces(drawn, view);
+    let all = || loaded.facts.iter().zip(&loaded.objects).enumerate();
+    let hides_its_back = |(i, (facts, drawn))| hides_its_back(facts, drawn, || samples.of_object(i));
+    let closed = estimates.closed(|| all().map(hides_its_back).collect());
+    for ((object, (i, (facts, drawn))), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
+        let covers =
+            |view| samples.of_object(i).is_some_and(|patches| sheets::covers_other_surfaces(drawn, &patches, view));
         let is_culled = *is_closed && (facts.each_side || !view.as_ref().is_some_and(covers));
         let color = object.material.color;
         object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
     }
-    Ok(SceneFile {
-        up: Some(up),
-        lights: Some(estimates.lighting(loaded, up).lights(&camera)),
-        camera,
-        background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
-        ambient: AMBIENT,
-        sky: None,
-        ground: None,
-        matcap: None,
-        objects,
-        settings: options.settings,
-    })
+    let background = options.background.unwrap_or_else(|| whites.background(options.settings.shader));
+    Ok(Staged { camera, background, objects })
 }
 
 /// True if an object's splats cover a watertight surface from outside, so that its back faces may be culled. This is
 /// stated by the file, derived from the mesh, or estimated from the cloud ([`closed::is_closed`]).
-fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
+fn hides_its_back<'s>(facts: &ObjectFacts, object: &Object, sample: impl FnOnce() -> Option<Cow<'s, Patches>>) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
-    let looks_closed = || Patches::of(std::slice::from_ref(object)).is_some_and(|patches| closed::is_closed(&patches));
-    facts.closed || is_judged && looks_closed()
+    facts.closed || is_judged && sample().is_some_and(|patches| closed::is_closed(&patches))
 }
 
 /// Returns an object's material for an automatic scene. Objects with colours are shown at their brightness times

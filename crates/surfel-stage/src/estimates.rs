@@ -4,8 +4,8 @@ use crate::lights::Lighting;
 use crate::whites::Whites;
 use glam::DVec3;
 use std::sync::{Mutex, OnceLock, PoisonError};
-use surfel_framing::FrameOptions;
 use surfel_framing::strays::Sphere;
+use surfel_framing::{FrameOptions, Samples};
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Scene, Up};
 
@@ -14,6 +14,7 @@ use surfel_model::{Camera, Scene, Up};
 #[derive(Debug, Default)]
 pub struct Estimates {
     framed: OnceLock<LoadedObjects>,
+    samples: OnceLock<Samples>,
     kept: OnceLock<Option<Sphere>>,
     center: OnceLock<Option<DVec3>>,
     whites: OnceLock<Whites>,
@@ -44,6 +45,11 @@ impl Estimates {
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
     }
 
+    /// Returns the samples of the framed objects.
+    pub fn samples(&self, framed: &LoadedObjects) -> &Samples {
+        self.samples.get_or_init(|| Samples::new(&framed.objects))
+    }
+
     /// Returns a sphere around the scene without its stray points, for [`surfel_framing::frame_within`]. Returns `None`
     /// if all points are framed: there are no stray points, or the options select all classes.
     pub fn kept(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<Sphere> {
@@ -57,7 +63,7 @@ impl Estimates {
     }
 
     pub(crate) fn whites(&self, loaded: &LoadedObjects) -> &Whites {
-        self.whites.get_or_init(|| Whites::of(loaded))
+        self.whites.get_or_init(|| Whites::of(self.samples(loaded).all()))
     }
 
     /// Returns one flag per object, true if the object is watertight, so that its back faces are never visible. The
@@ -69,7 +75,7 @@ impl Estimates {
     /// Returns the properties of the objects that determine their lights, for an up axis. The value for the last up
     /// axis is cached.
     pub fn lighting(&self, loaded: &LoadedObjects, up: Up) -> Lighting {
-        last(&self.lighting, up, |up| Lighting::of(loaded, *up))
+        last(&self.lighting, up, |up| Lighting::of(loaded, self.samples(loaded), *up))
     }
 
     /// Returns the camera that frames the scene without its stray points ([`surfel_framing::frame_within`]).

@@ -1,8 +1,7 @@
 //! Default lights of scenes without lights.
 
 use glam::DVec3;
-use surfel_framing::ViewAxes;
-use surfel_framing::patches::Patches;
+use surfel_framing::{Samples, ViewAxes};
 use surfel_load::LoadedObjects;
 use surfel_model::{Camera, Light, Up};
 
@@ -47,11 +46,11 @@ pub struct Lighting {
 
 impl Lighting {
     /// Estimates the lighting properties of loaded objects. `up` is their up axis.
-    pub fn of(loaded: &LoadedObjects, up: Up) -> Self {
+    pub fn of(loaded: &LoadedObjects, samples: &Samples, up: Up) -> Self {
         if loaded.facts.iter().any(|facts| facts.colored) {
             return Self { facing: DVec3::ZERO, share: 0.0 };
         }
-        let facing = Patches::of(&loaded.objects).map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
+        let facing = samples.all().map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
         let is_of_points = loaded.facts.iter().all(|facts| facts.points);
         let share = share_of_one_way(facing, if is_of_points { Some(up.vector()) } else { None });
         Self { facing: facing.normalize_or_zero(), share }

@@ -22,12 +22,11 @@ const CONTACT: f64 = 1e-3;
 
 /// True if an object has a thin sheet over another of its surfaces, within the reach of a view's depth tolerance. If
 /// the sheet's back faces were culled, the other surface would shine through the sheet.
-pub(crate) fn covers_other_surfaces(object: &Object, view: &View) -> bool {
-    let Some(patches) = Patches::of(std::slice::from_ref(object)) else { return false };
+pub(crate) fn covers_other_surfaces(object: &Object, patches: &Patches, view: &View) -> bool {
     let middle = view.view_from_world * (patches.middle - view.eye);
     let distance = if view.projection.is_perspective() { middle.z.max(view.projection.near) } else { 1.0 };
     let pixel = distance / view.projection.focal_px[0] / patches.scale;
-    let (grid, growth) = (Grid::new(&patches), Patches::growth(object));
+    let (grid, growth) = (Grid::new(patches), Patches::growth(object));
     let lies_over = |patch: &&Patch| grid.lies_over_others(patch, radius(patch) / growth + REACH_PX * pixel);
     let count = patches.all.iter().filter(lies_over).count();
     count >= LEAST.1 && count as f64 >= LEAST.0 * patches.all.len() as f64

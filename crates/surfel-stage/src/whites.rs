@@ -1,7 +1,6 @@
 //! Brightness statistics of loaded objects, from which the exposure of their materials and the background are derived.
 
 use surfel_framing::patches::Patches;
-use surfel_load::LoadedObjects;
 use surfel_model::Shader;
 
 /// Largest linear light that a white surface reflects in an automatic scene if its exposure is 1. The value includes
@@ -30,8 +29,8 @@ pub(crate) struct Whites {
 }
 
 impl Whites {
-    pub(crate) fn of(loaded: &LoadedObjects) -> Self {
-        let Some(patches) = Patches::of(&loaded.objects) else {
+    pub(crate) fn of(patches: Option<&Patches>) -> Self {
+        let Some(patches) = patches else {
             return Self { brightest: 1.0, share: 0.0 };
         };
         let max = |c: [f32; 3]| c.into_iter().map(f64::from).fold(0.0, f64::max);

@@ -204,7 +204,7 @@ fn objects_have_the_colour_that_is_asked_for() {
         &options,
     );
     let request = request.unwrap();
-    let loaded = request.load(None, &NoProgress).unwrap();
+    let loaded = request.load(&NoProgress).unwrap();
     let resolved = request.resolve(loaded, &NoProgress, &mut |_| {}).unwrap();
     assert_eq!(resolved.file.objects[0].material.color.map(|color| color.0), Some([0xc0, 0x40, 0x20]));
     // The scene file alone gives the same image.

@@ -120,7 +120,7 @@ fn chosen(
     }
     let source = Source::of(&[path.to_path_buf()], None).unwrap();
     let request = Request::new(source, &Pictures::One, &options).unwrap().with_level_store(store.clone());
-    let loaded = request.load(None, &NoProgress).unwrap();
+    let loaded = request.load(&NoProgress).unwrap();
     let asked = request.with_pictures(Pictures::Cameras(vec![camera.clone(); views]));
     let mut by_levels = false;
     let mut note = |note: String| by_levels |= note.contains("drawn by levels");

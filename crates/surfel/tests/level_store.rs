@@ -56,7 +56,7 @@ fn request(path: &Path, memory: &str, store: &Arc<LevelStore>) -> Request {
 }
 
 fn resolved(request: &Request, eye: [f64; 3]) -> Result<(Resolved, Vec<String>), Error> {
-    let loaded = request.load(None, &NoProgress)?;
+    let loaded = request.load(&NoProgress)?;
     let mut notes = Vec::new();
     let asked = request.clone().with_pictures(Pictures::Cameras(vec![camera(eye)]));
     Ok((asked.resolve(loaded, &NoProgress, &mut |note| notes.push(note))?, notes))

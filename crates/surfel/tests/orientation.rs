@@ -7,12 +7,12 @@ use surfel_framing::{
     upright,
 };
 use surfel_load::LoadOptions;
-use surfel_model::SplatCloud;
 use surfel_model::glam::{DAffine3, DMat3, DVec2, DVec3, Quat, Vec3};
 use surfel_model::{
     Column3, GaussianCloud, GaussianData, GaussianKind, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Scene,
     Up,
 };
+use surfel_model::{ConvertOptions, SplatCloud, SplatCount};
 use surfel_sample::NoProgress;
 use surfel_sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
 
@@ -147,7 +147,8 @@ fn turned(up: Up) -> DAffine3 {
 
 fn spot() -> Object {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/spot/spot.obj");
-    let options = LoadOptions::default().with_method(Some(MeshMethod::Count(20_000)));
+    let convert = ConvertOptions { splats: Some(SplatCount::Count(20_000)), ..ConvertOptions::default() };
+    let options = LoadOptions::default().with_convert(&convert, Path::new(""));
     object(surfel_load::load(&path, &options, &NoProgress).unwrap().cloud)
 }
 

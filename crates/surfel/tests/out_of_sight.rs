@@ -27,7 +27,7 @@ fn resolved(folder: &Path, projection: &str, shadow: bool) -> Resolved {
     std::fs::write(&path, scene).unwrap();
     let source = Source::of(&[path], None).unwrap();
     let request = Request::new(source, &Pictures::One, &RenderOptions::default()).unwrap();
-    let loaded = request.load(None, &NoProgress).unwrap();
+    let loaded = request.load(&NoProgress).unwrap();
     request.resolve(loaded, &NoProgress, &mut |_| ()).unwrap()
 }
 

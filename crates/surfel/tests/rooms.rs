@@ -1,11 +1,12 @@
 //! Views of rooms and of equal things: rooms are viewed through their open side, and equal things as one of them would
 //! be.
 
+use std::path::Path;
 use std::sync::Arc;
 use surfel_framing::{UpConvention, ViewAngles, ViewAxes, ViewReason, best_view, choose_view, upright};
 use surfel_load::LoadOptions;
 use surfel_model::glam::{DAffine3, DMat3, DQuat, DVec3};
-use surfel_model::{Column3, Geometry, Material, Mesh, Object, PointCloud, Up};
+use surfel_model::{Column3, ConvertOptions, Geometry, Material, Mesh, Object, PointCloud, SplatCount, Up};
 use surfel_sample::NoProgress;
 use surfel_sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
 
@@ -104,9 +105,10 @@ fn rooms_that_open_to_one_side_are_looked_into() {
             text += &format!("v {} {} {}\n", at(0), at(1), at(2));
         }
     }
-    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("room.obj");
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("room.obj");
     std::fs::write(&path, text + faces).unwrap();
-    let options = LoadOptions::default().with_method(Some(MeshMethod::Count(8000)));
+    let convert = ConvertOptions { splats: Some(SplatCount::Count(8000)), ..ConvertOptions::default() };
+    let options = LoadOptions::default().with_convert(&convert, Path::new(""));
     let loaded = surfel_load::load(&path, &options, &NoProgress).unwrap();
     let view = best_view(&[object(loaded.cloud)], Up::PlusY);
     assert!(off(view, Up::PlusY, DVec3::NEG_Z) < 31.0, "{view}");

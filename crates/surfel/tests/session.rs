@@ -30,7 +30,7 @@ fn options(flags: &[(&str, &str)]) -> RenderOptions {
 fn fresh(path: &Path, options: &RenderOptions) -> Frame {
     let source = Source::of(&[path.to_path_buf()], None).unwrap();
     let request = Request::new(source, &Pictures::One, options).unwrap();
-    let loaded = request.load(None, &NoProgress).unwrap();
+    let loaded = request.load(&NoProgress).unwrap();
     let resolved = request.resolve(loaded, &NoProgress, &mut |_| ()).unwrap();
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();
     let resident = backend.upload(&resolved.scene).unwrap();

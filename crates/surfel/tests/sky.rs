@@ -39,7 +39,7 @@ fn options(flags: &[(&str, &str)]) -> RenderOptions {
 
 fn resolve(source: Source, options: &RenderOptions) -> Result<Resolved, Error> {
     let request = Request::new(source, &Pictures::One, options)?;
-    let loaded = request.load(None, &NoProgress)?;
+    let loaded = request.load(&NoProgress)?;
     request.resolve(loaded, &NoProgress, &mut |_| ())
 }
 

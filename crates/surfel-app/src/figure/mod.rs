@@ -260,8 +260,8 @@ impl FigureRequest<'_> {
         }
         let mut subjects = Vec::new();
         for paths in self.inputs.chunks(of_subject) {
-            let request = Request::new(source(paths)?, &Pictures::One, &options)?;
-            let mut loaded = request.load(self.stdin.clone(), progress)?;
+            let request = Request::new(source(paths)?, &Pictures::One, &options)?.with_stdin(self.stdin.clone());
+            let mut loaded = request.load(progress)?;
             loaded.has_one_radius = true;
             let is_of_points = loaded.facts.first().is_some_and(|facts| facts.points);
             let resolved = request.resolve(loaded, progress, note)?;

@@ -11,7 +11,7 @@ use surfel_load::Error;
 use surfel_math::srgb;
 use surfel_model::{Camera, Scene};
 use surfel_model::{MAX_IMAGE_SIDE, Settings};
-use surfel_render::{Frame, Planes, Renderer as _, View};
+use surfel_render::{Frame, Planes, View};
 
 /// Default font size, in points, of figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
@@ -249,10 +249,7 @@ impl<'a> Panels<'a> {
     ) -> Result<Frame, Error> {
         let mut frame = Frame::default();
         let resident = backend.upload(scene)?;
-        match self.request.render.samples {
-            Some(n) => backend.render_supersampled(&resident, view, settings, planes, n, &mut frame)?,
-            None => backend.render_into(&resident, view, settings, planes, &mut frame)?,
-        };
+        backend.render_sampled(&resident, view, settings, planes, self.request.render.samples, &mut frame)?;
         Ok(frame)
     }
 }

@@ -15,7 +15,7 @@
 //! let mut options = surfel_app::RenderOptions::default();
 //! options.turntable = true;
 //! let request = Request::new(Source::of(&["scan.ply".into()], None)?, &Pictures::Turn(frames), &options)?;
-//! let loaded = request.load(None, &surfel_sample::NoProgress)?;
+//! let loaded = request.load(&surfel_sample::NoProgress)?;
 //! let resolved = request.resolve(loaded, &surfel_sample::NoProgress, &mut |note| eprintln!("{note}"))?;
 //! let (mut backend, settings) = (Backend::auto()?, resolved.file.settings);
 //! let film = FilmOptions { size: [1024, 1024], frames, rate: FrameRate::default(), background: [1.0; 3] };

@@ -11,7 +11,7 @@ use crate::splats;
 use std::collections::{BTreeSet, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
-use surfel_framing::Upright;
+use surfel_framing::{Samples, Upright};
 use surfel_load::Error;
 use surfel_load::LoadedObjects;
 use surfel_load::coloring::ColorScale;
@@ -160,7 +160,7 @@ impl Sequence {
         let keys = BTreeSet::from(["shader".to_owned()]);
         let source = SceneSource { file, keys, name, base: PathBuf::new() };
         let request = Request::new(Source::Scene(Box::new(source)), &pictures, &self.options)?;
-        let loaded = request.load(None, progress)?;
+        let loaded = request.load(progress)?;
         request.resolve(loaded, progress, note)
     }
 }
@@ -210,9 +210,10 @@ impl Survey {
         let mut weights = Vec::new();
         for path in sample {
             let request = Request::new(Source::Geometry(vec![path.clone()]), &Pictures::One, options)?;
-            let one = request.load(None, progress)?;
+            let one = request.load(progress)?;
             if options.up.flatten().is_none() {
-                uprights.push(auto_up(&one.framed()));
+                let framed = one.framed();
+                uprights.push(auto_up(&framed, &Samples::new(&framed.objects)));
             }
             for (object, mut facts) in one.objects.into_iter().zip(one.facts) {
                 if let Geometry::Splats(cloud) = &object.geometry

@@ -7,15 +7,14 @@ use super::{
 use crate::camera::{self, Turntable};
 use crate::sky::SkyAndGround;
 use std::path::Path;
-use surfel_framing::{ChosenView, NamedView, ViewChoice};
+use surfel_framing::{ChosenView, NamedView, Samples, ViewChoice};
 use surfel_io::ShowPath as _;
 use surfel_load::scene::assemble;
 use surfel_load::{Error, LoadedObjects};
 use surfel_model::{Scene, Up};
 use surfel_sample::Progress;
 use surfel_stage::{
-    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_points_as, auto_transparency, auto_up,
-    scene_by,
+    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_points_as, auto_transparency, auto_up, stage,
 };
 
 impl Request {
@@ -51,10 +50,10 @@ impl Request {
             settings.depth_tolerance = tolerance;
         }
         let framed = self.estimates.framed(&loaded);
-        let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, note));
+        let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, self.estimates.samples(&framed), note));
         let view = match options.view.unwrap_or_default() {
             ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
-                let ChosenView { angles, reason } = surfel_framing::choose_view(&framed.objects, up);
+                let ChosenView { angles, reason } = surfel_framing::view_of(self.estimates.samples(&framed), up);
                 note(format!("seen from --view {angles} (azimuth and elevation; {reason})"));
                 ViewChoice::From(angles)
             }
@@ -64,7 +63,6 @@ impl Request {
         };
         let own_near = given_camera.is_none();
         let auto = AutoOptions::default()
-            .with_up(Some(up))
             .with_view(view)
             .with_projection(camera::projection(options))
             .with_size(options.size.unwrap_or(DEFAULT_SIZE))
@@ -73,27 +71,28 @@ impl Request {
             .with_settings(settings)
             .with_turning(options.turntable)
             .with_ground(options.light(true).2.is_some());
-        let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
+        let mut staged = stage(&self.estimates, objects, &framed, up, &auto)?;
         let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
         if own_near && options.eye.is_none() && options.target.is_none() {
             note_strays(&objects_only, self.estimates.kept(&framed, &objects_only), note);
         }
         let center = self.estimates.center(&framed, &objects_only).unwrap_or_default();
         if options.eye.is_some() && options.target.is_none() && own_near {
-            file.camera.target = center.into();
+            staged.camera.target = center.into();
         }
-        camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
-        camera::view(&file.camera, options)?;
+        camera::apply_flags(&mut staged.camera, &objects_only, up, own_near, options);
+        camera::view(&staged.camera, options)?;
         // The lights follow the camera, wherever the options have placed it.
         let lighting = self.estimates.lighting(&framed, up);
         let lights = match (&options.lights, options.cameras) {
             (Some(lights), _) => Some(lights.clone()),
             // All cameras share the light along the view, so that the scene doesn't change.
             (None, true) => None,
-            (None, false) => Some(lighting.lights(&file.camera)),
+            (None, false) => Some(lighting.lights(&staged.camera)),
         };
         let lighting = (options.lights.is_none() && !options.cameras).then_some(lighting);
-        file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
+        let lights = if options.shadows { lights.map(with_shadows) } else { lights };
+        let mut file = staged.into_scene(up, lights, settings);
         let kept = self.estimates.kept(&framed, &objects_only);
         let found = (up.vector(), &file.camera);
         let none = SkyAndGround::default();
@@ -117,8 +116,8 @@ impl Request {
 
 /// Estimates the up axis from the files' statements or their shape. Passes a note to `note` that states how to override
 /// it.
-fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
-    let found = auto_up(loaded);
+fn note_up(loaded: &LoadedObjects, samples: &Samples, note: &mut dyn FnMut(String)) -> Up {
+    let found = auto_up(loaded, samples);
     note(up_note(found));
     found.up
 }

@@ -241,7 +241,7 @@ fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view:
             });
         }
         Approximates::Samples(n) => {
-            reference.render_supersampled(exact, view, &subject.settings, Planes::ALL, *n, &mut frame)?;
+            reference.render_sampled(exact, view, &subject.settings, Planes::ALL, Some(*n), &mut frame)?;
         }
         Approximates::Drawn(settings) => {
             reference.render_into(exact, view, settings, Planes::ALL, &mut frame)?;

@@ -1,6 +1,6 @@
 //! Sequences: each input is a frame. The next frame is loaded while a frame is drawn.
 
-use super::{Drawn, Job, Session, Sink, choose, planes, print_scene};
+use super::{Drawn, Job, Session, Sink, planes, print_scene};
 use crate::failure::Failure;
 use crate::stats;
 use std::path::{Path, PathBuf};
@@ -9,9 +9,8 @@ use surfel_app::film::Sequence;
 use surfel_app::progressive::Detail;
 use surfel_app::request::Resolved;
 use surfel_backend::Backend;
-use surfel_backend::refusals;
 use surfel_load::Error;
-use surfel_render::{Planes, Renderer as _};
+use surfel_render::Renderer as _;
 use surfel_sample::{NoProgress, Progress as _};
 
 /// A loaded frame with the notes on its file, or the error of loading it. The loading thread sends it to the drawing
@@ -99,15 +98,6 @@ impl Session<'_> {
             bar.advance(1);
         }
         Ok(other)
-    }
-
-    /// Returns another backend if `backend` was selected automatically and can't draw the scene.
-    fn suitable(&self, backend: &Backend, resolved: &Resolved, planes: Planes) -> Result<Option<Backend>, Failure> {
-        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
-        if self.args.backend_name() != "auto" || refuses(&backend.info().capabilities).is_none() {
-            return Ok(None);
-        }
-        choose(self.args, self.threads, self.console, refuses).map(Some)
     }
 
     fn draw_frame(

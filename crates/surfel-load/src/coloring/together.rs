@@ -30,11 +30,11 @@ impl Colors {
 
     /// Returns the colouring options among loading options. Reads the files that they name.
     pub fn of(options: &LoadOptions) -> Result<Self, Error> {
-        let file = options.colormap_file.as_ref().map(|path| FileColors::read(path)).transpose()?;
-        let named = options.colormap.map(ColorMap::from);
-        let labels = options.labels.as_ref().map(|path| Labels::read(path)).transpose()?;
+        let file = options.convert.colormap_file.as_ref().map(|path| FileColors::read(path)).transpose()?;
+        let named = options.convert.colormap.map(ColorMap::from);
+        let labels = options.convert.labels.as_ref().map(|path| Labels::read(path)).transpose()?;
         let map = file.map(|colors| ColorMap::File(Arc::new(colors))).or(named);
-        Ok(Self { map, labels: labels.map(Arc::new), range: options.range })
+        Ok(Self { map, labels: labels.map(Arc::new), range: options.convert.range })
     }
 }
 

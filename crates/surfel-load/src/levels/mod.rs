@@ -77,14 +77,14 @@ pub(crate) fn read(
     let budget = options.memory.or_else(memory::default_budget).map(|bytes| bytes.saturating_sub(left));
     let point_bytes = if copc.has_colors() { memory::KNOWN_COLORED_BYTES } else { memory::KNOWN_BYTES };
     let fitting = budget.map_or(u64::MAX, |bytes| bytes / point_bytes);
-    let most = options.max_points.map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
+    let most = options.max_points().map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
     let selection = select(&copc, levels, options, most);
     let report = selection.report;
     memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
     let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
     // A COPC copy already has the column names of its source.
-    let names = options.columns.clone().filter(|_| path == copc_path);
+    let names = options.convert.columns.clone().filter(|_| path == copc_path);
     let io_options = surfel_io::LoadOptions { columns: names, ..io_options(options) };
     let is_partial = selection.is_partial(levels);
     let mut found = load_nodes(&copc, &selection, levels, options, &io_options)?;
@@ -97,7 +97,7 @@ pub(crate) fn read(
         }
     }
     if is_partial {
-        let limit = match options.max_points {
+        let limit = match options.max_points() {
             Some(_) => "`max_points` ends it",
             None if most < DEFAULT_MOST_POINTS => "`memory` ends it",
             None => "`max_points` raises the limit that ends it",
@@ -116,19 +116,20 @@ fn load_nodes(
     io_options: &surfel_io::LoadOptions,
 ) -> Result<NodePoints, Error> {
     // A condition may refer to any column.
-    let has_choice = options.chooses_classes() || options.returns.is_some() || options.condition.is_some();
+    let has_choice =
+        options.chooses_classes() || options.convert.returns.is_some() || options.convert.condition.is_some();
     // An overview reads all columns, because noise is recognised by its class and must not influence the camera.
-    let has_values = options.color_by.is_some() || options.label.is_some() || *levels == Levels::Overview;
+    let has_values = options.convert.color_by.is_some() || options.label.is_some() || *levels == Levels::Overview;
     let columns = match has_choice || has_values {
         true => NodeColumns::All,
         false => NodeColumns::Splats(if selection.is_partial(levels) { &selection.cut.values } else { &[] }),
     };
     // If nodes have more points than `max_points`, the excess is dropped evenly.
-    let is_thinned = options.max_points.is_some_and(|most| selection.report.points[0] > most as u64);
+    let is_thinned = options.max_points().is_some_and(|most| selection.report.points[0] > most as u64);
     let sight = sight(levels, copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
     let shows = |level: u32, center: DVec3, radius: f64| {
         // If finer points are missing, the splat is enlarged to this radius.
-        let reach = (radius * options.radius_scale).max(f64::from(CLOSING) * copc.spacing(level));
+        let reach = (radius * options.radius_scale()).max(f64::from(CLOSING) * copc.spacing(level));
         !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
     let keeps = sight.is_some().then_some(&shows as Keeps<'_>);

@@ -72,7 +72,8 @@ pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: 
 /// Returns the selection of levels that the options request for a file; `None` to read all points.
 pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
     // Isolated points can't be detected in a coarse level, whose points lack their finer neighbours.
-    let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
+    let is_by_levels =
+        options.convert.outliers != Some(Outliers::Drop) && (options.stdin.is_none() || path != Path::new("-"));
     options.levels.as_ref().filter(|_| is_by_levels)
 }
 
@@ -80,7 +81,8 @@ pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Le
 /// would change estimates for other points, or row numbers.
 pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
     let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
-    let is_of_all = options.interior_weight || options.sharp || options.colors != PointColors::AsIs;
+    let is_of_all =
+        options.interior_weight || options.convert.sharp || options.convert.colors == Some(PointColors::Fit);
     let has_rows = options.rows || options.label.is_some() || options.chooses_points();
     let is_alone = copc.has_splats() && !is_of_all && !has_rows;
     is_alone.then(|| Sight::new(world_from_object, views, *margin_px))

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use surfel_load::LoadOptions;
 use surfel_load::levels::{CopcRequest, save_copc};
-use surfel_model::Outliers;
+use surfel_model::{ConvertOptions, Outliers};
 use surfel_ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
 use surfel_sample::NoProgress;
 
@@ -169,6 +169,10 @@ fn noise_and_birds_are_no_surface() {
 }
 
 /// Options that load every point.
+fn drop_outliers() -> ConvertOptions {
+    ConvertOptions { outliers: Some(Outliers::Drop), ..ConvertOptions::default() }
+}
+
 fn load_all() -> LoadOptions {
     LoadOptions::default().with_withheld(true)
 }
@@ -203,7 +207,7 @@ fn withheld_points_are_no_surface_and_come_back_with_all_classes() {
 fn water_is_no_outlier() {
     let folder = Folder::new("water");
     let file = write(&folder, "water.las", las(&survey(12, None)));
-    let load = LoadOptions::default().with_surface(true).with_outliers(Outliers::Drop);
+    let load = LoadOptions::default().with_surface(true).with_convert(&drop_outliers(), Path::new(""));
     let (stats, width, heights) = model(&file, &options().with_load(load), &folder);
     let water = |heights: &[f32]| heights.iter().filter(|z| (117.5..118.5).contains(*z)).count();
     let (_, _, kept) = model(&file, &options(), &folder);
@@ -328,7 +332,7 @@ fn strays_that_make_an_image_absurdly_large_are_named() {
             "{found}"
         );
         // The suggested remedies work.
-        let load = LoadOptions::default().with_surface(true).with_outliers(Outliers::Drop);
+        let load = LoadOptions::default().with_surface(true).with_convert(&drop_outliers(), Path::new(""));
         let ortho = Ortho::open(&[&path], &OrthoOptions::new(1.0).with_load(load), &NoProgress).unwrap();
         assert_eq!(ortho.size(), [29, 29]);
         let bounds = Some([500_000.0, 4_000_000.0, 500_029.0, 4_000_029.0]);

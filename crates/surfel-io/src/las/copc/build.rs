@@ -4,7 +4,7 @@
 //! and represents all points of the cell. A cell that has a point of a level above gets none. Points that aren't
 //! selected go to the levels below. A node with few points contains all of them.
 
-use super::octants::cell;
+use super::octants::{VoxelKey, cell};
 use std::collections::HashSet;
 use std::ops::Range;
 
@@ -35,7 +35,7 @@ pub(super) struct Part {
 pub(super) fn levels(
     points: &[Coded],
     part: &Part,
-    taken: &mut HashSet<(u32, u64)>,
+    taken: &mut HashSet<VoxelKey>,
     stands: &mut dyn FnMut(usize, Range<usize>),
 ) -> Vec<u8> {
     let mut level_of = vec![NONE; points.len()];
@@ -48,7 +48,8 @@ pub(super) fn levels(
             if level_of[members.clone()].iter().any(|l| *l != NONE) {
                 continue;
             }
-            if level + CELL_BITS < part.depth && !taken.insert((level, group[0].0 >> (3 * free_bits))) {
+            if level + CELL_BITS < part.depth && !taken.insert(VoxelKey { level, code: group[0].0 >> (3 * free_bits) })
+            {
                 continue;
             }
             let from_middle = |code: u64| {

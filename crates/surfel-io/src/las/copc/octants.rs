@@ -1,7 +1,36 @@
 //! Morton codes of octants, with 21 bits per axis.
 
+use serde::{Deserialize, Serialize};
+
 /// Number of bits per axis of a Morton code, and thus the largest level below the root.
 pub(super) const BITS: u32 = 21;
+
+/// `VoxelKey` of a node: its level, and the Morton code of its x, y and z within the level.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize)]
+#[serde(from = "(u32, u64)", into = "(u32, u64)")]
+pub(super) struct VoxelKey {
+    pub(super) level: u32,
+    pub(super) code: u64,
+}
+
+impl VoxelKey {
+    /// Returns the ancestor at `level`.
+    pub(super) fn at_level(self, level: u32) -> Self {
+        Self { level, code: self.code >> (3 * (self.level - level)) }
+    }
+}
+
+impl From<(u32, u64)> for VoxelKey {
+    fn from((level, code): (u32, u64)) -> Self {
+        Self { level, code }
+    }
+}
+
+impl From<VoxelKey> for (u32, u64) {
+    fn from(VoxelKey { level, code }: VoxelKey) -> Self {
+        (level, code)
+    }
+}
 
 /// Inserts two zero bits before each of the 21 lowest bits, where a Morton code has the bits of the other axes.
 fn spread(v: u64) -> u64 {

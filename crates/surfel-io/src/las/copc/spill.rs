@@ -176,6 +176,18 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         list
     }
 
+    /// Returns the records of some lists.
+    pub(super) fn bytes_of(&mut self, lists: &[List]) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(lists.iter().map(|list| list.bytes).sum::<u64>() as usize);
+        for list in lists {
+            self.read(list, &mut |block| {
+                bytes.extend_from_slice(block);
+                Ok(())
+            })?;
+        }
+        Ok(bytes)
+    }
+
     /// Passes the blocks of a list, in order of writing, to `each`. Returns the error [`Changed`] if a block has
     /// changed since it was written.
     pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {

@@ -1,7 +1,7 @@
 //! Input files of a COPC conversion: checks that they can be one file, and the variable length records that are copied.
 
-use super::Sources;
 use super::column_input::ColumnInput;
+use crate::error::ShowPath as _;
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
 use crate::las::copc::output::Record;
@@ -13,10 +13,18 @@ use glam::DVec3;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use surfel_model::TableColumns;
 
 /// Limits of the variable length records that are copied: bytes of one record, and number of records.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 const MAX_RECORDS: usize = 256;
+
+/// Inputs that are written as one file, and the column names of the tables among them.
+#[derive(Clone, Copy)]
+pub(super) struct Sources<'a> {
+    pub(super) paths: &'a [PathBuf],
+    pub(super) columns: Option<&'a TableColumns>,
+}
 
 /// An input file.
 pub(super) struct Input {
@@ -167,7 +175,7 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
 }
 
 /// Returns the number of whole steps from one offset to another; an error if the difference isn't whole.
-pub(super) fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
+fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
     let steps = (other - first) / scale;
     let whole = steps.round();
     // Offsets of 10⁷ in steps of 10⁻⁵ have a rounding error of about 10⁻⁴ of a step.
@@ -178,8 +186,50 @@ pub(super) fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3]
     Ok(whole.to_array().map(|v| v as i64))
 }
 
+/// Inputs, and their extent by their headers.
+pub(super) struct Gathered {
+    pub(super) inputs: Vec<Input>,
+    /// Least and largest coordinates relative to the offset of the written file.
+    pub(super) low: [f64; 3],
+    pub(super) high: [f64; 3],
+    /// Number of points.
+    pub(super) count: u64,
+    pub(super) notes: Vec<String>,
+}
+
+/// Checks that the inputs are alike, and finds their shifts and extent.
+pub(super) fn gather(opened: Vec<(Input, Vec<u8>)>, scale: DVec3, offset: DVec3) -> Result<Gathered, Stop> {
+    let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
+    let (mut inputs, mut notes) = (Vec::<Input>::with_capacity(opened.len()), Vec::new());
+    for (mut input, raw) in opened {
+        if let Some(first) = inputs.first() {
+            check_alike(first, &input).map_err(|problem| invalid(&input.path, problem))?;
+        }
+        let shifted = shift(scale, offset, input.header.offset);
+        input.shift = shifted.map_err(|problem| invalid(&input.path, problem))?;
+        for k in 0..3 {
+            // Bounds from the header; points outside of them only make the octree larger.
+            let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
+            let ends = ends.map(|v| if v.is_finite() { v - offset[k] } else { 0.0 });
+            (input.low[k], input.high[k]) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+            if input.header.count > 0 {
+                (low[k], high[k]) = (low[k].min(input.low[k]), high[k].max(input.high[k]));
+            }
+        }
+        count = count.saturating_add(input.header.count);
+        if matches!(input.header.format, 4 | 5 | 9 | 10) {
+            notes.push(format!("{}: left out its waveforms", input.path.shown()));
+        }
+        inputs.push(input);
+    }
+    if count == 0 {
+        (low, high) = ([0.0; 3], [0.0; 3]);
+    }
+    Ok(Gathered { inputs, low, high, count, notes })
+}
+
 /// Checks that two inputs can be written as one file.
-pub(super) fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
+fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
     let (a, b) = (&first.header, &other.header);
     let unlike = |what: &str, found: String, expected: String| {
         let problem = Problem::new(format!("has {what} {found}")).expected(format!("{expected}, as the first input"));

@@ -1,9 +1,10 @@
 //! Building of octree nodes, part by part: splats, levels, and mean colours and normals.
 
 use super::grid::{Frame, Grid};
+use super::layout::Layout;
 use crate::error::{IoError, Problem};
 use crate::las::copc::build::{Coded, Part, levels};
-use crate::las::copc::output::Template;
+use crate::las::copc::octants::VoxelKey;
 use crate::las::field;
 use crate::las::records::{on_grid, value_of};
 use ::laz::LazVlr;
@@ -41,19 +42,16 @@ pub(super) struct Made {
     /// Compressed nodes that are complete.
     pub(super) packed: Vec<Packed>,
     /// Records of nodes above the part, which other parts have points of, too.
-    pub(super) upper: Vec<((u32, u64), Vec<u8>)>,
+    pub(super) upper: Vec<(VoxelKey, Vec<u8>)>,
 }
 
 /// Settings for building nodes; shared by threads that build several parts at once.
 pub(super) struct Maker<'a> {
     pub(super) prepare: Option<Prepare<'a>>,
-    pub(super) template: &'a Template,
-    pub(super) sorted_bytes: usize,
-    pub(super) normals: Option<[(usize, u8, f64, f64); 3]>,
+    pub(super) layout: &'a Layout,
+    /// Position of the scanner, if one scanner recorded all points.
     pub(super) viewpoint: Option<DVec3>,
-    pub(super) adds_normals: bool,
     pub(super) grid: Grid,
-    pub(super) laz: &'a LazVlr,
     /// Path of the first input, for error messages.
     pub(super) input: &'a Path,
 }
@@ -61,8 +59,9 @@ pub(super) struct Maker<'a> {
 impl Maker<'_> {
     /// Assigns levels to the points of a part and compresses the nodes inside it. `taken` contains the occupied
     /// selection cells that are larger than a part.
-    pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<(u32, u64)>) -> io::Result<Made> {
-        let (size, Loaded { part, records, margin }) = (self.sorted_bytes, loaded);
+    pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<VoxelKey>) -> io::Result<Made> {
+        let Layout { template, laz, sorted_bytes: size, adds_normals, .. } = self.layout;
+        let (size, Loaded { part, records, margin }) = (*size, loaded);
         let splats = self.splats(records, margin)?;
         let mut coded: Vec<Coded> = records
             .par_chunks_exact(size)
@@ -70,40 +69,42 @@ impl Maker<'_> {
             .map(|(i, record)| (frame.code(self.grid.units(position(record))), i as u32))
             .collect();
         coded.par_sort_unstable();
-        let color_at = (self.template.format >= 7).then_some(30);
+        let color_at = (template.format >= 7).then_some(30);
         let mut filtered = Filtered { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
         let level_of = levels(&coded, part, taken, &mut |i, group| {
             filtered.add(coded[i].1, coded[group].iter().map(|point| point.1));
         });
-        let mut nodes: BTreeMap<(u32, u64), Vec<u32>> = BTreeMap::new();
+        let mut nodes: BTreeMap<VoxelKey, Vec<u32>> = BTreeMap::new();
         for ((code, i), level) in coded.iter().zip(&level_of) {
             let level = u32::from(*level);
-            nodes.entry((level, code >> (3 * (frame.bits - level)))).or_default().push(*i);
+            let key = VoxelKey { level: frame.bits, code: *code }.at_level(level);
+            nodes.entry(key).or_default().push(*i);
         }
         drop((coded, level_of));
-        let whole = |key: (u32, u64), mut indices: Vec<u32>| {
+        let whole = |key: VoxelKey, mut indices: Vec<u32>| {
             // Points in scan order compress best.
             indices.sort_unstable();
-            let mut bytes = Vec::with_capacity(indices.len() * (size + self.template.extra_bytes));
+            let mut bytes = Vec::with_capacity(indices.len() * (size + template.extra_bytes));
             for i in indices {
                 bytes.extend_from_slice(&records[i as usize * size..][..size]);
-                filtered.write(i, self.adds_normals, &mut bytes);
+                filtered.write(i, *adds_normals, &mut bytes);
             }
             (key, bytes)
         };
         let made: Vec<_> = nodes.into_par_iter().map(|(key, indices)| whole(key, indices)).collect();
-        let (inner, upper): (Vec<_>, Vec<_>) = made.into_iter().partition(|((level, _), _)| *level >= part.depth);
-        Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, self.laz)?, upper })
+        let (inner, upper): (Vec<_>, Vec<_>) = made.into_iter().partition(|(key, _)| key.level >= part.depth);
+        Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, laz)?, upper })
     }
 
     /// Estimates the splats of points among the points around them; withheld points get zeros.
     pub(super) fn splats(&self, records: &[u8], margin: &[u8]) -> io::Result<Option<Vec<PointSplat>>> {
         let Some(prepare) = self.prepare else { return Ok(None) };
-        let rows = || records.chunks_exact(self.sorted_bytes);
-        let kept = || rows().chain(margin.chunks_exact(self.sorted_bytes)).filter(|record| !is_withheld(record));
+        let Layout { template, sorted_bytes, normals, .. } = self.layout;
+        let rows = || records.chunks_exact(*sorted_bytes);
+        let kept = || rows().chain(margin.chunks_exact(*sorted_bytes)).filter(|record| !is_withheld(record));
         let grid: Vec<[i32; 3]> = kept().map(position).collect();
-        let (origin, positions) = on_grid(grid, self.template.scale.into(), self.template.offset.into());
-        let normals = self.normals.map(|fields| {
+        let (origin, positions) = on_grid(grid, template.scale.into(), template.offset.into());
+        let normals = normals.map(|fields| {
             let of = |r: &[u8]| fields.map(|(at, kind, scale, offset)| value_of(kind)(&r[at..]) * scale + offset);
             Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
         });
@@ -136,15 +137,21 @@ pub(super) fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
     Ok(compressor.into_inner().into_inner().split_off(8))
 }
 
-/// A compressed node: level, Morton code, number of points, and chunk bytes.
-pub(super) type Packed = (u32, u64, u64, Vec<u8>);
+/// A compressed node.
+pub(super) struct Packed {
+    pub(super) key: VoxelKey,
+    /// Number of points.
+    pub(super) points: u64,
+    /// Bytes of the chunk.
+    pub(super) bytes: Vec<u8>,
+}
 
 /// Compresses nodes to chunks, in parallel.
-pub(super) fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<Packed>> {
+pub(super) fn packed(nodes: Vec<(VoxelKey, Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<Packed>> {
     let size = laz.items_size() as usize;
-    let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
-        let points = (bytes.len() / size) as u64;
-        Ok((level, code, points, pack(&bytes, laz)?))
+    let packed = nodes.into_par_iter().map(|(key, records)| {
+        let points = (records.len() / size) as u64;
+        Ok(Packed { key, points, bytes: pack(&records, laz)? })
     });
     packed.collect()
 }

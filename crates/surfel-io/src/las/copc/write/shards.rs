@@ -3,13 +3,17 @@
 //! A shard file begins with a signature and the length of a JSON head. The head describes the conversion, the chunks,
 //! and the positions of the records of nodes above the parts. The chunks and these records follow.
 
-use super::{CopcReport, Writer};
+use super::CopcReport;
+use super::build::Octree;
+use super::conversion::Conversion;
+use super::inputs::Input;
+use super::nodes::ChunkFile;
+use super::parts::packed;
 use crate::error::ShowPath as _;
 use crate::error::{IoError, Problem, READ};
-use crate::las::copc::octants::BITS;
+use crate::las::copc::octants::{BITS, VoxelKey};
 use crate::las::copc::output::{self, Chunk, Cube, Summary, Template};
 use crate::las::copc::spill::{Block, Blocks, Index, checksum};
-use crate::las::copc::write::parts::packed;
 use crate::las::field;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -43,7 +47,7 @@ struct Head {
     summary: Summary,
     chunks: Vec<Chunk>,
     chunk_bytes: u64,
-    upper: Index<(u32, u64)>,
+    upper: Index<VoxelKey>,
 }
 
 /// True if a file is a shard file.
@@ -53,47 +57,51 @@ pub(super) fn is_shard(path: &Path) -> bool {
 }
 
 /// Writes a shard file.
-pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Write) -> io::Result<CopcReport> {
-    let Some(cube) = writer.cube else { return Err(io::Error::other("no octree was built")) };
-    let inputs = writer.inputs.iter().map(|input| input.file_bytes).collect();
-    let ends = writer.share.as_ref().map(|share| share.ends).unwrap_or_default();
+pub(super) fn write(
+    conversion: &Conversion<'_>,
+    inputs: &[Input],
+    octree: Octree,
+    shard: [u32; 2],
+    sink: &mut dyn Write,
+) -> io::Result<CopcReport> {
+    let Octree { cube, nodes, summary, notes } = octree;
+    let (mut file, mut records) = (nodes.chunks, nodes.upper);
+    let inputs = inputs.iter().map(|input| input.file_bytes).collect();
+    let ends = conversion.share.as_ref().map(|share| share.ends).unwrap_or_default();
     let version = env!("CARGO_PKG_VERSION").to_owned();
-    let common = Common { version, inputs, template: writer.template, cube, ends };
-    let mut keys: Vec<((u32, u64), u64)> = writer.upper.sizes().collect();
+    let common = Common { version, inputs, template: conversion.layout.template.clone(), cube, ends };
+    let mut keys: Vec<(VoxelKey, u64)> = records.sizes().collect();
     keys.sort_unstable();
     let mut upper = Index::default();
     let mut lists = Vec::with_capacity(keys.len());
     for (key, bytes) in &keys {
-        let (list, mut records) = (writer.upper.take(*key), Vec::new());
-        writer.upper.read(&list, &mut |block| {
-            records.extend_from_slice(block);
-            Ok(())
-        })?;
-        upper.lists.push((*key, vec![(upper.end, *bytes as usize, checksum(&records))]));
+        let list = [records.take(*key)];
+        upper.lists.push((*key, vec![(upper.end, *bytes as usize, checksum(&records.bytes_of(&list)?))]));
         upper.end += bytes;
-        lists.push(list);
+        lists.extend(list);
     }
-    let all = writer.chunk_bytes + upper.end;
-    let report = report(&writer.summary, &writer.chunks, writer.notes);
-    let (summary, chunks, chunk_bytes) = (writer.summary, writer.chunks, writer.chunk_bytes);
+    let all = file.bytes + upper.end;
+    let progress = |done| (conversion.task.progress)("writing the file", done, all);
+    let (chunks, chunk_bytes) = (std::mem::take(&mut file.chunks), file.bytes);
+    let report = report(&summary, &chunks, notes);
     let head = serde_json::to_vec(&Head { shard, common, summary, chunks, chunk_bytes, upper })?;
     sink.write_all(&SIGNATURE)?;
     sink.write_all(&(head.len() as u64).to_le_bytes())?;
     sink.write_all(&head)?;
-    writer.chunk_file.seek(SeekFrom::Start(0))?;
+    let chunk_file = file.rewound()?;
     let mut done = 0;
     while done < chunk_bytes {
         let now = (chunk_bytes - done).min(COPIED_BYTES);
-        if io::copy(&mut (&mut writer.chunk_file).take(now), sink)? < now {
+        if io::copy(&mut (&mut *chunk_file).take(now), sink)? < now {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }
         done += now;
-        (writer.progress)("writing the file", done, all);
+        progress(done);
     }
     for (list, (_, bytes)) in lists.into_iter().zip(keys) {
-        writer.upper.read(&list, &mut |block| sink.write_all(block))?;
+        records.read(&list, &mut |block| sink.write_all(block))?;
         done += bytes;
-        (writer.progress)("writing the file", done, all);
+        progress(done);
     }
     Ok(report)
 }
@@ -201,11 +209,11 @@ impl Head {
             points = points.saturating_add(*own);
             chunk_bytes = chunk_bytes.saturating_add(*bytes);
         }
-        for ((level, code), blocks) in &self.upper.lists {
+        for (key, blocks) in &self.upper.lists {
             let within =
                 |(at, bytes, _): &Block| at.checked_add(*bytes as u64).is_some_and(|end| end <= self.upper.end);
             let bytes = blocks.iter().fold(0_u64, |sum, block| sum.saturating_add(block.1 as u64));
-            if !is_octant(*level, *code) || !blocks.iter().all(within) || bytes % record_bytes != 0 {
+            if !is_octant(key.level, key.code) || !blocks.iter().all(within) || bytes % record_bytes != 0 {
                 return Some("has records of a node that aren't within it");
             }
             points = points.saturating_add(bytes / record_bytes);
@@ -260,7 +268,7 @@ pub(super) fn merge(
     };
     let (mut summary, mut chunks) = (Summary::default(), Vec::new());
     // Shards that have records of each node above the parts.
-    let mut upper: BTreeMap<(u32, u64), Vec<(usize, &Blocks)>> = BTreeMap::new();
+    let mut upper: BTreeMap<VoxelKey, Vec<(usize, &Blocks)>> = BTreeMap::new();
     for (i, shard) in shards.iter().enumerate() {
         summary.add_all(&shard.head.summary);
         chunks.extend(shard.head.chunks.iter().map(|chunk| Chunk { file: i, ..*chunk }));
@@ -274,7 +282,7 @@ pub(super) fn merge(
         IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) }
     };
     let mut keys: Vec<(u32, u64, usize)> = chunks.iter().map(|c| (c.level, c.code, c.file)).collect();
-    keys.extend(upper.keys().map(|key| (key.0, key.1, 0)));
+    keys.extend(upper.keys().map(|key| (key.level, key.code, 0)));
     keys.sort_unstable();
     if let Some(same) = keys.windows(2).find(|w| (w[0].0, w[0].1) == (w[1].0, w[1].1)) {
         return Err(twice(&shards[same[1].2].path));
@@ -286,8 +294,7 @@ pub(super) fn merge(
     let written = crate::atomic::write(output, overwrite, |sink| {
         let laz = template.laz()?;
         let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut made = crate::las::copc::spill::unnamed(folder)?;
-        let mut made_bytes = 0;
+        let mut made = ChunkFile::new(crate::las::copc::spill::unnamed(folder)?);
         // The chunks of a shard are consecutive, so that one file is open at a time.
         let mut opened: Option<(usize, File)> = None;
         let mut read = |i: usize, at: u64, bytes: &mut [u8]| {
@@ -312,19 +319,12 @@ pub(super) fn merge(
                     }
                 }
             }
-            for (level, code, points, bytes) in packed(vec![(*key, records)], &laz)? {
-                made.write_all(&bytes)?;
-                let (file, at, sum, bytes) = (shards.len(), made_bytes, checksum(&bytes), bytes.len() as u64);
-                chunks.push(Chunk { file, level, code, at, bytes, points, sum });
-                made_bytes += bytes;
-            }
+            made.append(packed(vec![(*key, records)], &laz)?)?;
         }
+        chunks.extend(made.chunks.iter().map(|chunk| Chunk { file: shards.len(), ..*chunk }));
         let all = chunks.iter().map(|chunk| chunk.bytes).sum();
         let mut read_chunk = |chunk: &Chunk, bytes: &mut [u8]| match chunk.file == shards.len() {
-            true => {
-                made.seek(SeekFrom::Start(chunk.at))?;
-                made.read_exact(bytes)
-            }
+            true => made.read(chunk, bytes),
             false => {
                 read(chunk.file, chunk.at, bytes)?;
                 let is_same = checksum(bytes) == chunk.sum;

@@ -8,7 +8,7 @@ use super::grid::{Cells, Frame, Grid};
 use super::inputs::{Input, Stop};
 use crate::error::Problem;
 use crate::las::copc::build::LEAF_POINTS;
-use crate::las::copc::octants::code;
+use crate::las::copc::octants::{VoxelKey, code};
 use crate::las::header::Header;
 use crate::las::{Sink, field};
 use glam::DVec3;
@@ -171,26 +171,28 @@ impl Share {
 
     /// Completes the point counts of octants above the parts that other shards have parts of, too. Counts are exact up
     /// to the maximum of an octant that isn't divided.
-    pub(super) fn complete(&self, counts: &mut HashMap<(u32, u64), u64>, inputs: &[Input]) -> Result<(), Stop> {
+    pub(super) fn complete(&self, counts: &mut HashMap<VoxelKey, u64>, inputs: &[Input]) -> Result<(), Stop> {
         let depth = self.cells.depth;
         for level in (0..depth).rev() {
             let shift = 3 * (depth - level);
             let is_shared = |octant: u64| octant << shift < self.parts.start || (octant + 1) << shift > self.parts.end;
-            let shared: Vec<u64> = counts.keys().filter(|k| k.0 == level && is_shared(k.1)).map(|k| k.1).collect();
-            for octant in shared {
-                let below = (0..8).filter_map(|i| counts.get(&(level + 1, octant * 8 + i)));
-                let known = below.fold(counts[&(level, octant)], |most, below| most.max(*below));
-                let points = if known > LEAF_POINTS { known } else { self.count(level, octant, inputs)? };
-                counts.insert((level, octant), points);
+            let is_shared = |key: &&VoxelKey| key.level == level && is_shared(key.code);
+            let shared: Vec<VoxelKey> = counts.keys().filter(is_shared).copied().collect();
+            for key in shared {
+                let child = |i| VoxelKey { level: level + 1, code: key.code * 8 + i };
+                let below = (0..8).filter_map(|i| counts.get(&child(i)));
+                let known = below.fold(counts[&key], |most, below| most.max(*below));
+                let points = if known > LEAF_POINTS { known } else { self.count(key, inputs)? };
+                counts.insert(key, points);
             }
         }
         Ok(())
     }
 
     /// Counts the points in an octant over all inputs; stops early above [`LEAF_POINTS`].
-    fn count(&self, level: u32, octant: u64, inputs: &[Input]) -> Result<u64, Stop> {
-        let side = self.frame.finest << (self.frame.bits - level);
-        let at = crate::las::copc::octants::cell(octant);
+    fn count(&self, octant: VoxelKey, inputs: &[Input]) -> Result<u64, Stop> {
+        let side = self.frame.finest << (self.frame.bits - octant.level);
+        let at = crate::las::copc::octants::cell(octant.code);
         let low = [0, 1, 2].map(|k| self.frame.low[k] + i64::from(at[k]) * side);
         let mut found = 0;
         for (input, bounds) in inputs.iter().zip(&self.bounds) {

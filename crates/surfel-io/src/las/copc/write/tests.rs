@@ -1,7 +1,10 @@
 //! Tests that a COPC file doesn't depend on how its parts are made.
 
-use super::super::{Copc, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns};
+use super::super::build::LEAF_POINTS;
+use super::super::{Copc, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns, RADIUS};
 use super::*;
+use glam::DVec3;
+use std::fs::File;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use surfel_model::PointCloud;
 

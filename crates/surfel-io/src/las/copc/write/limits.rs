@@ -1,0 +1,57 @@
+//! Limits of a conversion, which follow from the memory that it may use.
+
+/// Memory per point of a part, in bytes, with its normal and radius; then the fixed memory beside the points.
+const HELD_POINT_BYTES: u64 = 160;
+const OTHER_BYTES: u64 = 64 << 20;
+/// Record size, in bytes, that [`HELD_POINT_BYTES`] includes.
+const USUAL_POINT_BYTES: u64 = 64;
+/// Minimum memory of a conversion, in bytes: the memory of one part.
+pub const LEAST_MEMORY: u64 = 200 << 20;
+
+/// Limits on the points per grid cell, per part, in memory, and between two saved states.
+#[derive(Clone, Copy)]
+pub(super) struct Limits {
+    /// Number of points of a surface that a grid cell is made for.
+    pub(super) cell_points: u64,
+    /// Maximum number of grid cells.
+    pub(super) most_cells: usize,
+    /// Maximum number of points of a part; a part whose points are all in one place may have more.
+    pub(super) most_points: u64,
+    /// Maximum number of points of all parts in memory together; a single larger part is still built.
+    pub(super) held_points: u64,
+    /// Maximum number of points in one place, which no subdivision separates.
+    pub(super) most_in_place: u64,
+    /// Bytes of sorted points after which the state is synced to disk, with `resume`.
+    pub(super) kept_bytes: u64,
+}
+
+impl Limits {
+    /// Returns the limits that fit into `memory` bytes. Memory decides only how many parts are built at once, not the
+    /// output.
+    pub(super) fn new(memory: u64) -> Self {
+        let (cell_points, most_points) = (1_000_000, 1_000_000);
+        let useful = cell_points * rayon::current_num_threads() as u64;
+        let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
+        let held_points = room.min(useful).max(most_points);
+        Self {
+            cell_points,
+            most_cells: 1 << 18,
+            most_points,
+            held_points,
+            most_in_place: room.max(most_points),
+            kept_bytes: 256 << 20,
+        }
+    }
+
+    /// Scales the limits to records of `bytes` bytes: fewer points fit if records are larger than usual.
+    pub(super) fn of_points(self, bytes: u64) -> Self {
+        let fewer = |points: u64| match bytes {
+            0..=USUAL_POINT_BYTES => points,
+            _ => points.saturating_mul(HELD_POINT_BYTES) / (HELD_POINT_BYTES - USUAL_POINT_BYTES + bytes),
+        };
+        let Self { most_points, held_points, most_in_place, .. } = self;
+        let [most_points, held_points, most_in_place] =
+            [most_points, held_points, most_in_place].map(|n| fewer(n).max(1));
+        Self { most_points, held_points, most_in_place, ..self }
+    }
+}
