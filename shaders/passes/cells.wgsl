@@ -265,18 +265,34 @@ fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
     }
 }
 
+// Returns the number of workgroups that set up `count` splats.
+fn setup_workgroups(count: u32) -> u32 {
+    return (count + (CELL_WORKGROUP - 1u)) / CELL_WORKGROUP;
+}
+
 // Sets up the splats of a chunk.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
-    if number >= arrayLength(&cell_chunks) {
+    let is_placed = segment.is_placed != 0u;
+    let groups = select(arrayLength(&cell_chunks), setup_workgroups(segment.count), is_placed);
+    if number >= groups {
         return;
     }
-    let chunk = cell_chunks[number];
+    var chunk = cell_chunks[select(number, 0u, is_placed)];
+    if is_placed {
+        // The workgroups divide the single chunk.
+        chunk.first = number * CELL_WORKGROUP;
+        chunk.count = min(segment.count - chunk.first, CELL_WORKGROUP);
+        chunk.group += number;
+    }
     let own = chunk.first + i;
     var splat = no_set_up_splat();
-    if i < chunk.count && !is_set_up_by_host(stored_word(own * segment.stride), chunk.state) {
-        splat = set_up(own, chunk.chunk, chunk.center);
+    if i < chunk.count {
+        let code = stored_word(own * segment.stride);
+        if code != SPLAT_HIDDEN && !is_set_up_by_host(code, chunk.state) {
+            splat = set_up(own, chunk.chunk, chunk.center);
+        }
     }
     write_group(chunk.group, i, splat.record, splat.is_there);
 }

@@ -44,6 +44,11 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
 // A host's depth buffer, of the size of the shaded region.
 @group(1) @binding(23) var host_depths: texture_depth_2d;
 
+// Returns 1/z of the host's geometry at a pixel, or z itself in an orthographic projection.
+fn host_depth_along(at: vec2i) -> f32 {
+    return (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
+}
+
 // Starts the layers like begin_layers. A host's depth buffer also occludes the transparent splats behind it.
 @compute @workgroup_size(8, 8)
 fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
@@ -53,8 +58,7 @@ fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     let at = vec2i(id.xy) - vec2i(frame.shade_origin_px);
     var occluder_depth = 0.0;
     if all(vec2i(0, 0) <= at) && all(at < vec2i(frame.shade_size_px)) {
-        let along = (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
-        // `along` is 1/z, or z itself in an orthographic projection.
+        let along = host_depth_along(at);
         occluder_depth = max(frame.projection.near * along, 0.0);
         if frame.projection.kind == ORTHOGRAPHIC {
             occluder_depth = reversed_depth(max(along, frame.projection.near));

@@ -239,9 +239,27 @@ fn end_gaussian_dispatch(pixel: u32, sums: GaussianSums, is_finished: bool) {
 // Blends Gaussians in the order of the list.
 @compute @workgroup_size(8, 8)
 fn gaussians(@builtin(global_invocation_id) id: vec3u) {
+    if id.x < frame.shade_size_px.x && id.y < frame.shade_size_px.y {
+        blend_gaussians(id, frame.empty_depth);
+    }
+}
+
+// Blends Gaussians like `gaussians`, without the fragments behind a host's geometry.
+@compute @workgroup_size(8, 8)
+fn gaussians_in_host(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
         return;
     }
+    var z = host_depth_along(vec2i(id.xy));
+    if frame.projection.kind == PERSPECTIVE {
+        // A reversed depth of 0 is infinitely far.
+        z = select(frame.empty_depth, 1.0 / z, z > 0.0);
+    }
+    blend_gaussians(id, z);
+}
+
+// Blends the fragments of a pixel that are no deeper than `farthest`.
+fn blend_gaussians(id: vec3u, farthest: f32) {
     let place = vec2i(id.xy) + frame.origin_px;
     let pixel = id.y * frame.shade_size_px.x + id.x;
     let list = gaussian_list(id);
@@ -262,7 +280,7 @@ fn gaussians(@builtin(global_invocation_id) id: vec3u) {
     for (; at < end && sums.is_open; at++) {
         let record = gaussian_lists[at];
         let fragment = gaussian_fragment(record, place);
-        if fragment.alpha >= 0.0 {
+        if fragment.alpha >= 0.0 && fragment.z <= farthest {
             blend_gaussian(&sums, record, fragment);
         }
     }

@@ -171,6 +171,9 @@ fn write_record(i: u32, splat: SetUpSplat) {
 // Sets up splat i of the segment, unless its chunk is outside of the view or the CPU has set it up.
 fn set_up_of_chunk(i: u32) -> SetUpSplat {
     let code = stored_word(i * segment.stride);
+    if code == SPLAT_HIDDEN {
+        return no_set_up_splat();
+    }
     let chunk = chunks[code / CHUNK_SPLATS];
     if chunk.state == CHUNK_OUTSIDE || is_set_up_by_host(code, chunk.state) {
         return no_set_up_splat();
@@ -220,6 +223,20 @@ fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     return project(i, splat, shading, color, object);
 }
 
+// Half-axes longer than the distance times this number are too long for f32 (rendering model §3, last paragraph).
+const VAST: f32 = 1e7;
+
+// True if f32 can't project a splat: it reaches the near plane or spans much of its distance. The CPU sets up such
+// splats in f64, unless a host places them: they are then not drawn.
+fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
+    let projection = frame.projection;
+    let perspective = projection.kind == PERSPECTIVE;
+    let distance = select(projection.height, splat.p.z, perspective);
+    let size = max(v3_max_abs(splat.s), v3_max_abs(splat.t));
+    let is_close = perspective && extent >= 0.5 * splat.p.z;
+    return splat.p.z < projection.near || is_close || distance * VAST < size;
+}
+
 // Projects a splat whose centre is at or beyond z_near.
 fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> SetUpSplat {
     let projection = frame.projection;
@@ -240,6 +257,9 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let extent = projected.depth_extent;
     let back_facing = 0.0 <= projected.facing;
     let outside = z + extent < projection.near || projection.far < z - extent;
+    if segment.is_placed != 0u && reaches_near(splat, extent) {
+        return no_set_up_splat();
+    }
     if outside || projected_is_edge_on(projected) || (back_facing && object.cull_back != 0u) {
         return no_set_up_splat();
     }

@@ -31,6 +31,23 @@ struct Point {
     is_there: bool,
 }
 
+// A visible surface as a host's shader gets it (host_color.wgsl). Colours are linear.
+struct HostSurface {
+    albedo: vec3f,
+    // Unit normal in world axes, or 0 if there is none.
+    normal: vec3f,
+    // Position relative to the eye, in world axes.
+    position: vec3f,
+    // Unit direction to the eye, in world axes.
+    to_eye: vec3f,
+    // Planar depth: distance from the eye along the viewing direction.
+    depth: f32,
+    // Ambient, diffuse and specular factor, shininess.
+    material: vec4f,
+    // Colour by Phong's model, with the scene's lights and shadows.
+    lit: vec3f,
+}
+
 struct Surface {
     color: vec3f,
     normal: vec3f,
@@ -70,10 +87,14 @@ fn unlimited_color_of(at: vec3f, point: Point, albedo: vec3f, full: bool) -> vec
     let normal = point.normal;
     let material = point.material;
     switch frame.shader_kind {
-        case SHADER_PHONG, SHADER_TOON: {
+        case SHADER_PHONG, SHADER_TOON, SHADER_HOST: {
             let position = frame.world_from_view * at;
             let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
-            return lit(albedo, normal, position, to_eye, material, full);
+            let color = lit(albedo, normal, position, to_eye, material, full);
+            if frame.shader_kind == SHADER_HOST {
+                return host_color(HostSurface(albedo, normal, position, to_eye, z, material, color));
+            }
+            return color;
         }
         case SHADER_MATCAP: {
             let position = frame.world_from_view * at;
@@ -388,4 +409,73 @@ fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0)
         discard;
     }
     return vec4f(layers.color, layers.opacity);
+}
+
+// Planes that a shading pass, the samples of edges or a pass of Gaussians has written, of the shaded region.
+@group(1) @binding(62) var<storage, read> host_planes: array<f32>;
+
+fn host_plane_at(pixel: vec2i) -> u32 {
+    return u32(pixel.y) * frame.shade_size_px.x + u32(pixel.x);
+}
+
+fn host_plane_color(pixel: vec2i) -> vec4f {
+    let at = frame.color_at + 4u * host_plane_at(pixel);
+    return vec4f(host_planes[at], host_planes[at + 1u], host_planes[at + 2u], host_planes[at + 3u]);
+}
+
+// Returns the depth at which a pixel is tested: its own or, where only samples beside its centre show a surface, the
+// nearest of its neighbours. +∞ without either.
+fn host_plane_depth(pixel: vec2i) -> f32 {
+    let own = host_planes[frame.depth_at + host_plane_at(pixel)];
+    if own < frame.empty_depth {
+        return own;
+    }
+    let last = vec2i(frame.shade_size_px) - 1;
+    var nearest = frame.empty_depth;
+    for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
+        for (var x = max(pixel.x - 1, 0); x <= min(pixel.x + 1, last.x); x++) {
+            nearest = min(nearest, host_planes[frame.depth_at + host_plane_at(vec2i(x, y))]);
+        }
+    }
+    return nearest;
+}
+
+// Composites the planes into a host's render target, for frames whose colours are complete only there.
+@fragment
+fn composite_planes_fragment(@builtin(position) position: vec4f) -> Composite {
+    let pixel = vec2i(floor(position.xy));
+    let color = host_plane_color(pixel);
+    let z = host_plane_depth(pixel);
+    if color.a <= 0.0 || !(z < frame.empty_depth) {
+        discard;
+    }
+    return Composite(color, host_depth_of(z));
+}
+
+// Composites planes whose fragments the host's depth has already cut off.
+@fragment
+fn composite_planes_over_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
+    let color = host_plane_color(vec2i(floor(position.xy)));
+    if color.a <= 0.0 {
+        discard;
+    }
+    return color;
+}
+
+struct CompositeIndex {
+    // Number of the draw, and number of the record.
+    @location(0) found: vec2i,
+    @builtin(frag_depth) depth: f32,
+}
+
+// Writes the nearest splat, polygon or ball of each pixel that passes the host's depth test.
+@fragment
+fn composite_index_fragment(@builtin(position) position: vec4f) -> CompositeIndex {
+    let at = host_plane_at(vec2i(floor(position.xy)));
+    let nearest = frame.nearest_at + 2u * at;
+    let z = host_planes[frame.depth_at + at];
+    if host_planes[nearest] == 0.0 || !(z < frame.empty_depth) {
+        discard;
+    }
+    return CompositeIndex(vec2i(i32(host_planes[nearest]) - 1, i32(host_planes[nearest + 1u])), host_depth_of(z));
 }

@@ -15,6 +15,8 @@ const SHADER_DEPTH: u32 = 3u;
 const SHADER_TOON: u32 = 4u;
 const SHADER_MATCAP: u32 = 5u;
 const SHADER_EDL: u32 = 6u;
+// Phong with the colour of a host (host_color.wgsl).
+const SHADER_HOST: u32 = 7u;
 
 // Samples along a side of a pixel, if edges are antialiased by samples (§5).
 const SAMPLES_SIDE: u32 = 4u;
@@ -185,7 +187,12 @@ struct Segment {
     alpha_at: u32,
     // Offset in words of the chunks' scales in `splats`; ABSENT if splats are f32.
     scales_at: u32,
+    // 1 if a host places the splats (place_splats.wgsl). They are one chunk, whose origin is that of the object.
+    is_placed: u32,
 }
+
+// Code of a splat that isn't drawn because its host has placed it nowhere.
+const SPLAT_HIDDEN: u32 = 0xffffffffu;
 
 const WORKGROUP: u32 = 64u;
 

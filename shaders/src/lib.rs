@@ -31,6 +31,38 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// Formulas and passes as one WGSL text.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
+/// Text of the passes in which a host's text replaces the function `host_color`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HostShader {
+    /// The whole text.
+    pub text: String,
+    /// Number of lines before the host's text.
+    pub lines_before: u32,
+    /// Number of lines of the host's text.
+    pub lines: u32,
+}
+
+impl HostShader {
+    /// Puts a host's text into [`PASSES`].
+    pub fn new(host: &str) -> Self {
+        let module = "// ==== passes/host_color.wgsl\n";
+        let (before, rest) = PASSES.split_once(module).unwrap_or((PASSES, ""));
+        let after = rest.split_once("// ==== ").map_or("", |(_, after)| after);
+        let before = format!("{before}{module}");
+        Self {
+            text: format!("{before}{host}\n// ==== {after}"),
+            lines_before: before.lines().count() as u32,
+            lines: host.lines().count() as u32,
+        }
+    }
+
+    /// Returns the line of the host's text, counted from 1, for a line of the whole text; `None` outside of it.
+    pub fn line(&self, line: u32) -> Option<u32> {
+        let own = line.checked_sub(self.lines_before)?;
+        (1..=self.lines).contains(&own).then_some(own)
+    }
+}
+
 /// SPIR-V 1.3 for Vulkan 1.1 of each entry point of [`PASSES`], by name. A module contains the entry point and the code
 /// that it uses. Clip space has y up as in WebGPU.
 pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));

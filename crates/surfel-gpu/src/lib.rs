@@ -57,7 +57,7 @@ pub use frame::planes::PlaneLayout;
 pub use frame::samples::SamplePart;
 pub use frame::shadow_maps::{SHADOW_MAPS, ShadowMapCache, ShadowMapJob, shadow_map_jobs, shadow_texels};
 pub use frame::surface_count::least_surfaces;
-pub use frame::tile::{NearRecords, SegmentData, TileData};
+pub use frame::tile::{HostWork, NearRecords, SegmentData, TileData};
 pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
 pub use passes::cell_stages::{CellStage, CellStep, cell_entries, is_cell_entry};
@@ -68,8 +68,8 @@ pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offse
 pub use passes::memory::{Precision, TargetKey, count_frame_bytes, layer_composite_bytes, target_bytes};
 pub use passes::pass_list::with_more_layers;
 pub use passes::pixel_pass::{
-    EDGE_SAMPLES, GAUSSIAN_BUFFERS, HOST_DEPTH_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass,
-    SETUP_STEPS_BINDING,
+    EDGE_SAMPLES, GAUSSIAN_BUFFERS, HOST_DEPTH_BINDING, HOST_PLANES_BINDING, PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES,
+    PixelPass, SETUP_STEPS_BINDING,
 };
 pub use passes::plan_cost::PlanCost;
 pub use passes::probe::FillRateProbe;
@@ -78,5 +78,6 @@ pub use passes::targets::{Target, TargetFormat};
 pub use scene::chunk::Chunk;
 pub use scene::clip::Variant;
 pub use scene::limits::Limits;
+pub use scene::placement::{HostAttribute, HostFormat, HostLayout, Placed, PlacedBounds};
 pub use scene::segment::{RecordBytes, Segment, UploadedScene};
 pub use scene::upload::Upload;

@@ -68,6 +68,22 @@ impl ShadowScene {
         (radius > 0.0 && radius.is_finite()).then_some(Self { lights, center, radius })
     }
 
+    /// Extends the bounds by a sphere in world space.
+    pub fn include(&mut self, center: DVec3, radius: f64) {
+        let apart = center - self.center;
+        let distance = apart.length();
+        if distance + radius <= self.radius {
+            return;
+        }
+        if distance + self.radius <= radius {
+            (self.center, self.radius) = (center, radius);
+            return;
+        }
+        let joint = 0.5 * (distance + self.radius + radius);
+        self.center += apart * ((joint - self.radius) / distance);
+        self.radius = joint;
+    }
+
     /// Returns the maps of all lights, for splats with the kernel cutoff `cutoff`, in (0, 50].
     pub fn maps(&self, cutoff: f64) -> Vec<ShadowMap> {
         self.lights.iter().flat_map(|(i, light)| self.maps_of(*i, light, cutoff)).collect()

@@ -15,18 +15,25 @@ const NEAR: f64 = 0.1;
 
 /// The host's own shader: a triangle in clip space, with the same depth z_near/z as the splats.
 const TRIANGLE: &str = "
-vertex fn vertex(builtin(vertex_index) i: u32) -> builtin(position) vec4f {
+@vertex fn vertex(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     // In view space, y up: 4 units away, through the middle of the ring.
     let corners = array(vec3f(-0.65, -0.9, 3.8), vec3f(0.65, -0.9, 3.8), vec3f(0.0, 1.2, 4.2));
     let p = corners[i];
     let f = 1.0 / tan(radians(22.5));
     return vec4f(p.x * f * 320.0 / 480.0, p.y * f, 0.1, p.z);
 }
-fragment fn fragment() -> location(0) vec4f { return vec4f(0.9, 0.55, 0.1, 1.0); }
+@fragment fn fragment() -> @location(0) vec4f { return vec4f(0.9, 0.55, 0.1, 1.0); }
 ";
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args().nth(1).unwrap_or_else(|| "among_triangles.png".into());
+    run(path.as_ref())?;
+    println!("{path}");
+    Ok(())
+}
+
+/// Draws the image and writes it as a PNG.
+pub(crate) fn run(path: &std::path::Path) -> Result<(), Box<dyn Error>> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
     let required_features = adapter.features() & wgpu::Features::FLOAT32_BLENDABLE;
@@ -61,12 +68,11 @@ fn main() -> Result<(), Box<dyn Error>> {
         depth: &depth_view,
         depth_format,
         mapping: HostDepth::reversed(NEAR as f32),
+        index: None,
     };
     renderer.render_to_view(&mut encoder, &resident, &View::new(&camera)?, &settings, &target)?;
 
-    save(&device, &queue, encoder, &color, path.as_ref())?;
-    println!("{path}");
-    Ok(())
+    save(&device, &queue, encoder, &color, path)
 }
 
 fn texture(device: &wgpu::Device, format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> wgpu::Texture {

@@ -3,6 +3,7 @@
 use crate::execute::{TileInputs, compute};
 use crate::pipelines::CellPipeline;
 use crate::queries::Queries;
+use crate::queue::Queue;
 use crate::scene::{empty, filled};
 use std::collections::HashMap;
 use surfel_gpu::{
@@ -53,7 +54,7 @@ pub(crate) struct CellTile<'a> {
 impl<'a> CellTile<'a> {
     pub(crate) fn new(
         device: &wgpu::Device,
-        queue: &wgpu::Queue,
+        queue: &Queue,
         inputs: &TileInputs<'a>,
         counts: &CellCounts,
         buffers: &CellBuffers,

@@ -1,16 +1,17 @@
 //! Recording of the steps of a tile.
 
 use crate::host_target::HostTarget;
-use crate::pipelines::{HostKey, Pipelines};
+use crate::pipelines::{HostKey, Part, Pipelines};
 use crate::queries::{Queries, Query};
-use crate::scene::{Records, ResidentScene, bind, bind_with, filled, filled_before};
+use crate::queue::Queue;
+use crate::scene::{Records, ResidentScene, bind, bind_some, bind_with, filled, filled_before};
 use crate::targets::Targets;
 use std::collections::HashMap;
 use std::ops::Range;
 use surfel_gpu::{
-    Draw, FrameScene, GAUSSIAN_BUFFERS, GaussianLists, HOST_DEPTH_BINDING, NearRecords, PIXEL_PASS_BUFFERS,
-    PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Step, Target, TileData, Variant, binding_slots,
-    layer_draw_offset, layer_draw_words, workgroups,
+    Draw, FrameScene, GAUSSIAN_BUFFERS, GaussianLists, HOST_DEPTH_BINDING, HOST_PLANES_BINDING, NearRecords,
+    PIXEL_PASS_BUFFERS, PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Step, Target, TileData, Variant,
+    binding_slots, layer_draw_offset, layer_draw_words, workgroups,
 };
 
 /// Resources that the steps of a tile read.
@@ -28,6 +29,8 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
     /// Bind group for compositing into a host's render target.
     composite_group: wgpu::BindGroup,
+    /// Bind group for compositing the planes into a host's render target.
+    host_planes_group: wgpu::BindGroup,
     /// Bind group of the pass that binds like a pixel pass ([`Draw::binds_as_pixel_pass`]), if the tile has one.
     steps_group: Option<wgpu::BindGroup>,
     /// Size of the drawn part of the targets, in pixels.
@@ -82,7 +85,7 @@ struct RecordDraw {
 /// buffers for the number of drawn splats. The first counts splats at their first setup, the second at repeated setups.
 fn segment_groups(
     device: &wgpu::Device,
-    queue: &wgpu::Queue,
+    queue: &Queue,
     inputs: &TileInputs<'_>,
     counters: [&wgpu::Buffer; 2],
 ) -> Vec<Option<SegmentGroups>> {
@@ -110,7 +113,7 @@ fn segment_groups(
 }
 
 /// Creates the draw calls of records at the near plane.
-fn near_draws(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'_>) -> Vec<RecordDraw> {
+fn near_draws(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'_>) -> Vec<RecordDraw> {
     let TileInputs { scene, pipelines, data, .. } = *inputs;
     let storage = wgpu::BufferUsages::STORAGE;
     let draws = data.near.iter().enumerate().filter_map(|(i, near)| {
@@ -132,7 +135,7 @@ fn near_draws(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'_
 }
 
 impl<'a> Tile<'a> {
-    pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'a>) -> Self {
+    pub(crate) fn new(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'a>) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
         let storage = wgpu::BufferUsages::STORAGE;
         let buffers = [
@@ -206,6 +209,12 @@ impl<'a> Tile<'a> {
                 .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group))))
                 .collect(),
             composite_group: finish("composite_fragment", &pipelines.composite_group),
+            host_planes_group: bind_some(
+                device,
+                "planes to compose",
+                &pipelines.host_planes_group,
+                &[(HOST_PLANES_BINDING, &targets.planes)],
+            ),
             steps_group: targets.key.draws.iter().find(|draw| draw.binds_as_pixel_pass()).and_then(|&draw| {
                 let [_, entry] = draw.entries(Variant::Whole);
                 let pipeline = pipelines.draw(draw, Variant::Whole, targets.key.precision)?;
@@ -257,8 +266,8 @@ impl<'a> Tile<'a> {
     /// Composes the image into a host's render target.
     pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
         let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
-        let color =
-            wgpu::RenderPassColorAttachment { view: target.color, depth_slice: None, resolve_target: None, ops: load };
+        let view = target.index.filter(|_| host.part == Part::Index).unwrap_or(target.color);
+        let color = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops: load };
         let depth = wgpu::RenderPassDepthStencilAttachment {
             view: target.depth,
             depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
@@ -273,7 +282,8 @@ impl<'a> Tile<'a> {
         if let Some(pipeline) = self.pipelines.composite(host) {
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &self.frame_group, &[]);
-            pass.set_bind_group(1, &self.composite_group, &[]);
+            let planes = host.part.reads_planes();
+            pass.set_bind_group(1, if planes { &self.host_planes_group } else { &self.composite_group }, &[]);
             pass.draw(0..3, 0..1);
         }
     }

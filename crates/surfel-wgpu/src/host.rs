@@ -6,40 +6,99 @@ use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Part};
 use crate::renderer::Renderer;
 use crate::scene::{ResidentScene, empty};
-use surfel_gpu::{FrameScene, PixelPass, Step, TargetKey, TileData, schedule};
+use surfel_gpu::{FrameScene, FrameTiles, GpuPath, PixelPass, SamplePart, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
-use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
+use surfel_render::{Capabilities, Feature, FramePlan, Identity, Pass, Planes, RenderError, View, plan};
 
-/// Features that drawing into a host's target lacks.
-///
-/// - Edges by samples: the host's depth buffer has one depth per pixel, too few to test samples against.
-/// - Trained Gaussians: they would have to be blended with the host's geometry fragment by fragment.
-/// - A-buffers: the number of remaining layers would have to be read back.
-/// - Balls: no variant of the pass that writes into a host's target shades them.
-/// - The margin and a sky whose light isn't stored: no GPU backend draws them.
-const CAPABILITIES: Capabilities = Capabilities {
-    backend: crate::NAME,
-    lacks: &[Feature::ABuffer, Feature::Balls, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin, Feature::Sky],
-};
+/// Features that drawing into a host's target lacks: those that no GPU backend draws, and A-buffers. Only a readback
+/// tells how many layers an A-buffer has, and nothing is read back here.
+const CAPABILITIES: Capabilities =
+    Capabilities { backend: crate::NAME, lacks: &[Feature::ABuffer, Feature::Margin, Feature::Sky] };
+
+/// Names the pixels of a host's texture of numbers ([`HostTarget::index`]) for one call of
+/// [`Renderer::render_to_view`].
+pub struct HostIndex(TileData);
+
+impl HostIndex {
+    /// Returns the row, object and label of a pixel's nearest splat, polygon or ball. `pixel` is the pixel's pair of
+    /// numbers, and `scene` the scene that was drawn. Other pairs than the call has written have no identity:
+    /// [`Identity::NOTHING`]. A host that clears its texture to −1 can tell its own pixels so.
+    pub fn identity(&self, scene: &ResidentScene, pixel: [i32; 2]) -> Identity {
+        match (pixel, usize::try_from(pixel[1])) {
+            ([-1, _], _) | (_, Err(_)) => Identity::NOTHING,
+            ([draw, _], Ok(record)) => self.0.identity(&scene.cpu, draw, record),
+        }
+    }
+}
+
+/// Decisions about a frame in a host's target.
+struct HostFrame {
+    /// Parts of the composition, in order.
+    parts: Vec<Part>,
+    /// True if shaders read the host's depth buffer.
+    reads_depth: bool,
+    /// True if the planes are shaded before they are composited.
+    has_planes: bool,
+}
+
+impl HostFrame {
+    fn of(plan: &FramePlan, target: &HostTarget<'_>) -> Self {
+        // Means of samples, Gaussians and balls are complete only in the planes.
+        let by_planes = plan.has(Pass::EdgeSamples) || plan.has(Pass::Gaussians) || plan.has(Pass::Balls);
+        let has_layers = PixelPass::of(plan).contains(&PixelPass::BeginLayers);
+        let is_cut = plan.has(Pass::Gaussians) || (has_layers && !by_planes);
+        let reads_depth = is_cut && is_readable(target.depth);
+        // The numbers are written first, while the depth is still the host's own.
+        let mut parts: Vec<Part> = target.index.map(|_| Part::Index).into_iter().collect();
+        parts.extend_from_slice(match (by_planes, reads_depth) {
+            (true, true) => &[Part::PlanesOver],
+            (true, false) => &[Part::Planes],
+            (false, true) => &[Part::Opaque, Part::Layers],
+            (false, false) => &[Part::Whole],
+        });
+        Self { parts, reads_depth, has_planes: by_planes || target.index.is_some() }
+    }
+
+    /// Returns a pixel pass, or the pass that replaces it where the host's depth is read.
+    fn pass(&self, pass: PixelPass) -> PixelPass {
+        match pass {
+            PixelPass::BeginLayers if self.reads_depth => PixelPass::BeginLayersInHost,
+            PixelPass::Gaussians if self.reads_depth => PixelPass::GaussiansInHost,
+            others => others,
+        }
+    }
+}
 
 impl Renderer {
     /// Draws a scene into a host's render target. Where the scene's surface passes the depth test, it replaces colour
     /// and depth; other pixels don't change. The scene's background is not drawn, and antialiased edges blend over the
     /// host's colours.
     ///
-    /// Transparent splats blend over the host's colours, too, and don't write the depth. Splats that the host's
-    /// geometry occludes are not drawn, which requires reading the depth buffer. If it can't be read (see
-    /// [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the whole
-    /// pixel and writes its depth. The host's geometry between these surfaces is then lost: layers are composited front
-    /// to back, but blending with the host's image is back to front.
+    /// Everything that a frame has is drawn, too, with the colours of a frame over the host's:
+    /// - *Transparent splats* blend over the host's colours and don't write the depth. Splats that the host's geometry
+    ///   occludes are not drawn, which requires reading the depth buffer. If it can't be read (see
+    ///   [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the whole
+    ///   pixel and writes its depth. The host's geometry between these surfaces is then lost: layers are composited
+    ///   front to back, but blending with the host's image is back to front.
+    /// - *Trained Gaussians* do the same. If the depth buffer can't be read, their mean depth decides and is written.
+    /// - *Edges by samples* and *balls*: one depth decides for the whole pixel, that of the nearest surface at its
+    ///   centre. Where only samples beside the centre show a surface, it is the nearest depth of the eight neighbours.
+    ///   Transparent splats follow the same rule here, whether or not the depth can be read.
+    /// - *Numbers of splats* go to [`HostTarget::index`], and the result resolves them.
+    ///
+    /// One rule says what is refused: whatever needs a readback to know how many passes it takes. These are A-buffers,
+    /// Gaussians sorted by pixel, and more than 32,768 Gaussians before 16×16 pixels.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
     /// Nothing is read back, and no times are measured. `target` must have the size of the view's region.
     ///
     /// # Errors
-    /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] for clouds that lack one;
-    /// - [`RenderError::Unsupported`] for edges by samples, A-buffers, balls and trained Gaussians;
-    /// - [`RenderError::Backend`] for a region larger than the largest texture, and for targets that wgpu refuses.
+    /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] and
+    ///   [`RenderError::NoRows`] for clouds that lack one;
+    /// - [`RenderError::Unsupported`] for A-buffers, and for skies whose light isn't stored;
+    /// - [`RenderError::Backend`] for other refused frames, for a region larger than the largest texture, for
+    ///   balls on a device with WebGPU's core limit of eight storage buffers per stage, and for targets that wgpu
+    ///   refuses.
     pub fn render_to_view(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -47,45 +106,47 @@ impl Renderer {
         view: &View,
         settings: &Settings,
         target: &HostTarget<'_>,
-    ) -> Result<(), RenderError> {
-        let planes = Planes::COLOR.with_depth(true);
+    ) -> Result<HostIndex, RenderError> {
+        let planes = Planes::COLOR.with_depth(true).with_index(target.index.is_some());
         let plan = plan(&scene.cpu.summary, view, settings, planes, &CAPABILITIES)?;
+        self.check_bindings(&plan)?;
         let (region, side) = (view.region, self.limits.texture_side);
-        // Targets have a border of a pixel for edges.
-        let side = side.saturating_sub(2);
+        // Targets have a border for passes that read neighbours.
+        let side = side.saturating_sub(2 * plan.reach_px());
         if region.width > side || region.height > side {
             let (width, height) = (region.width, region.height);
             return Err(failed(format!("the view is of {width}x{height} pixels, expected at most {side} a side")));
         }
-        let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
-        let mut data = TileData::new(&scene.cpu, &frame_scene, view, &plan, region);
-        data.check(self.limits).map_err(failed)?;
-        data.set_host_depth(target.mapping.offset, target.mapping.scale);
-        // No plane is read back.
-        let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
+        let frame_scene = FrameScene::new(&scene.cpu, view, &plan).with_host_shader(self.has_host_shader);
+        let mut data = self.host_tile(scene, &frame_scene, view, &plan)?;
+        let mut samples = SamplePart::all(&scene.cpu, &frame_scene, view, &plan, (region, &data), scene.shared_records);
+        let own = std::iter::once(&mut data).chain(samples.iter_mut().map(|part| &mut part.data));
+        for data in own {
+            self.host_work += data.host_work();
+            data.check(self.limits).map_err(failed)?;
+            data.set_host_depth(target.mapping.offset, target.mapping.scale);
+            data.clear_background();
+        }
+        let frame = HostFrame::of(&plan, target);
+        let floats = if frame.has_planes { data.planes.buffer_floats } else { 1 };
+        let key = TargetKey { floats, ..self.key(&plan, &data) };
         let texels = self.shadow_maps(scene, &plan)?.0;
-        let mut pixels = PixelPass::of(&plan);
-        let reads_depth = pixels.contains(&PixelPass::BeginLayers) && is_readable(target.depth);
-        let parts: &[Part] = if reads_depth { &[Part::Opaque, Part::Layers] } else { &[Part::Whole] };
+        let pixels: Vec<PixelPass> = PixelPass::of(&plan).into_iter().map(|pass| frame.pass(pass)).collect();
         let steps = schedule(&plan, &data.visible(), scene.shared_records);
-        let in_host = |pixels: PixelPass| match pixels {
-            PixelPass::BeginLayers if reads_depth => PixelPass::BeginLayersInHost,
-            others => others,
-        };
-        pixels.iter_mut().for_each(|pixels| *pixels = in_host(*pixels));
         let device = self.device.clone();
         scoped(&device, || {
-            self.prepare(key, &data.variants(), &pixels);
+            for data in std::iter::once(&data).chain(samples.iter().map(|part| &part.data)) {
+                self.prepare(key.clone(), &data.variants(), &pixels);
+            }
             let host = |part| HostKey {
                 part,
                 color: target.color_format,
                 depth: target.depth_format,
                 compare: target.mapping.compare,
             };
-            parts.iter().for_each(|&part| self.pipelines.prepare_composite(&device, host(part)));
+            frame.parts.iter().for_each(|&part| self.pipelines.prepare_composite(&device, host(part)));
             let Some(targets) = &self.targets else { return };
             let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-            let host_depth = reads_depth.then_some(target.depth);
             let inputs = TileInputs {
                 scene,
                 pipelines: &self.pipelines,
@@ -95,19 +156,52 @@ impl Renderer {
                 pixel_passes: &pixels,
                 shadow_texels: &texels,
                 drawn_shadow_texels: &none,
-                host_depth,
+                host_depth: frame.reads_depth.then_some(target.depth),
             };
             let tile = Tile::new(&device, &self.queue, &inputs);
             for step in steps {
                 match step {
-                    Step::PixelPass(pixels) if pixels.is_shade() => {}
-                    Step::PixelPass(pixels) => tile.step(encoder, &Step::PixelPass(in_host(pixels)), None),
+                    Step::PixelPass(pass) if pass.is_shade() && !frame.has_planes => {}
+                    Step::PixelPass(pass) => tile.step(encoder, &Step::PixelPass(frame.pass(pass)), None),
                     other => tile.step(encoder, &other, None),
                 }
             }
-            parts.iter().for_each(|&part| tile.composite(encoder, host(part), target));
+            for part in &samples {
+                let tile = Tile::new(&device, &self.queue, &TileInputs { data: &part.data, ..inputs });
+                part.steps.iter().for_each(|step| tile.step(encoder, step, None));
+            }
+            frame.parts.iter().for_each(|&part| tile.composite(encoder, host(part), target));
         })?;
-        self.errors.check()
+        self.errors.check()?;
+        Ok(HostIndex(data))
+    }
+
+    /// Returns the data of the single tile that is drawn into a host's target.
+    fn host_tile(
+        &self,
+        scene: &ResidentScene,
+        frame: &FrameScene,
+        view: &View,
+        plan: &FramePlan,
+    ) -> Result<TileData, RenderError> {
+        if !plan.has(Pass::Gaussians) {
+            return Ok(TileData::new(&scene.cpu, frame, view, plan, view.region));
+        }
+        let mut tiles = FrameTiles::new(&scene.cpu, frame, view, plan, self.limits, GpuPath::Raster);
+        let unfinished = |what: &str| {
+            failed(format!(
+                "{what}, and into a host's target nothing is read back: choose `sort=center`, a smaller \
+                            view or fewer Gaussians"
+            ))
+        };
+        let data = tiles.next().unwrap_or_else(|| Err("the view has no pixels".to_owned())).map_err(failed)?;
+        if data.tile != view.region {
+            return Err(unfinished("the Gaussians in view are drawn in several parts"));
+        }
+        if data.gaussians.as_ref().is_some_and(|lists| !lists.is_single_dispatch()) {
+            return Err(unfinished("only a readback tells how many passes these Gaussians take"));
+        }
+        Ok(data)
     }
 }
 

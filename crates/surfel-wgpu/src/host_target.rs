@@ -42,4 +42,8 @@ pub struct HostTarget<'a> {
     pub depth_format: wgpu::TextureFormat,
     /// Mapping of the depths in `depth`.
     pub mapping: HostDepth,
+    /// Texture of format `Rg32Sint` for two numbers of the nearest splat, polygon or ball, which
+    /// [`HostIndex::identity`](crate::HostIndex::identity) resolves; `None` if they aren't needed. Where the scene's
+    /// surface fails the depth test, the texture doesn't change.
+    pub index: Option<&'a wgpu::TextureView>,
 }

@@ -8,7 +8,10 @@
 //! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`adapters`] lists what
 //!    there is;
 //! 3. [`ResidentScene`]: an uploaded scene;
-//! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into a host's textures.
+//! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into a host's textures;
+//! 5. [`Renderer::set_shader`]: a shader of the host, as a WGSL function;
+//! 6. [`Renderer::place_splats`], [`HostSplats`] and [`HostLayout`]: splats whose positions, normals and colours are in
+//!    a host's buffer.
 //!
 //! # A frame
 //! ```no_run
@@ -56,6 +59,7 @@
 //!         depth,
 //!         depth_format: wgpu::TextureFormat::Depth32Float,
 //!         mapping: HostDepth::reversed(camera.near as f32),
+//!         index: None,
 //!     };
 //!     let mut encoder = device.create_command_encoder(&Default::default());
 //!     renderer.render_to_view(&mut encoder, &resident, &View::new(camera)?, &Settings::default(), &target)?;
@@ -84,18 +88,23 @@ mod host;
 mod host_target;
 mod options;
 mod pipelines;
+mod place;
 mod queries;
+mod queue;
 mod readback;
 mod renderer;
 mod scene;
+mod shader;
 mod targets;
 
 pub use adapter::{AdapterSummary, adapters};
+pub use host::HostIndex;
 pub use host_target::{HostDepth, HostTarget};
 pub use options::Options;
+pub use place::HostSplats;
 pub use renderer::Renderer;
 pub use scene::ResidentScene;
-pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
+pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, HostAttribute, HostFormat, HostLayout, HostWork, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
 /// The version of wgpu whose types this crate's functions take.

@@ -1,7 +1,9 @@
 //! Bind group layouts and pipelines, built once per device or per precision of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry};
+use surfel_gpu::{
+    BindingSlot, Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry,
+};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
 /// Returns the texture format of a target at a precision of the sums.
@@ -25,7 +27,16 @@ pub(crate) enum Part {
     Opaque,
     /// The transparent layers, in front of everything else.
     Layers,
+    /// The whole image from the planes.
+    Planes,
+    /// The image of the planes over everything else.
+    PlanesOver,
+    /// Numbers of the nearest splats, from the planes, into a texture of [`INDEX_FORMAT`].
+    Index,
 }
+
+/// Format of a host's texture of numbers.
+pub(crate) const INDEX_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Sint;
 
 impl Part {
     fn fragment(self) -> &'static str {
@@ -33,12 +44,20 @@ impl Part {
             Self::Whole => "composite_fragment",
             Self::Opaque => "composite_opaque_fragment",
             Self::Layers => "composite_layers_fragment",
+            Self::Planes => "composite_planes_fragment",
+            Self::PlanesOver => "composite_planes_over_fragment",
+            Self::Index => "composite_index_fragment",
         }
     }
 
     /// True if the host's depth buffer is tested and written.
     pub(crate) fn has_depth(self) -> bool {
-        self != Self::Layers
+        !matches!(self, Self::Layers | Self::PlanesOver)
+    }
+
+    /// True if the part is read from the planes.
+    pub(crate) fn reads_planes(self) -> bool {
+        matches!(self, Self::Planes | Self::PlanesOver | Self::Index)
     }
 }
 
@@ -68,6 +87,8 @@ pub(crate) struct Pipelines {
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
+    /// Layout of the planes that are composited into a host's render target.
+    pub host_planes_group: wgpu::BindGroupLayout,
     pub polygons_group: wgpu::BindGroupLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
     draws: HashMap<DrawKey, DrawPipeline>,
@@ -137,25 +158,50 @@ fn binding_type(kind: BindingKind) -> wgpu::BindingType {
     }
 }
 
+/// Creates a module of the passes.
+pub(crate) fn module(device: &wgpu::Device, text: &str) -> wgpu::ShaderModule {
+    let source = wgpu::ShaderSource::Wgsl(text.into());
+    device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("surfel passes"), source })
+}
+
+/// Returns the largest number of storage buffers that any of these passes binds. Passes share the layout of the frame's
+/// buffers.
+pub(crate) fn storage_buffers(passes: &[PixelPass]) -> u32 {
+    let is_stored = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
+    let count = |slots: &[BindingSlot]| {
+        let is_counted = |slot: &&BindingSlot| is_stored(slot.kind) && slot.stages.contains(&Stage::Compute);
+        slots.iter().filter(is_counted).count() as u32
+    };
+    let own = passes.iter().map(|pass| count(&binding_slots(&[pass.entry()], 1))).max();
+    count(&binding_slots(&drawn_entries(), 0)) + own.unwrap_or(0)
+}
+
+/// Returns the entry points that share the layout of the frame's buffers.
+fn drawn_entries() -> Vec<&'static str> {
+    let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
+    let is_drawn = |name: &&str| !is_cell_entry(name) && !setups.iter().any(|setup| setup == name);
+    ENTRIES.iter().map(|entry| entry.name).filter(is_drawn).collect()
+}
+
 impl Pipelines {
     pub(crate) fn new(device: &wgpu::Device) -> Self {
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
-            label: Some("surfel passes"),
-            source: wgpu::ShaderSource::Wgsl(PASSES.into()),
-        });
-        let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
+        Self::of(device, module(device, PASSES))
+    }
+
+    /// Returns the pipelines of a module, none of which is built yet.
+    pub(crate) fn of(device: &wgpu::Device, module: wgpu::ShaderModule) -> Self {
         let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
         let setup_frame_group = group(device, "frame of setup", &setups, 0);
-        let is_drawn = |name: &&str| !is_cell_entry(name) && !setups.iter().any(|setup| setup == name);
-        let drawn: Vec<&str> = all.into_iter().filter(is_drawn).collect();
-        let frame_group = group(device, "frame", &drawn, 0);
+        let frame_group = group(device, "frame", &drawn_entries(), 0);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
+        let host_planes_group = group(device, "planes to compose", &[Part::Planes.fragment()], 1);
         let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);
         Self {
             module,
             frame_group,
             setup_frame_group,
             composite_group,
+            host_planes_group,
             polygons_group,
             pixels: HashMap::new(),
             splats: HashMap::new(),
@@ -246,10 +292,18 @@ impl Pipelines {
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
-            let target = wgpu::ColorTargetState { format: host.color, blend, write_mask: wgpu::ColorWrites::ALL };
+            let (format, blend) = match host.part {
+                Part::Index => (INDEX_FORMAT, None),
+                _ => (host.color, blend),
+            };
+            let target = wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL };
             let entries = ["fullscreen_vertex", host.part.fragment()];
-            let depth = host.part.has_depth().then(|| depth_state(host.depth, host.compare));
-            let layout = layout(device, "composite", &[&self.frame_group, &self.composite_group]);
+            let depth = host.part.has_depth().then(|| wgpu::DepthStencilState {
+                depth_write_enabled: Some(host.part != Part::Index),
+                ..depth_state(host.depth, host.compare)
+            });
+            let own = if host.part.reads_planes() { &self.host_planes_group } else { &self.composite_group };
+            let layout = layout(device, "composite", &[&self.frame_group, own]);
             drawing(device, &self.module, &layout, entries, depth, &[Some(target)])
         });
     }

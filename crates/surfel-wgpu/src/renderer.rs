@@ -5,17 +5,18 @@ use crate::cells::{CellBuffers, CellTile};
 use crate::error::{ErrorSink, ScopedError, failed, scoped};
 use crate::execute::{Tile, TileInputs};
 use crate::options::Options;
-use crate::pipelines::Pipelines;
+use crate::pipelines::{Pipelines, storage_buffers};
 use crate::queries::{PassRecord, Queries};
+use crate::queue::Queue;
 use crate::readback::Readback;
 use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
     CellBuffer, CellRoom, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
-    FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
-    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers, layers_remain,
-    least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
+    FrameTiles, GpuPath, HostWork, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart,
+    ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers,
+    layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -24,7 +25,7 @@ use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, S
 /// Renderer of the wgpu backend.
 pub struct Renderer {
     pub(crate) device: wgpu::Device,
-    pub(crate) queue: wgpu::Queue,
+    pub(crate) queue: Queue,
     pub(crate) info: RendererInfo,
     is_software: bool,
     /// True if the adapter can blend targets of f32.
@@ -33,10 +34,12 @@ pub struct Renderer {
     pub(crate) pipelines: Pipelines,
     pub(crate) targets: Option<Targets>,
     /// Targets of the last frame's shadow maps.
-    map_targets: Option<Targets>,
+    pub(crate) map_targets: Option<Targets>,
     queries: Queries,
     /// Buffers of the compute path.
     cells: CellBuffers,
+    /// Work of the CPU so far that grows with scenes' splats.
+    pub(crate) host_work: HostWork,
     /// Buffer through which the last frame was read back, to be reused.
     readback: Option<wgpu::Buffer>,
     /// Shadow maps of the last frame.
@@ -45,6 +48,8 @@ pub struct Renderer {
     pub(crate) limits: Limits,
     storage: Storage,
     path: GpuPath,
+    /// True if a host's shader replaces `phong`.
+    pub(crate) has_host_shader: bool,
 }
 
 impl Renderer {
@@ -88,7 +93,7 @@ impl Renderer {
         let info = renderer_info(info, f32_sums);
         Ok(Self {
             device,
-            queue,
+            queue: Queue::new(queue),
             info,
             is_software,
             f32_sums,
@@ -98,17 +103,36 @@ impl Renderer {
             map_targets: None,
             queries,
             cells: CellBuffers::default(),
+            host_work: HostWork::default(),
             readback: None,
             maps: None,
             limits,
             storage: options.storage,
             path: options.path,
+            has_host_shader: false,
         })
     }
 
     /// True if the adapter computes on the CPU; the `cpu` backend is then faster.
     pub fn is_software(&self) -> bool {
         self.is_software
+    }
+
+    /// Returns the renderer's device.
+    pub fn device(&self) -> &wgpu::Device {
+        &self.device
+    }
+
+    /// Returns the work of the CPU for all frames so far that may grow with the number of splats. The difference of two
+    /// calls is the work of the frames between them. Splats that a host places cause none: see
+    /// [`Renderer::place_splats`].
+    pub fn host_work(&self) -> HostWork {
+        self.host_work
+    }
+
+    /// Returns the number of bytes that the renderer has written to the device's queue so far.
+    pub fn written_bytes(&self) -> u64 {
+        self.queue.written()
     }
 
     /// Returns the key of a tile's targets.
@@ -119,6 +143,19 @@ impl Renderer {
             draws: Draw::of(plan),
             floats: data.planes.buffer_floats,
         }
+    }
+
+    /// Checks that the device can bind the buffers of a plan's passes. With balls they exceed WebGPU's core limits.
+    pub(crate) fn check_bindings(&self, plan: &FramePlan) -> Result<(), RenderError> {
+        let (needed, most) =
+            (storage_buffers(&PixelPass::of(plan)), self.device.limits().max_storage_buffers_per_shader_stage);
+        if needed <= most {
+            return Ok(());
+        }
+        Err(failed(format!(
+            "the frame binds {needed} storage buffers in a shader stage, but the device was opened with at most {most}: \
+             raise `max_storage_buffers_per_shader_stage`"
+        )))
     }
 
     /// Creates the pipelines and targets that don't exist from an earlier frame.
@@ -179,6 +216,7 @@ impl Renderer {
         let device = self.device.clone();
         let pixels = PixelPass::of(&job.plan);
         for data in job.tiles(&scene.cpu, self.limits) {
+            self.host_work += data.host_work();
             data.check(self.limits).map_err(failed)?;
             let key = self.key(&job.plan, &data);
             scoped(&device, || {
@@ -221,11 +259,13 @@ impl Renderer {
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
+        self.host_work += data.host_work();
         if data.cells.is_none() {
             return self.raster_tile(job, &data, frame, stats);
         }
         let tile = data.tile;
         let tiles = CellTiles::new(data, &job.scene.cpu, job.frame_scene, job.view, job.plan);
+        tiles.tiles().iter().skip(1).for_each(|samples| self.host_work += samples.host_work());
         if !self.cell_tiles(job, tiles, frame, stats)? {
             let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, tile);
             self.raster_tile(job, &data, frame, stats)?;
@@ -342,6 +382,7 @@ impl Renderer {
             let steps = schedule(&plan, &data.visible(), shared_records);
             let tile = (region, data);
             let samples = SamplePart::all(&job.scene.cpu, job.frame_scene, view, &plan, tile, shared_records);
+            samples.iter().for_each(|part| self.host_work += part.data.host_work());
             let tile = TileJob { data, key, pixel_passes: &PixelPass::of(&plan), steps: &steps, samples: &samples };
             let (fragments, is_whole) = self.execute(job, tile, stats, |planes| {
                 let identity = |draw, record| data.identity(&job.scene.cpu, draw, record);
@@ -540,10 +581,13 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
+        if !self.path.draws_cells(&plan) {
+            self.check_bindings(&plan)?;
+        }
         let mut stats = Stats::default().with_splats(plan.splats);
         // Tiles write every pixel. Colours requested only in 8 bits are encoded from the device's f32 colours.
         frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
-        let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
+        let frame_scene = FrameScene::new(&scene.cpu, view, &plan).with_host_shader(self.has_host_shader);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
         for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits, self.path) {

@@ -2,6 +2,7 @@
 
 use crate::error::{ScopedError, scoped};
 use crate::pipelines::SplatPipeline;
+use crate::queue::Queue;
 use surfel_gpu::{Limits, RecordBytes, Upload, UploadedScene, Variant};
 use surfel_model::Scene;
 use surfel_model::Storage;
@@ -23,6 +24,8 @@ pub(crate) struct ResidentSegment {
     pub splats: wgpu::Buffer,
     pub records: Records,
     pub count: u32,
+    /// Index in the object's cloud of each splat, if a host places the splats.
+    pub members: Option<wgpu::Buffer>,
 }
 
 /// Records of splats.
@@ -51,7 +54,7 @@ impl ResidentScene {
 /// Creates a buffer with these words.
 pub(crate) fn filled(
     device: &wgpu::Device,
-    queue: &wgpu::Queue,
+    queue: &Queue,
     label: &str,
     words: &[u32],
     usage: wgpu::BufferUsages,
@@ -62,7 +65,7 @@ pub(crate) fn filled(
 /// Creates a buffer with these words, followed by zero bytes.
 pub(crate) fn filled_before(
     device: &wgpu::Device,
-    queue: &wgpu::Queue,
+    queue: &Queue,
     label: &str,
     words: &[u32],
     more: u64,
@@ -70,7 +73,7 @@ pub(crate) fn filled_before(
 ) -> wgpu::Buffer {
     let bytes: &[u8] = bytemuck::cast_slice(words);
     let buffer = empty(device, label, bytes.len() as u64 + more, usage | wgpu::BufferUsages::COPY_DST);
-    queue.write_buffer(&buffer, 0, bytes);
+    queue.write(&buffer, bytes);
     buffer
 }
 
@@ -83,7 +86,7 @@ pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu:
 
 pub(crate) fn upload(
     device: &wgpu::Device,
-    queue: &wgpu::Queue,
+    queue: &Queue,
     (scene, storage): (&Scene, Storage),
     limits: Limits,
     progress: &mut dyn FnMut(UploadProgress),
@@ -120,6 +123,7 @@ pub(crate) fn upload(
             splats,
             records: shared.clone().unwrap_or_else(|| records(bytes)),
             count: segment.members.len() as u32,
+            members: None,
         });
         (texels, segments.collect())
     });
@@ -135,6 +139,20 @@ pub(crate) fn bind(
     buffers: &[&wgpu::Buffer],
 ) -> wgpu::BindGroup {
     bind_with(device, label, layout, buffers, &[])
+}
+
+/// Creates a bind group of numbered buffers.
+pub(crate) fn bind_some(
+    device: &wgpu::Device,
+    label: &str,
+    layout: &wgpu::BindGroupLayout,
+    buffers: &[(u32, &wgpu::Buffer)],
+) -> wgpu::BindGroup {
+    let entries: Vec<wgpu::BindGroupEntry<'_>> = buffers
+        .iter()
+        .map(|&(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+        .collect();
+    device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
 /// Creates a bind group of buffers, numbered from 0, and other entries.

@@ -64,6 +64,11 @@ const MOST_TURNS: u64 = 64;
 const MOST_DISPATCHES: u32 = 64;
 
 impl GaussianLists {
+    /// True if a single dispatch finishes every pixel. Otherwise only a readback tells how many dispatches are needed.
+    pub fn is_single_dispatch(&self) -> bool {
+        self.states_at.is_none()
+    }
+
     /// Returns the number of dispatches to add after the first `dispatches`; `None` if the last one finished every
     /// pixel. `planes` are the first words of the planes that the shaders wrote.
     pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {

@@ -5,6 +5,7 @@ use crate::frame::balls::{MOST_BALLS, TileBalls};
 use crate::frame::culling::{is_outside, may_reach_near};
 use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
+use crate::frame::object_transform::ObjectTransform;
 use crate::frame::planes::PlaneLayout;
 use crate::frame::polygons::polygon_words;
 use crate::frame::tiling::targets_of;
@@ -12,12 +13,16 @@ use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
 use crate::passes::cells::{CellCounts, CellRoom};
 use crate::passes::pass_list::is_of_shadow_map;
 use crate::passes::schedule::VisibleSegments;
+use crate::scene::chunk::Chunk;
 use crate::scene::clip::Variant;
 use crate::scene::limits::Limits;
+use crate::scene::placement::PlacedBounds;
 use crate::scene::segment::{Segment, UploadedScene};
+use crate::struct_writer::StructWriter;
+use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_model::{ClipPolicy, CloudData, NO_LABEL};
+use surfel_model::{ChunkSpace, ClipPolicy, CloudData, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
@@ -45,6 +50,27 @@ pub struct SegmentData {
     farthest: f64,
     /// Number of splats of the chunks that can touch the tile.
     splats: u64,
+    /// Number of the compute path's workgroups that set up the segment: one per chunk, or several if the segment is
+    /// a single chunk because a host places its splats.
+    groups: u32,
+    /// Work of the CPU on the segment.
+    work: HostWork,
+}
+
+/// Work of the CPU that grows with a scene's splats.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct HostWork {
+    /// Number of chunks of up to 256 splats that were tested against the view.
+    pub chunks: u64,
+    /// Number of splats that were visited one by one.
+    pub splats: u64,
+}
+
+impl std::ops::AddAssign for HostWork {
+    fn add_assign(&mut self, other: Self) {
+        self.chunks += other.chunks;
+        self.splats += other.splats;
+    }
 }
 
 /// Splats that reach the near plane and are drawn by the same pipelines; at least one.
@@ -135,7 +161,7 @@ impl TileData {
             for (group, chunk) in (first..).zip(segment.chunks.chunks_exact_mut(layout::cell_chunk::SIZE / 4)) {
                 chunk[layout::cell_chunk::GROUP / 4] = group;
             }
-            cells.chunks.push((segment.chunks.len() / (layout::cell_chunk::SIZE / 4)) as u32);
+            cells.chunks.push(segment.groups);
             cells.splats += segment.splats;
         }
         use layout::frame as at;
@@ -328,6 +354,13 @@ impl TileData {
         ))
     }
 
+    /// Replaces the background by a transparent one.
+    pub fn clear_background(&mut self) {
+        for at in [layout::frame::BACKGROUND, layout::frame::GAUSSIAN_BACKGROUND] {
+            self.frame.iter_mut().skip(at / 4).take(4).for_each(|word| *word = 0);
+        }
+    }
+
     /// Sets the depth mapping of the host's depth buffer that the tile is composited into. The buffer stores `offset` +
     /// `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
     pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
@@ -373,12 +406,18 @@ impl TileData {
         let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
         let words = layout::cell_chunk::SIZE / 4;
         for (draw, segment) in (0..).zip(&self.segments) {
-            let chunks = segment.chunks.len() / words;
-            if group < chunks {
-                let first = segment.chunks.get(group * words + layout::cell_chunk::FIRST / 4).copied().unwrap_or(0);
-                return self.identity(scene, draw, first as usize + n);
+            let groups = segment.groups as usize;
+            if group < groups {
+                let is_placed = scene.segments.get(draw as usize).is_some_and(|segment| segment.placed.is_some());
+                let first = if is_placed {
+                    group * layout::CELL_WORKGROUP as usize
+                } else {
+                    let at = group * words + layout::cell_chunk::FIRST / 4;
+                    segment.chunks.get(at).copied().unwrap_or(0) as usize
+                };
+                return self.identity(scene, draw, first + n);
             }
-            group -= chunks;
+            group -= groups;
         }
         self.identity(scene, self.segments.len() as i32, group * layout::CELL_WORKGROUP as usize + n)
     }
@@ -397,6 +436,13 @@ impl TileData {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
         let balls = self.ball_members.len() as u32;
         self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians + balls
+    }
+
+    /// Returns the work of the CPU on the tile's splats.
+    pub fn host_work(&self) -> HostWork {
+        let mut all = HostWork::default();
+        self.segments.iter().for_each(|segment| all += segment.work);
+        all
     }
 
     /// Returns the clip variants of the tile's splats. [`Variant::Whole`] is always included, so that every draw has a
@@ -433,21 +479,34 @@ fn segment_data(
     setup: &NearPlaneSetup<'_>,
     by_cells: bool,
 ) -> (SegmentData, NearPlaneRecords) {
-    use layout::chunk as at;
     let variant = if setup.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
     let is_transparent = segment.is_transparent && setup.plan.separates_transparent;
     let (chunks, near_bits) = (Vec::new(), Vec::new());
-    let (is_outside_tile, runs, farthest, splats) = (true, Vec::new(), 0.0, 0);
-    let mut data =
-        SegmentData { variant, is_transparent, chunks, near_bits, is_outside: is_outside_tile, runs, farthest, splats };
+    let mut data = SegmentData {
+        variant,
+        is_transparent,
+        chunks,
+        near_bits,
+        is_outside: true,
+        runs: Vec::new(),
+        farthest: 0.0,
+        splats: 0,
+        groups: 0,
+        work: HostWork::default(),
+    };
     let mut near = NearPlaneRecords::default();
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
         return (data, near);
     };
+    if let Some(placed) = segment.placed {
+        placed_data(&mut data, &placed.bounds, segment, transform, setup, by_cells);
+        return (data, near);
+    }
     let selection = object.octree.as_ref().and_then(|(index, _)| setup.plan.selection_of(*index));
-    let chunk_bytes = if by_cells { layout::cell_chunk::SIZE } else { at::SIZE };
+    let chunk_bytes = if by_cells { layout::cell_chunk::SIZE } else { layout::chunk::SIZE };
     data.chunks.reserve(segment.chunks.len() * chunk_bytes / 4);
+    data.work.chunks += segment.chunks.len() as u64;
     for (number, chunk) in (0..).zip(&segment.chunks) {
         let center = transform.point(chunk.space.origin);
         let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
@@ -467,6 +526,7 @@ fn segment_data(
                 variant,
                 is_transparent,
             };
+            data.work.splats += members.len() as u64;
             let bits = setup.chunk(&near_chunk, &mut near);
             bits.map_or(layout::CHUNK_ORDINARY, |bits| {
                 let start = data.near_bits.len() as u32;
@@ -484,28 +544,61 @@ fn segment_data(
         } else if by_cells {
             continue;
         }
-        let start = data.chunks.len();
-        data.chunks.resize(start + chunk_bytes / 4, 0);
-        let words = data.chunks.get_mut(start..).unwrap_or_default();
-        for (word, value) in words.iter_mut().zip(center.as_vec3().to_array()) {
-            *word = value.to_bits();
-        }
-        let mut put =
-            |offset: usize, value: u32| words.iter_mut().skip(offset / 4).take(1).for_each(|word| *word = value);
-        if by_cells {
-            use layout::cell_chunk as at;
-            put(at::STATE, state);
-            put(at::FIRST, chunk.first);
-            put(at::COUNT, chunk.count);
-            put(at::CHUNK, number);
-        } else {
-            put(at::STATE, state);
-        }
+        data.groups += 1;
+        put_chunk(&mut data.chunks, center, state, by_cells.then_some([chunk.first, chunk.count, number]));
     }
     if data.near_bits.is_empty() {
         data.near_bits.push(0);
     }
     (data, near)
+}
+
+/// Appends the words of a chunk: of the shaders' `Chunk` or, given its first splat, count and number, of their
+/// `CellChunk`. `center` is the view position of its origin.
+fn put_chunk(to: &mut Vec<u32>, center: DVec3, state: u32, of_cells: Option<[u32; 3]>) {
+    let bytes = if of_cells.is_some() { layout::cell_chunk::SIZE } else { layout::chunk::SIZE };
+    let mut words = StructWriter::new(bytes);
+    match of_cells {
+        Some([first, count, number]) => {
+            use layout::cell_chunk as at;
+            words.vec3(at::CENTER, center).u32(at::STATE, state);
+            words.u32(at::FIRST, first).u32(at::COUNT, count).u32(at::CHUNK, number);
+        }
+        None => {
+            words.vec3(layout::chunk::CENTER, center).u32(layout::chunk::STATE, state);
+        }
+    }
+    to.extend(words.into_words());
+}
+
+/// Fills in the data of a segment whose splats a host places: a single chunk about the object's origin, which is
+/// culled as a whole by the host's box. The device leaves out splats that reach the near plane.
+fn placed_data(
+    data: &mut SegmentData,
+    bounds: &PlacedBounds,
+    segment: &Segment,
+    transform: &ObjectTransform,
+    setup: &NearPlaneSetup<'_>,
+    by_cells: bool,
+) {
+    let count = segment.members.len() as u32;
+    let space = ChunkSpace { origin: bounds.center, ..ChunkSpace::default() };
+    let whole = Chunk { space, bounding_radius: bounds.radius, largest_radius: 0.0, first: 0, count };
+    let center = transform.point(bounds.center);
+    data.near_bits.push(0);
+    data.work.chunks += 1;
+    let is_outside = is_outside(&whole, center, transform, setup.tile, setup.view, setup.plan);
+    let state = if is_outside { layout::CHUNK_OUTSIDE } else { layout::CHUNK_ORDINARY };
+    if !is_outside {
+        data.is_outside = false;
+        data.runs.push(0..count);
+        data.farthest = center.z + bounds.radius * transform.stretch;
+        data.splats = u64::from(count);
+        data.groups = count.div_ceil(layout::CELL_WORKGROUP);
+    } else if by_cells {
+        return;
+    }
+    put_chunk(&mut data.chunks, transform.point(DVec3::ZERO), state, by_cells.then_some([0, count, 0]));
 }
 
 #[cfg(test)]

@@ -36,6 +36,8 @@ pub struct FrameScene {
     pub shadow_maps: Vec<u32>,
     /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
+    /// True if a host's shader replaces `phong`.
+    has_host_shader: bool,
     pub(crate) light_count: u32,
     /// Location of the shadow map that this frame draws; the default value unless the frame is a light's view.
     shadow: ShadowMapSlot,
@@ -62,7 +64,14 @@ impl FrameScene {
         let shadow_maps = shadow_map_words(plan, view);
         let (light_count, shadow) = (given.len() as u32, ShadowMapSlot::default());
         let matcap = matcap_words(scene, plan);
-        Self { objects, lights, shadow_maps, matcap, light_count, shadow, transforms }
+        let has_host_shader = false;
+        Self { objects, lights, shadow_maps, matcap, has_host_shader, light_count, shadow, transforms }
+    }
+
+    /// Replaces the shader `phong` by a host's, if `has_host_shader` is true.
+    #[must_use]
+    pub fn with_host_shader(self, has_host_shader: bool) -> Self {
+        Self { has_host_shader, ..self }
     }
 
     /// Computes the uniform data of a scene in the view of a shadow map.
@@ -195,7 +204,9 @@ pub(crate) fn frame_words(
     let ambient = limit_light(scene.ambient, frame.light_count as usize);
     words.vec3(at::AMBIENT, DVec3::from(ambient)).f64s(at::BACKGROUND, scene.background);
     words.f64s(at::MATERIAL, scene.material.factors()).vec3(at::TO_EYE, -view.forward());
-    words.u32(at::SHADER_KIND, shader_kind(plan.shader)).f32(at::EMPTY_DEPTH, f32::INFINITY);
+    let is_of_host = frame.has_host_shader && plan.shader == Shader::Phong;
+    let shader = if is_of_host { layout::SHADER_HOST } else { shader_kind(plan.shader) };
+    words.u32(at::SHADER_KIND, shader).f32(at::EMPTY_DEPTH, f32::INFINITY);
     words.u32(at::HAS_COLORS, u32::from(plan.attributes.color));
     words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);

@@ -36,6 +36,9 @@ pub enum PixelPass {
     ResolveSamplesBalls,
     /// Draws trained Gaussians, sorted by their centres.
     Gaussians,
+    /// Draws trained Gaussians like [`PixelPass::Gaussians`], except fragments behind a host's depth buffer. No plan
+    /// contains this pass.
+    GaussiansInHost,
     /// Draws trained Gaussians, sorted in each pixel.
     GaussiansByPixel,
 }
@@ -82,6 +85,9 @@ pub const SETUP_STEPS_BINDING: u32 = 7;
 /// Binding of a host's depth buffer.
 pub const HOST_DEPTH_BINDING: u32 = 23;
 
+/// Binding of the planes that are composited into a host's render target.
+pub const HOST_PLANES_BINDING: u32 = 62;
+
 impl PixelPass {
     /// Returns the entry point of the pass.
     pub fn entry(self) -> &'static str {
@@ -100,6 +106,7 @@ impl PixelPass {
             Self::ResolveSamples => "resolve_samples",
             Self::ResolveSamplesBalls => "resolve_samples_balls",
             Self::Gaussians => "gaussians",
+            Self::GaussiansInHost => "gaussians_in_host",
             Self::GaussiansByPixel => "gaussians_by_pixel",
         }
     }
@@ -118,6 +125,7 @@ impl PixelPass {
             | Self::ShadeBalls
             | Self::Nearest
             | Self::Gaussians
+            | Self::GaussiansInHost
             | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples | Self::ResolveSamplesBalls => targets.map(|side| side / SAMPLES_SIDE),
@@ -143,7 +151,7 @@ impl PixelPass {
             Self::Nearest => "nearest",
             Self::Shade | Self::ShadeSplats | Self::ShadeBalls => "shade",
             Self::ResolveSamples | Self::ResolveSamplesBalls => EDGE_SAMPLES,
-            Self::Gaussians | Self::GaussiansByPixel => "gaussians",
+            Self::Gaussians | Self::GaussiansInHost | Self::GaussiansByPixel => "gaussians",
         }
     }
 }

@@ -3,12 +3,13 @@
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::Variant;
 use crate::scene::limits::Limits;
+use crate::scene::placement::Placed;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_math::srgb::limit_color;
 use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, Scene, SplatCloud, Storage};
-use surfel_render::{FramePlan, RenderError, SceneGeometry, SceneSummary};
+use surfel_render::{FramePlan, RenderError, SceneGeometry, SceneSummary, ShadowScene};
 use surfel_shaders::layout;
 
 /// Segment: splats of an object that share a buffer. The struct has the data that frames need on the CPU.
@@ -26,6 +27,8 @@ pub struct Segment {
     pub members: Vec<u32>,
     /// Words of the shaders' `Segment`.
     pub uniform: Vec<u32>,
+    /// Bounds of the splats if a host places them. The chunks then no longer apply.
+    pub placed: Option<Placed>,
 }
 
 /// Object of splats in an uploaded scene.
@@ -98,6 +101,8 @@ pub struct UploadedScene {
     pub segments: Vec<Segment>,
     /// Words of the shaders' `texels`, at least one.
     pub texels: Vec<u32>,
+    /// Shadows of the scene with all splats where they were uploaded.
+    pub(crate) uploaded_shadows: Option<ShadowScene>,
     /// Identity of the geometry of the scene's objects.
     pub(crate) geometry: SceneGeometry,
     /// Identity of this upload, with the objects' current placements. Two uploads of the same scene have different
@@ -138,6 +143,7 @@ impl UploadedScene {
             return Ok(false);
         }
         self.summary = SceneSummary::of(scene);
+        self.uploaded_shadows.clone_from(&self.summary.shadows);
         self.light(scene);
         let place = |source: u32, matrix: &mut DAffine3, material: &mut Material| {
             let Some(object) = scene.objects.get(source as usize) else { return false };
@@ -158,6 +164,7 @@ impl UploadedScene {
         for gaussians in &mut self.gaussians {
             is_other |= place(gaussians.source, &mut gaussians.world_from_object, &mut Material::default());
         }
+        self.cast_shadows_from_placed();
         if is_other {
             // Cached shadow maps show the objects at their old placements.
             self.identity = Arc::new(());

@@ -151,6 +151,7 @@ impl Upload {
         let mut uploaded = UploadedScene {
             balls,
             material: Material::default(),
+            uploaded_shadows: summary.shadows.clone(),
             summary,
             storage,
             segments: Vec::with_capacity(segments.len()),
@@ -200,7 +201,7 @@ impl Upload {
         let (words, scales_at) = packed.finish(planned.chunks.iter().map(|chunk| chunk.space));
         let PlannedSegment { object, variant, is_transparent, members, .. } = planned;
         let uniform = fields.uniform(object, members.len() as u32, scales_at);
-        self.scene.segments.push(Segment { object, variant, is_transparent, chunks, members, uniform });
+        self.scene.segments.push(Segment { object, variant, is_transparent, chunks, members, uniform, placed: None });
         Some(words)
     }
 
