@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use surfel_conformance::build::object;
 use surfel_conformance::polygons::sampled;
-use surfel_conformance::raycast::{Cast, Difference, Pixel, compare};
+use surfel_conformance::raycast::{Difference, Pixel, RayCaster, compare};
 use surfel_model::{Camera, ClipPolicy, Cull, DepthTolerance, Light, Scene, Settings, Shader, SplatCloud};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Renderer, View};
@@ -126,7 +126,7 @@ fn main() -> Result<(), Error> {
     let surfel_io::Content::Mesh(mesh) = surfel_io::load(&a.mesh, &Default::default())?.content else {
         return Err("expected a mesh".into());
     };
-    let cast = Cast::new(&mesh);
+    let cast = RayCaster::new(&mesh);
     let closed = surfel_sample::is_closed(&mesh);
     println!("{} triangles, closed: {closed}", mesh.triangles.len());
     let counts = a.points.map_or(a.splats.clone(), |points| vec![points]);

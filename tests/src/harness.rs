@@ -18,7 +18,7 @@ pub const ABSOLUTE: f64 = 2e-4;
 /// Tolerance of every plane relative to the expected value, in addition to [`ABSOLUTE`].
 pub const RELATIVE: f64 = 1e-3;
 /// Largest fraction of an image's pixels whose outliers may be forgiven (rendering model, *Ties and margins*).
-pub const FORGIVEN_SHARE: f64 = 0.025;
+pub const MAX_FORGIVEN_FRACTION: f64 = 0.025;
 
 /// Plane of an image that is compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,8 +183,10 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
         }
     }
     let forgiven = outliers.iter().zip(margin).filter(|(o, m)| **o && **m != 0.0).count();
-    if forgiven as f64 > FORGIVEN_SHARE * pixels as f64 {
-        broken.push(format!("{forgiven} outliers within the margin, more than {FORGIVEN_SHARE} of {pixels} pixels"));
+    if forgiven as f64 > MAX_FORGIVEN_FRACTION * pixels as f64 {
+        broken.push(format!(
+            "{forgiven} outliers within the margin, more than {MAX_FORGIVEN_FRACTION} of {pixels} pixels"
+        ));
     }
     let margin_share = margin.iter().filter(|m| **m != 0.0).count() as f64 / pixels.max(1) as f64;
     let passed = Report::of_verdict(name, Verdict::Passed);

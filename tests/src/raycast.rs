@@ -16,7 +16,7 @@ const FOV_Y_DEG: f64 = 30.0;
 const DIFFERENT_DEG: f64 = 20.0;
 
 /// Mesh prepared for ray casting. Traversal uses boxes in f32, and intersections are in f64.
-pub struct Cast {
+pub struct RayCaster {
     corners: Vec<[DVec3; 3]>,
     bvh: Bvh2,
 }
@@ -25,7 +25,7 @@ pub struct Cast {
 /// hit.
 pub type Truth = Vec<Option<DVec3>>;
 
-impl Cast {
+impl RayCaster {
     /// Builds the acceleration structure for the triangles of a valid mesh.
     pub fn new(mesh: &Mesh) -> Self {
         let at = |i: u32| mesh.positions.get(i as usize);

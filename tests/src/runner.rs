@@ -3,7 +3,7 @@
 use crate::backends::{Backend, Repeated, Session, Start, is_required, run_reporting};
 use crate::expectations::Extent;
 use crate::harness::{Report, Truth, Verdict};
-use crate::random_scenes::against::Against;
+use crate::random_scenes::against::ReferenceComparison;
 use crate::random_scenes::{case, store};
 use crate::report::{Entry, page, table, word};
 use crate::truths;
@@ -257,7 +257,7 @@ fn random(arguments: &Arguments, count: u64) -> Result<bool, Box<dyn std::error:
         return Ok(true);
     }
     let keep = arguments.keep.clone().unwrap_or_else(|| PathBuf::from("target/random"));
-    let mut against = Against::new(Some(&keep))?;
+    let mut against = ReferenceComparison::new(Some(&keep))?;
     let mut is_missing = false;
     for &backend in &arguments.backends {
         if let Err(error) = against.start(backend, arguments.adapter.as_deref()) {

@@ -12,12 +12,12 @@ pub(crate) const SOURCE: &str = "crates/surfel-python/python";
 /// Folder of the package's tests, relative to the workspace.
 const TESTS: &str = "crates/surfel-python/tests";
 /// Packages that the tests need: pip requirement and module name.
-const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
+const TEST_PACKAGES: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 /// Packages that build the wheels: pip requirement and module name.
-pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
+pub(crate) const BUILD_PACKAGES: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
 /// Packages for the tests with `full` (notebooks, rendering engines, comparisons with other programs, tests of other
 /// packages): pip requirement and module name.
-const SHOWN_BY: [(&str, &str); 18] = [
+const EXTRA_PACKAGES: [(&str, &str); 18] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
     ("openjd-cli", "openjd"),
@@ -101,7 +101,7 @@ pub(crate) enum Tested {
 /// Tests the package. With `full`, installs it with maturin, and also tests its notebooks, engines and comparisons.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
-    let python = match environment(root, &TESTED_BY) {
+    let python = match environment(root, &TEST_PACKAGES) {
         Ok(python) => python,
         Err(why) => return Tested::Skipped(why),
     };
@@ -116,7 +116,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         command.env("VIRTUAL_ENV", folder(root)).status().is_ok_and(|status| status.success())
     };
     let is_built = if full || !cfg!(target_os = "linux") {
-        if let Err(why) = install(&python, &BUILT_BY) {
+        if let Err(why) = install(&python, &BUILD_PACKAGES) {
             return Tested::Skipped(why);
         }
         ran(&["-m", "maturin", "develop", "--quiet", "--locked"])
@@ -130,7 +130,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if !full {
         return Tested::Passed;
     }
-    if let Err(why) = install(&python, &SHOWN_BY) {
+    if let Err(why) = install(&python, &EXTRA_PACKAGES) {
         return Tested::Skipped(format!("notebooks, engines, rivals and other packages: {why}"));
     }
     let shown = [
@@ -183,7 +183,7 @@ pub(crate) fn wheel(root: &Path) -> bool {
 /// Builds the wheel of a platform into the folder `out`, with maturin and zig from pip. `epoch` is the modification
 /// time of the files in the wheel, in seconds since 1970.
 pub(crate) fn wheel_of(root: &Path, platform: &Platform, out: &Path, target: &Path, epoch: &str) -> Result<(), String> {
-    let python = environment(root, &[BUILT_BY[0], ("ziglang", "ziglang")])?;
+    let python = environment(root, &[BUILD_PACKAGES[0], ("ziglang", "ziglang")])?;
     let mut command = Command::new(&python);
     let triple = platform.triple;
     command.current_dir(root).args(["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", triple]);

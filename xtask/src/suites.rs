@@ -178,7 +178,7 @@ impl Summary {
     /// Parses the output of `cargo test`, and copies it to `echo`.
     fn read(output: impl Read, packages: &[(String, PathBuf)], echo: &mut dyn Write) -> std::io::Result<Self> {
         let mut parser =
-            Parser { packages, summary: Self::default(), package: None, excuse: Excuse::Outside, excuses: 0 };
+            Parser { packages, summary: Self::default(), package: None, excuse: CapturedOutput::Outside, excuses: 0 };
         let mut output = BufReader::new(output);
         let mut line = Vec::new();
         while output.read_until(b'\n', &mut line)? > 0 {
@@ -206,7 +206,7 @@ impl Summary {
 /// Position of the parser within the captured output of passed tests. A test whose data is missing prints a line that
 /// begins with `skip`, its excuse.
 #[derive(PartialEq)]
-enum Excuse {
+enum CapturedOutput {
     /// Outside of the output of any test.
     Outside,
     /// In the output of a test without an excuse so far.
@@ -221,7 +221,7 @@ struct Parser<'a> {
     /// Name of the package of the last suite, which the package of the next suite follows.
     package: Option<String>,
     /// Position within the captured output of passed tests.
-    excuse: Excuse,
+    excuse: CapturedOutput,
     /// Number of excuses that the current suite's tests printed.
     excuses: usize,
 }
@@ -235,17 +235,19 @@ impl Parser<'_> {
         } else if let Some(counts) = line.strip_prefix("test result: ") {
             self.finish(counts);
         } else if line.starts_with("---- ") && line.ends_with(" stdout ----") {
-            self.excuse = Excuse::InBlock;
+            self.excuse = CapturedOutput::InBlock;
         } else if line == "successes:" || line == "failures:" {
-            self.excuse = Excuse::Outside;
-        } else if self.excuse == Excuse::InBlock && line.get(..4).is_some_and(|s| s.eq_ignore_ascii_case("skip")) {
-            self.excuse = Excuse::Counted;
+            self.excuse = CapturedOutput::Outside;
+        } else if self.excuse == CapturedOutput::InBlock
+            && line.get(..4).is_some_and(|s| s.eq_ignore_ascii_case("skip"))
+        {
+            self.excuse = CapturedOutput::Counted;
             self.excuses += 1;
         }
     }
 
     fn start(&mut self, name: String) {
-        self.excuse = Excuse::Outside;
+        self.excuse = CapturedOutput::Outside;
         self.excuses = 0;
         self.summary.suites.push(Suite { name, ..Suite::default() });
     }
@@ -264,7 +266,7 @@ impl Parser<'_> {
         suite.failed += failed;
         suite.skipped += ignored + excused;
         suite.reported = true;
-        (self.excuse, self.excuses) = (Excuse::Outside, 0);
+        (self.excuse, self.excuses) = (CapturedOutput::Outside, 0);
     }
 
     /// Returns the name of the suite in `unittests src/lib.rs (target/debug/deps/surfel_math-0123)`.

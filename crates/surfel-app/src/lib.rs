@@ -39,6 +39,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod attributes;
+pub mod blank_image;
 pub mod camera;
 mod color_bar;
 pub mod compare;
@@ -61,7 +62,6 @@ pub mod splat_file;
 pub mod splats;
 pub mod style;
 mod survey;
-pub mod unseen;
 pub mod values;
 pub mod wording;
 

@@ -66,7 +66,7 @@ pub fn resolve<E: From<Error>>(
         if loaded.facts.iter().any(|facts| facts.partial) {
             for step in (1..=STEPS).rev() {
                 let fewer = |most: Option<u32>| {
-                    let most = most.unwrap_or(levels::DEFAULT_MOST_POINTS as u32);
+                    let most = most.unwrap_or(levels::DEFAULT_POINT_BUDGET as u32);
                     (most >> (2 * (step + 1))).max(FIRST_POINTS).min(most)
                 };
                 let coarse = request.coarser(fewer, f64::from(1 << (2 * step)));

@@ -286,7 +286,7 @@ impl RenderOptions {
     }
 
     /// Returns the name of the first option in use that applies only to surfaces, not to trained Gaussians.
-    pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
+    pub(crate) fn first_surface_option(&self) -> Option<&'static str> {
         let convert = ConvertOptions {
             repair: false,
             allow_outside: false,
@@ -360,7 +360,7 @@ impl RenderOptions {
         }
         let over = if self.sort.is_some() { "sort" } else { "composite over" };
         if (self.composite == Some(Composite::Over) || self.sort.is_some())
-            && let Some(flag) = self.of_surfaces()
+            && let Some(flag) = self.first_surface_option()
         {
             return Err(Error::Usage(format!(
                 "--{flag} is for surfaces, and --{over} for Gaussians drawn as they were trained: leave out one"

@@ -33,7 +33,7 @@ use surfel_model::{
     Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
     Shader, Up,
 };
-use surfel_render::{Preset, Sight, View};
+use surfel_render::{Preset, SplatVisibility, View};
 use surfel_sample::Progress;
 use surfel_stage::Estimates;
 use surfel_stage::Lighting;
@@ -438,7 +438,7 @@ impl Request {
 
     /// True if the files decide how Gaussians are composited, because neither a scene file nor an option does.
     fn tells_composite(&self) -> bool {
-        self.scene.is_none() && self.options.composite.is_none() && self.options.of_surfaces().is_none()
+        self.scene.is_none() && self.options.composite.is_none() && self.options.first_surface_option().is_none()
     }
 
     /// Assembles the scene from its objects. Chooses camera and lights, unless a scene file defines them, and reads the
@@ -476,7 +476,7 @@ impl Request {
             let views = self.pictures.views(&file.camera, turntable, &self.options)?;
             // Geometry outside the frustum may cast a shadow into it.
             let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
-            let sight_px = (!casts_shadows).then(|| Sight::margin_px(&file.settings));
+            let sight_px = (!casts_shadows).then(|| SplatVisibility::margin_px(&file.settings));
             let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
             refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(), &seen, progress)?;
             tell(&loaded, &self.options, note)?;
@@ -662,7 +662,7 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
 
 /// Returns the settings with the options' filter as the filter of trained Gaussians, if these are composited with
 /// [`Composite::Over`].
-fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
+fn apply_gaussian_filter(settings: Settings, options: &RenderOptions) -> Settings {
     let over = options.filter.filter(|_| settings.composite == Composite::Over);
     settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))
 }
@@ -682,7 +682,7 @@ fn settings(base: Settings, options: &RenderOptions) -> Settings {
         .with_composite(options.composite.unwrap_or(base.composite))
         .with_sort(options.sort.unwrap_or(base.sort))
         .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px));
-    of_gaussians(settings, options)
+    apply_gaussian_filter(settings, options)
 }
 
 pub(crate) fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {

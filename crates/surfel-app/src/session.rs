@@ -164,7 +164,7 @@ impl Session {
             backend,
             backend_name: backend_name.to_owned(),
             backend_options,
-            level_store: Arc::new(LevelStore::keeping_nodes()),
+            level_store: Arc::new(LevelStore::caching_nodes()),
             is_for_any_camera: false,
             has_levels: OnceCell::new(),
             loaded: Vec::new(),
@@ -412,7 +412,7 @@ impl Session {
     ///
     /// # Errors
     /// Errors of [`Session::draw`].
-    pub fn glance(&mut self, options: &RenderOptions) -> Result<(Camera, Stats), Error> {
+    pub fn draw_preview(&mut self, options: &RenderOptions) -> Result<(Camera, Stats), Error> {
         let Some(loaded) = self.loaded.first_mut() else { return Err(nothing_shown()) };
         let Some(shown) = loaded.shown.as_mut() else { return Err(nothing_shown()) };
         let Some(resident) = &mut shown.resident else { return Err(nothing_shown()) };

@@ -13,19 +13,24 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{CellBinding, CellBuffer, CellRoom, CellRound, CellStage, CellStep, CellTiles};
+use surfel_gpu::{CellBinding, CellBuffer, CellCapacity, CellRound, CellStage, CellStep, CellTiles};
 
 /// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, Buffer>,
     /// Capacity of the buffers; `None` before the first tile.
-    pub room: Option<CellRoom>,
+    pub room: Option<CellCapacity>,
 }
 
 impl CellBuffers {
     /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
-    pub(crate) fn prepare(&mut self, device: &Arc<Device>, tiles: &CellTiles, room: CellRoom) -> Result<(), Failure> {
+    pub(crate) fn prepare(
+        &mut self,
+        device: &Arc<Device>,
+        tiles: &CellTiles,
+        room: CellCapacity,
+    ) -> Result<(), Failure> {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = tiles.bytes(buffer, room);
@@ -71,7 +76,7 @@ impl<'a> CellTile<'a> {
     pub(crate) fn new(
         device: &Arc<Device>,
         inputs: &TileInputs<'a>,
-        (cells, room): (&CellBuffers, CellRoom),
+        (cells, room): (&CellBuffers, CellCapacity),
         stages: &'a [CellStage],
     ) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;

@@ -18,10 +18,10 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    CellBuffer, CellRoom, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    CellBuffer, CellCapacity, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
     FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
     ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers, layers_remain,
-    least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
+    min_surface_count, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -300,7 +300,7 @@ impl Renderer {
                 room = tiles.grown(tried, &counters, self.limits);
                 continue;
             }
-            CellRoom::count(&counters, stats);
+            CellCapacity::count(&counters, stats);
             let planes = targets.readback.words(pixels.planes.floats as usize)?;
             let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
             stats.fragments +=
@@ -317,7 +317,7 @@ impl Renderer {
         &self,
         job: &FrameJob<'_>,
         tiles: &CellTiles,
-        room: CellRoom,
+        room: CellCapacity,
         targets: &Targets,
         stats: &mut Stats,
     ) -> Result<Vec<u32>, Failure> {
@@ -382,7 +382,7 @@ impl Renderer {
             }
             // The tile's splats were counted already, and are drawn again.
             [stats.drawn, stats.fragments] = before;
-            let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
+            let least = || min_surface_count(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
         };
         // Without queries, the fragments are the sum over the plane of fragments. This also holds for Gaussians:

@@ -134,7 +134,7 @@ pub struct BackendScene {
     resident: Resident,
     /// Parts of the scene on which its stored light depends; `None` without a sky. A changed scene with the same parts
     /// reuses the light.
-    light: Option<LitBy>,
+    light: Option<StoredLightKey>,
     /// Ground with its stored light, and the scene's background in linear premultiplied RGBA, which is drawn behind the
     /// ground; `None` without a ground.
     ground: Option<(LitGround, [f32; 4])>,
@@ -143,7 +143,7 @@ pub struct BackendScene {
 /// Parts of a scene on which its stored light depends. They are compared to detect whether the light of a changed scene
 /// is the same.
 #[derive(Clone, Debug)]
-struct LitBy {
+struct StoredLightKey {
     geometry: SceneGeometry,
     sky: Option<Sky>,
     ground: Option<Ground>,
@@ -151,7 +151,7 @@ struct LitBy {
     objects: Vec<(DAffine3, Material)>,
 }
 
-impl LitBy {
+impl StoredLightKey {
     fn of(scene: &Scene) -> Self {
         let objects = scene.objects.iter().map(|object| (object.world_from_object, object.material)).collect();
         let (sky, ground, background) = (scene.sky.clone(), scene.ground, scene.background);
@@ -412,7 +412,7 @@ impl Backend {
                 advice: "use backend 'reference'",
             }),
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
-            (backend, _) => Err(elsewhere(backend)),
+            (backend, _) => Err(wrong_backend_error(backend)),
         }?;
         scene.draw_ground(view, planes, frame);
         Ok(stats)
@@ -514,7 +514,7 @@ fn not_lit(backend: &Backend, error: LightError) -> RenderError {
 }
 
 /// Returns the error to report if a scene that another backend uploaded is drawn with `backend`.
-fn elsewhere(backend: &Backend) -> RenderError {
+fn wrong_backend_error(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }
 }
@@ -559,7 +559,7 @@ impl Renderer for Backend {
         let resident = self.upload_stored(&lit, progress)?;
         let [r, g, b, a] = scene.background;
         let ground = ground.map(|ground| (ground, [r * a, g * a, b * a, a].map(|c| c as f32)));
-        let light = scene.sky.is_some().then(|| LitBy::of(scene));
+        let light = scene.sky.is_some().then(|| StoredLightKey::of(scene));
         Ok(BackendScene { resident, light, ground })
     }
 
@@ -602,7 +602,7 @@ impl Renderer for Backend {
             #[cfg(feature = "wgpu")]
             (Self::Wgpu(renderer), Resident::Wgpu(scene)) => renderer.render_into(scene, view, settings, drawn, frame),
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
-            (backend, _) => Err(elsewhere(backend)),
+            (backend, _) => Err(wrong_backend_error(backend)),
         }?;
         scene.draw_ground(view, planes, frame);
         Ok(stats)

@@ -77,7 +77,7 @@ enum Kind {
     /// A flag that may be repeated, with one value each time.
     Several,
     /// A flag whose value is optional.
-    MayStandAlone,
+    OptionalValue,
 }
 
 fn kind_of(argument: &clap::Arg) -> Kind {
@@ -86,7 +86,7 @@ fn kind_of(argument: &clap::Arg) -> Kind {
     match argument.get_action().takes_values() {
         false => Kind::Switch,
         true if is_repeated && argument.get_value_delimiter().is_none() => Kind::Several,
-        true if may_stand_alone && argument.get_possible_values().is_empty() => Kind::MayStandAlone,
+        true if may_stand_alone && argument.get_possible_values().is_empty() => Kind::OptionalValue,
         true => Kind::Valued,
     }
 }
@@ -101,7 +101,7 @@ fn argument(key: &str, value: &Value, kind: Kind) -> Result<Option<OsString>, St
     };
     let wrong = || format!("has {key} = {value}, expected {}", if is_switch { "true or false" } else { "its value" });
     let text = match value {
-        Value::Boolean(on) if matches!(kind, Kind::Switch | Kind::MayStandAlone) => {
+        Value::Boolean(on) if matches!(kind, Kind::Switch | Kind::OptionalValue) => {
             return Ok(on.then(|| format!("--{key}").into()));
         }
         Value::Boolean(on) => (if *on { "on" } else { "off" }).to_owned(),

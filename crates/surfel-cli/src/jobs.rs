@@ -7,7 +7,7 @@ use crate::args::{self, Command, JobsArgs, command};
 use crate::console::Console;
 use crate::convert;
 use crate::failure::Failure;
-use crate::parse::{color_bar_beside, join_values};
+use crate::parse::{default_color_bar_path, join_values};
 use crate::pieces;
 use crate::stdin::is_stdin;
 use crate::stdout;
@@ -64,12 +64,12 @@ struct Job {
     /// Words of the command line of a task, with [`TASK`] for the task's number.
     words: Vec<String>,
     /// Files that the tasks write, one each, if a last step merges them; `None` if the tasks' files are the result.
-    pieces: Option<Pieces>,
+    pieces: Option<TaskFiles>,
 }
 
 /// Files that the tasks of a job write, and the last step that merges them.
 #[derive(Debug)]
-struct Pieces {
+struct TaskFiles {
     /// Name of the file of a task, with [`TASK`] for the task's number.
     name: String,
     /// Names of the files of all tasks.
@@ -82,7 +82,7 @@ struct Pieces {
     whole: String,
 }
 
-impl Pieces {
+impl TaskFiles {
     /// Creates the description of `count` files. `name` contains `placeholder` for the number of a file.
     fn new([name, placeholder]: [&str; 2], count: usize, step: &'static str, whole: &str) -> Self {
         let files: Vec<String> = (0..count).map(|i| name.replace(placeholder, &format!("{i:04}"))).collect();
@@ -106,10 +106,10 @@ impl Job {
         let name = format!("surfel-{plain}").trim_end_matches('-').to_owned();
         let folder = folder.to_owned();
         let job = Self { name, folder, what: String::new(), tasks: 0, words: Vec::new(), pieces: None };
-        if is_conversion { job.of_shares(args, inputs) } else { job.of_pictures(args, inputs, console) }
+        if is_conversion { job.conversion_job(args, inputs) } else { job.image_job(args, inputs, console) }
     }
 
-    fn of_pictures(self, args: &JobsArgs, inputs: Vec<String>, console: &Console) -> Result<Self, Failure> {
+    fn image_job(self, args: &JobsArgs, inputs: Vec<String>, console: &Console) -> Result<Self, Failure> {
         let default = match (args.cameras.is_some(), args.frames.is_some()) {
             (true, _) => "{name}.png",
             (_, true) => "{frame}.png",
@@ -141,7 +141,7 @@ impl Job {
             Some(tiles) => {
                 let name = tile_name(&output);
                 words.extend([format!("--tile={TASK}/{tiles}"), format!("--output={name}")]);
-                (tiles as usize, Some(Pieces::new([&name, "{tile}"], tiles as usize, "stitch", &output)))
+                (tiles as usize, Some(TaskFiles::new([&name, "{tile}"], tiles as usize, "stitch", &output)))
             }
             None => {
                 let tasks = args.tasks.map_or(TASKS, |tasks| tasks as usize).min(pictures);
@@ -156,7 +156,7 @@ impl Job {
     }
 
     /// Creates the job that converts points to a COPC file in shards.
-    fn of_shares(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
+    fn conversion_job(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
         let output = args.output.as_deref().map_or_else(|| Ok(String::new()), text_of)?;
         let is_of_pictures = args.frames.is_some() || args.cameras.is_some() || args.tiles.is_some();
         if is_of_pictures || args.frame_range.is_some() {
@@ -179,7 +179,7 @@ impl Job {
             return Err(Failure::usage("tasks go on with what is there: expected no --force; delete what is old"));
         }
         convert::check(&parsed)?;
-        let pieces = Some(Pieces::new([&name, "{shard}"], tasks, "merge", &output));
+        let pieces = Some(TaskFiles::new([&name, "{shard}"], tasks, "merge", &output));
         Ok(Self { what, tasks, words, pieces, ..self })
     }
 
@@ -208,7 +208,7 @@ impl Job {
             ] },
             "script": run(self.shell(&self.words, OPENJD_TASK))?,
         })];
-        if let Some(Pieces { step, join, .. }) = &self.pieces {
+        if let Some(TaskFiles { step, join, .. }) = &self.pieces {
             steps.push(json!({
                 "name": step,
                 "dependencies": [{ "dependsOn": first }],
@@ -225,7 +225,7 @@ impl Job {
     fn slurm(&self) -> String {
         let last = self.tasks - 1;
         let mut text = format!("#!/bin/bash\n#SBATCH --job-name={}\n#SBATCH --array=0-{last}\nset -eu\n", self.name);
-        if let Some(Pieces { step, join, .. }) = &self.pieces {
+        if let Some(TaskFiles { step, join, .. }) = &self.pieces {
             // The task's command is written to a script, because an argument may not exceed 128 KiB.
             text += &format!(
                 "if [ -z \"${{SLURM_ARRAY_TASK_ID-}}\" ]; then\n  # Run by bash: the array, and then what needs all of \
@@ -265,7 +265,7 @@ impl Job {
             json!({ "apiVersion": "batch/v1", "kind": "Job", "metadata": { "name": name }, "spec": spec })
         };
         let tasks = job(&self.name, &self.words, Some(self.tasks));
-        let Some(Pieces { step, join, files, .. }) = &self.pieces else { return pretty(&tasks) };
+        let Some(TaskFiles { step, join, files, .. }) = &self.pieces else { return pretty(&tasks) };
         // A Kubernetes job can't wait for another one. Files appear complete, so the merging job waits for the files.
         let command = &join[..join.len() - files.len()];
         let script = format!("for f do until [ -e \"$f\" ]; do sleep 5; done; done; exec {} \"$@\"", shell(command));
@@ -305,7 +305,7 @@ impl Job {
         let tasks: Vec<String> = (0..self.tasks).map(number).collect();
         let all = format!("expand({}, task={})", string(&done), json!(tasks));
         let mut text = String::new();
-        if let Some(Pieces { step, join, whole, .. }) = &self.pieces {
+        if let Some(TaskFiles { step, join, whole, .. }) = &self.pieces {
             let whole = string(&in_folder(whole));
             let rule = format!("rule {step}:\n    input: {all}\n    output: {whole}\n    shell: {}", command(join)?);
             text += &format!("rule all:\n    input: {whole}\n\n{rule}\n\n");
@@ -321,14 +321,14 @@ impl Job {
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
 /// Largest length, in bytes, of a command that a job system passes as one word. Linux allows 128 KiB including the
 /// terminating zero.
-const MOST_LINE: usize = 128 * 1024 - 1;
+const MAX_COMMAND_BYTES: usize = 128 * 1024 - 1;
 
 /// Returns an error if a command is too long for a job system that passes it to a shell as one word.
 fn line(command: String) -> Result<String, Failure> {
-    if command.len() < MOST_LINE {
+    if command.len() < MAX_COMMAND_BYTES {
         return Ok(command);
     }
-    let what = format!("a task's command has {} bytes, expected fewer than {MOST_LINE}", command.len());
+    let what = format!("a task's command has {} bytes, expected fewer than {MAX_COMMAND_BYTES}", command.len());
     Err(Failure::usage(format!("{what}\n  help: fewer files, shorter names, or --slurm, whose scripts are files")))
 }
 
@@ -411,7 +411,7 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
         Failure::with_code(failure.code(), format!("{}\n  help: {help}", failure.message()))
     })?;
     let Some(coloring) = found else { return Ok(flags) };
-    let beside = render.names_colorbar.then(|| color_bar_beside(Path::new(output)));
+    let beside = render.names_colorbar.then(|| default_color_bar_path(Path::new(output)));
     if let Some(bar) = splats.colorbar.clone().or(beside) {
         save_color_bar(&bar, render.force, &coloring)?;
         console.note(&format!("{}: the colour bar of all tasks", bar.display()));
@@ -533,7 +533,7 @@ mod tests {
     fn commands_that_no_shell_takes_are_refused() {
         let names: String = (0..9000).map(|i| format!("{i:015}.laz ")).collect();
         let job = job(&format!("surfel jobs {names}--tasks 2 --slurm -o a.copc.laz")).unwrap();
-        assert!(job.slurm().len() > MOST_LINE);
+        assert!(job.slurm().len() > MAX_COMMAND_BYTES);
         let told = [job.openjd().unwrap_err(), job.snakemake().unwrap_err(), job.cuecmd().unwrap_err()];
         assert!(told.iter().all(|failure| failure.code() == 2 && failure.message().contains("expected fewer than")));
     }

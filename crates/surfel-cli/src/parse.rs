@@ -15,14 +15,14 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
     let bare = insert_render(&mut arguments, &words);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e, &arguments))?;
-    let cli = args::parsed(&matches).map_err(|e| complain(&e, &arguments))?;
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| print_parse_error(&e, &arguments))?;
+    let cli = args::parsed(&matches).map_err(|e| print_parse_error(&e, &arguments))?;
     let Some(path) = &cli.program.config else { return completed(cli, bare) };
     let extra = config::arguments(path, &matches).map_err(|failure| tell(&failure))?;
     let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
     arguments.splice(end..end, extra);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e, &arguments))?;
-    let cli = args::parsed(&matches).map_err(|e| complain(&e, &arguments))?;
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| print_parse_error(&e, &arguments))?;
+    let cli = args::parsed(&matches).map_err(|e| print_parse_error(&e, &arguments))?;
     completed(cli, bare)
 }
 
@@ -70,12 +70,12 @@ fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
     let Some(output) = output.filter(|output| output.as_os_str() != "-") else {
         return Err(Failure::usage("--colorbar: there is no OUT to name it after, expected --colorbar=FILE.png"));
     };
-    args.render.splats.colorbar.get_or_insert_with(|| color_bar_beside(&output));
+    args.render.splats.colorbar.get_or_insert_with(|| default_color_bar_path(&output));
     Ok(())
 }
 
 /// Returns the file name of an image's colour bar, which all frames and cameras of an input share.
-pub(crate) fn color_bar_beside(output: &Path) -> PathBuf {
+pub(crate) fn default_color_bar_path(output: &Path) -> PathBuf {
     let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = ["{frame}", "{name}", "{backend}"].iter().fold(stem, |stem, placeholder| stem.replace(placeholder, ""));
     let stem = stem.trim_matches(['-', '_', '.', ' ']);
@@ -121,7 +121,7 @@ fn unknown(error: &clap::Error, arguments: &[OsString]) -> Option<String> {
 }
 
 /// Prints clap's error in at most four lines (help and version completely) and returns the exit code.
-fn complain(error: &clap::Error, arguments: &[OsString]) -> u8 {
+fn print_parse_error(error: &clap::Error, arguments: &[OsString]) -> u8 {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
             // A closed pipe isn't an error.
@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn color_bars_are_named_after_the_image() {
-        let named = |output: &str| color_bar_beside(Path::new(output)).to_string_lossy().replace('\\', "/");
+        let named = |output: &str| default_color_bar_path(Path::new(output)).to_string_lossy().replace('\\', "/");
         assert_eq!(named("out/a.png"), "out/a-colorbar.png");
         assert_eq!(named("{input}.png"), "{input}-colorbar.png");
         assert_eq!(named("out/turn-{frame}.exr"), "out/turn-colorbar.png");

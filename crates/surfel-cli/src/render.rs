@@ -21,7 +21,7 @@ use surfel_app::film::FilmEncoder;
 use surfel_app::options::Options;
 use surfel_app::progressive::Detail;
 use surfel_app::request::{self, RenderOptions};
-use surfel_app::{camera, metadata, unseen};
+use surfel_app::{blank_image, camera, metadata};
 use surfel_backend::{Backend, BackendOptions, BackendScene};
 use surfel_backend::{Chosen, refusals};
 use surfel_io::ShowPath as _;
@@ -181,14 +181,14 @@ impl<'a> Session<'a> {
 
     /// Refuses files that couldn't be written. Called before anything is drawn.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
-        self.check_apart(&[label])?;
+        self.check_distinct_files(&[label])?;
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
         self.names(backend, label).iter().filter(|path| !self.skips(path)).try_for_each(|path| output.check(Some(path)))
     }
 
     /// Refuses two files with one name, and an output that is an input, also through links, because one file would be
     /// lost.
-    fn check_apart(&self, labels: &[&Path]) -> Result<(), Failure> {
+    fn check_distinct_files(&self, labels: &[&Path]) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
         let bar = self.args.render.splats.colorbar.as_ref();
         let inputs: HashSet<PathBuf> =
@@ -226,7 +226,7 @@ impl<'a> Session<'a> {
     /// is that of the first failure.
     fn draw_each(&mut self) -> Result<(), Failure> {
         let inputs = &self.args.inputs;
-        self.check_apart(&inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
+        self.check_distinct_files(&inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
         let (mut failed, mut first, mut stats) = (0, 0, Vec::new());
         for input in inputs {
             if self.frames_of(input).is_empty() {
@@ -384,7 +384,7 @@ impl<'a> Session<'a> {
         if detail == Detail::Coarse {
             return Ok(Drawn::default());
         }
-        let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
+        let why = job.why_blank.unwrap_or_else(|| blank_image::why_blank(&resolved.scene));
         let files = sink.finish(console, frames, is_whole(args).then_some(why))?;
         let verified = if args.render.verify {
             let view = camera::view(&resolved.file.camera, &args.render)?;
@@ -415,12 +415,12 @@ impl<'a> Session<'a> {
         (backend, carried): (&Backend, &mut Option<Vec<metadata::Input>>),
     ) -> Result<(), Failure> {
         let console = self.console;
-        sink.blank += u32::from(unseen::is_blank(&job.frame, scene.background));
+        sink.blank += u32::from(blank_image::is_blank(&job.frame, scene.background));
         if let Some(film) = &mut sink.film {
             film.push(&job.frame, scene.background, console)?;
         } else if let Some(output) = &self.output {
             let metadata = self.metadata(output, path, (scene, beside), backend, carried)?;
-            self.tell_of_alpha(output, path, &job.frame, scene.background);
+            self.note_missing_alpha(output, path, &job.frame, scene.background);
             match output.write(path, &job.frame, scene.background, metadata) {
                 // Another run has written the same image meanwhile.
                 Err(_) if path.is_some_and(|path| self.skips(path)) => {}
@@ -467,7 +467,7 @@ impl<'a> Session<'a> {
     }
 
     /// Prints a note if an image has alpha but its format, JPEG, doesn't.
-    fn tell_of_alpha(&self, output: &Output, path: Option<&Path>, frame: &Frame, [r, g, b, _]: [f64; 4]) {
+    fn note_missing_alpha(&self, output: &Output, path: Option<&Path>, frame: &Frame, [r, g, b, _]: [f64; 4]) {
         let (Format::Jpeg, Some(path)) = (output.format, path) else { return };
         if frame.color().iter().any(|c| c[3] < 1.0) {
             self.console.note(&format!(
@@ -578,7 +578,7 @@ pub(crate) fn start(args: &Options, threads: usize, console: &Console) -> Result
         return choose(args, threads, console, |_| None);
     }
     let backend = Backend::by_name(name, &backend_options(args, threads))?;
-    introduce(&backend, console);
+    print_backend(&backend, console);
     Ok(backend)
 }
 
@@ -598,7 +598,7 @@ pub(crate) fn choose(
     } else if !slow.is_empty() {
         console.note("no fast backend is built into this program: drawing with 'reference', which is exact and slow");
     }
-    introduce(&backend, console);
+    print_backend(&backend, console);
     Ok(backend)
 }
 
@@ -607,7 +607,7 @@ pub(crate) fn backend_options(args: &Options, threads: usize) -> BackendOptions 
     options.with_adapter(args.adapter.clone())
 }
 
-fn introduce(backend: &Backend, console: &Console) {
+fn print_backend(backend: &Backend, console: &Console) {
     let info = backend.info();
     let threads = if info.threads > 0 { format!(", {} threads", info.threads) } else { String::new() };
     console.detail(&format!("backend {}: {} ({}){threads}", info.backend, info.adapter, info.driver));
@@ -709,7 +709,7 @@ impl<'a> Job<'a> {
             (None, None) => {
                 let resident = self.upload(backend, &resolved.scene)?;
                 if self.last_upload {
-                    self.why_blank = Some(unseen::why_blank(&resolved.scene));
+                    self.why_blank = Some(blank_image::why_blank(&resolved.scene));
                     resolved.scene.objects = Vec::new();
                 }
                 resident

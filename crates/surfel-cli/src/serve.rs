@@ -27,7 +27,7 @@ const MAX_PIXELS: usize = 1 << 26;
 
 /// Number of pixels of an image up to which its memory is reused for the next one. The memory of larger images is
 /// freed.
-const KEPT_PIXELS: usize = 1 << 22;
+const MAX_REUSED_PIXELS: usize = 1 << 22;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     check(args)?;
@@ -225,7 +225,7 @@ impl<'a> Server<'a> {
         let frame = self.session.frame();
         let written = output.write(Some(path), frame, background, metadata);
         let (width, height) = (frame.width(), frame.height());
-        if view.pixels() > KEPT_PIXELS {
+        if view.pixels() > MAX_REUSED_PIXELS {
             self.session.release_memory();
         }
         written?;

@@ -25,7 +25,7 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
         return Err(Failure::usage("-o -: a whole image goes to a file, expected a name in .png, .tif or .exr"));
     }
     output.check(Some(&args.output))?;
-    let said: Vec<Said> = args.tiles.iter().map(|path| Said::of(path)).collect::<Result<_, _>>()?;
+    let said: Vec<TileMetadata> = args.tiles.iter().map(|path| TileMetadata::of(path)).collect::<Result<_, _>>()?;
     let Some(first) = said.first() else { return Err(Failure::usage("no tiles are given")) };
     for other in &said {
         if let Some(what) = first.differs(other) {
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     if is_tiff {
         console.detail(&format!("{}: keeps nothing of the scene: surfel again needs a PNG", args.output.shown()));
     }
-    let metadata = first.of_whole(Output::folder(Some(&args.output)), format)?;
+    let metadata = first.whole_image_metadata(Output::folder(Some(&args.output)), format)?;
     let tiles: Vec<Tile> = said.iter().map(|said| said.tile.clone()).collect();
     surfel_io::stitch(&args.output, args.force, size, &tiles, &metadata)?;
     console.detail(&format!("{}: {}x{} pixels of {} tiles", args.output.shown(), size[0], size[1], tiles.len()));
@@ -61,7 +61,7 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
 }
 
 /// A tile of an image, with the metadata from its file about the image that it belongs to.
-struct Said {
+struct TileMetadata {
     tile: Tile,
     file: SceneFile,
     version: String,
@@ -70,7 +70,7 @@ struct Said {
     inputs: Value,
 }
 
-impl Said {
+impl TileMetadata {
     fn of(path: &Path) -> Result<Self, Failure> {
         let header = surfel_io::read_image_header(path)?;
         let name = path.shown();
@@ -152,7 +152,7 @@ impl Said {
     }
 
     /// Returns the metadata of the whole image in `folder`, as if the image had been drawn there at once.
-    fn of_whole(&self, folder: &Path, format: Format) -> Result<Vec<(String, String)>, Failure> {
+    fn whole_image_metadata(&self, folder: &Path, format: Format) -> Result<Vec<(String, String)>, Failure> {
         let here = Output::folder(Some(&self.tile.path));
         let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_path_buf());
         let absolute = |path: &Path| clean(&here.join(path));

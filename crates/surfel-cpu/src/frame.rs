@@ -31,7 +31,7 @@ use crate::setup::record::Record;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::tiny::TinyFinder;
 use crate::setup::triangles::{TriangleSegment, project};
-use crate::shade::balls::BallLook;
+use crate::shade::balls::BallShading;
 use crate::shade::lighting::Lighting;
 use crate::shade::shadow_draw::ShadowDrawing;
 use crate::shade::shadow_map::ShadowMap;
@@ -90,7 +90,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     let mut balls = BallView::all(&scene.balls, view, plan, 0.0);
     let first_of_balls = scene.clouds.len() as u32;
     balls.iter_mut().for_each(|of| of.first_number = numbers.first(first_of_balls + of.index).unwrap_or(0));
-    let tiny = (tuning.finds_tiny && tiny_splats_serve(plan)).then(|| TinyFinder::new(plan, view));
+    let tiny = (tuning.finds_tiny && supports_tiny_tiles(plan)).then(|| TinyFinder::new(plan, view));
     let of_samples = plan.has(Pass::EdgeSamples).then(|| (view.of_samples(), plan.of_samples()));
     let lighting = lighting(scene, view, plan, shadows);
     let samples = of_samples.as_ref().map(|(view, plan)| SampleView {
@@ -121,9 +121,9 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
 
 /// Returns the shading parameters of each object of balls: its material's factors and, for the unlit shader, its stored
 /// light.
-fn ball_looks<'a>(scene: &'a ResidentScene, plan: &FramePlan) -> Vec<BallLook<'a>> {
+fn ball_looks<'a>(scene: &'a ResidentScene, plan: &FramePlan) -> Vec<BallShading<'a>> {
     let shows_light = plan.shader == Shader::Unlit;
-    let look = |of: &'a StoredBalls| BallLook {
+    let look = |of: &'a StoredBalls| BallShading {
         factors: of.material.factors().map(|f| f as f32),
         light: of.light.as_deref().filter(|_| shows_light),
     };
@@ -136,7 +136,7 @@ struct Drawing<'a> {
     setup: CellSetup<'a>,
     balls: &'a [BallView<'a>],
     /// Material factors and stored light of each object of balls.
-    ball_looks: Vec<BallLook<'a>>,
+    ball_looks: Vec<BallShading<'a>>,
     meshes: &'a [StoredMesh],
     raster: RasterFrame,
     layers: Layers,
@@ -182,7 +182,7 @@ impl Drawing<'_> {
         if cell.chunks.is_empty() && cell.mesh_parts.is_empty() && cell.ball_parts.is_empty() {
             let grid = Grid::new(cell.region, tuning.tile_blocks);
             for tile in 0..grid.tiles() {
-                target.go_to(&grid, tile);
+                target.select_tile(&grid, tile);
                 target.fill_empty(self.lighting.background);
             }
             totals.tiles_ms += start.elapsed().as_secs_f64() * 1e3;
@@ -222,14 +222,14 @@ impl Drawing<'_> {
             let mut gbuffer = pools.gbuffers.take();
             gbuffer.reset_for(&grid, plan);
             for tile in 0..grid.tiles() {
-                target.go_to(&grid, tile);
+                target.select_tile(&grid, tile);
                 totals.counters += job.draw(instructions, target, Some(&mut gbuffer.tile(tile)), &mut own);
             }
             let after_tiles = Instant::now();
             totals.tiles_ms += (after_tiles - after_setup).as_secs_f64() * 1e3;
             let mut layer_steps = LayerSteps::new(&grid, plan);
             for tile in 0..grid.tiles() {
-                target.go_to(&grid, tile);
+                target.select_tile(&grid, tile);
                 totals.counters += job.finish_on(instructions, target, &gbuffer, Some(&mut layer_steps), &mut own);
             }
             if let Some(samples) = &self.samples {
@@ -240,7 +240,7 @@ impl Drawing<'_> {
             }
             with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || {
                 for tile in 0..grid.tiles() {
-                    target.go_to(&grid, tile);
+                    target.select_tile(&grid, tile);
                     target.encode(simd);
                 }
             }));
@@ -249,7 +249,7 @@ impl Drawing<'_> {
             pools.gbuffers.give_back(gbuffer);
         } else {
             for tile in 0..grid.tiles() {
-                target.go_to(&grid, tile);
+                target.select_tile(&grid, tile);
                 totals.counters += job.draw(instructions, target, None, &mut own);
             }
             totals.tiles_ms += after_setup.elapsed().as_secs_f64() * 1e3;
@@ -345,7 +345,7 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
 
 /// True if tiles of tiny splats may be drawn splat by splat. This requires that no screen-space pass follows, and that
 /// the plan needs only the sums that such a tile computes.
-fn tiny_splats_serve(plan: &FramePlan) -> bool {
+fn supports_tiny_tiles(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.
     let ellipses = plan.splat_filter.filter != Filter::Clamp;

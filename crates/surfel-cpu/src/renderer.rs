@@ -91,10 +91,10 @@ impl surfel_render::Renderer for Renderer {
         // Tiles encode colours as they write them, unless later passes need linear colours.
         plan.planes.color = planes.color || (planes.rgba8 && (plan.reach_px() > 0 || plan.has(Pass::Gaussians)));
         let slots: usize = scene.clouds.iter().map(|cloud| cloud.centers.len()).sum();
-        if plan.has(Pass::Nearest) && slots > SplatNumbers::MOST {
+        if plan.has(Pass::Nearest) && slots > SplatNumbers::MAX_SLOTS {
             return Err(RenderError::Backend {
                 backend: "cpu",
-                message: format!("the planes index and label number {} splats at most", SplatNumbers::MOST),
+                message: format!("the planes index and label number {} splats at most", SplatNumbers::MAX_SLOTS),
             });
         }
         let mut stats = Stats::default().with_splats(plan.splats).with_threads(self.info.threads);

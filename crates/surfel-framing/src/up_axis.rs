@@ -221,7 +221,7 @@ const FALLS: f64 = 0.15;
 const LIES: f64 = 1.0;
 
 /// A weighted criterion for or against an axis.
-struct Piece {
+struct Criterion {
     reason: UpReason,
     weight: f64,
     measure: fn(&Shape, Up) -> f64,
@@ -232,16 +232,16 @@ struct Piece {
 
 /// All criteria. The score of an axis is the sum of the measurements times their weights. If no evidence is for an
 /// axis, the first criterion in this list that rules out others is the reported reason.
-const EVIDENCE: [Piece; 6] = [
-    Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
-    Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
-    Piece { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
-    Piece { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
-    Piece { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
-    Piece { reason: UpReason::Camera, weight: CAMERA_WEIGHT, measure: Shape::camera_up, decides: 0.25 },
+const EVIDENCE: [Criterion; 6] = [
+    Criterion { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
+    Criterion { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
+    Criterion { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
+    Criterion { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
+    Criterion { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
+    Criterion { reason: UpReason::Camera, weight: CAMERA_WEIGHT, measure: Shape::camera_up, decides: 0.25 },
 ];
 
-impl Piece {
+impl Criterion {
     fn score(&self, shape: &Shape, up: Up) -> f64 {
         self.weight * (self.measure)(shape, up)
     }
@@ -435,7 +435,7 @@ impl Shape {
             .iter()
             .filter(|piece| piece.decides > 0.0 && piece.score(self, up) > piece.decides)
             .max_by(|a, b| a.score(self, up).total_cmp(&b.score(self, up)));
-        let against = |piece: &&Piece| {
+        let against = |piece: &&Criterion| {
             piece.decides < 0.0 && Up::ALL.into_iter().any(|other| piece.score(self, other) < piece.decides)
         };
         strongest.or_else(|| EVIDENCE.iter().find(against)).map(|piece| piece.reason)

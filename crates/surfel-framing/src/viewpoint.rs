@@ -137,7 +137,7 @@ fn from_high(compared: &Compared, view: &Candidate) -> f64 {
 /// Candidate view, with its measurements.
 struct Candidate {
     angles: ViewAngles,
-    seen: Seen,
+    seen: ViewMeasurements,
 }
 
 /// Properties of a scene and of the ring of its candidate views, with which each view is compared.
@@ -154,11 +154,11 @@ struct Compared {
     /// Fraction of the surface visible from the whole ring that is back-facing.
     away: f64,
     /// Largest entropy and largest curvature of any view of the ring.
-    best: Shown,
+    best: VisibleDetail,
 }
 
 impl Compared {
-    fn shown<'a>(&self, seen: &'a Seen) -> &'a Shown {
+    fn shown<'a>(&self, seen: &'a ViewMeasurements) -> &'a VisibleDetail {
         if self.two_sided { &seen.all } else { &seen.facing }
     }
 
@@ -198,14 +198,14 @@ pub(crate) fn choose_view(samples: &Samples, up: Up) -> ChosenView {
         _ => DVec3::ZERO,
     };
     let is_captured = ahead != DVec3::ZERO && depth_camera(patches, ahead.z) > 0.5;
-    if is_captured || is_seen_along(ahead, patches) {
+    if is_captured || is_captured_along(ahead, patches) {
         return ChosenView { angles: level, reason: ViewReason::Camera };
     }
-    let judge = Judge::new(patches);
+    let judge = ViewComparison::new(patches);
     let candidate = |angles: ViewAngles| Candidate { angles, seen: judge.look(&ViewAxes::turned(angles, up)) };
     let ring_at = |elevation_deg: f64| RING.map(|azimuth_deg| candidate(ViewAngles { azimuth_deg, elevation_deg }));
     let away = |ring: &[Candidate]| {
-        let sum = |f: fn(&Seen) -> f64| ring.iter().map(|view| f(&view.seen)).sum::<f64>();
+        let sum = |f: fn(&ViewMeasurements) -> f64| ring.iter().map(|view| f(&view.seen)).sum::<f64>();
         sum(|s| s.away) / (sum(|s| s.away) + sum(|s| s.toward)).max(1.0)
     };
     let mut ring = ring_at(elevation_deg);
@@ -220,10 +220,12 @@ pub(crate) fn choose_view(samples: &Samples, up: Up) -> ChosenView {
     let found = front(patches, up);
     let front = found.unwrap_or(-ViewAxes::turned(level, up).forward);
     let has_front = found.is_some();
-    let mut compared = Compared { up, front, has_front, elevation_deg, two_sided, away, best: Shown::default() };
-    let best =
-        |f: fn(&Shown) -> f64| ring.iter().map(|view| f(compared.shown(&view.seen))).fold(f64::MIN_POSITIVE, f64::max);
-    compared.best = Shown { entropy: best(|s| s.entropy), curvature: best(|s| s.curvature) };
+    let mut compared =
+        Compared { up, front, has_front, elevation_deg, two_sided, away, best: VisibleDetail::default() };
+    let best = |f: fn(&VisibleDetail) -> f64| {
+        ring.iter().map(|view| f(compared.shown(&view.seen))).fold(f64::MIN_POSITIVE, f64::max)
+    };
+    compared.best = VisibleDetail { entropy: best(|s| s.entropy), curvature: best(|s| s.curvature) };
     let mut chosen = (f64::NEG_INFINITY, &ring[0]);
     for view in &ring {
         let score = compared.score(view);
@@ -254,7 +256,7 @@ fn elevation(patches: &Patches, up: Up) -> f64 {
 
 /// True if the surface was captured by a depth camera that looks along `ahead`, from the origin or from far away. From
 /// other directions, such a surface has gaps. Reliefs and drawings also match; a zero vector never matches.
-fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
+fn is_captured_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;
         let is_before_origin = at.x.abs().max(at.y.abs()) < WIDEST * at.dot(ahead);
@@ -263,7 +265,7 @@ fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
     patches.all.iter().filter(is_seen).count() as f64 > SEEN * patches.all.len() as f64
 }
 
-impl Seen {
+impl ViewMeasurements {
     /// Returns the fraction of the visible surface that is back-facing.
     fn share_away(&self) -> f64 {
         self.away / (self.away + self.toward).max(1.0)
@@ -272,7 +274,7 @@ impl Seen {
 
 /// Amount of detail that is visible in the image of one view.
 #[derive(Clone, Copy, Debug, Default)]
-struct Shown {
+struct VisibleDetail {
     /// Viewpoint entropy in bits. The background counts as one cell.
     entropy: f64,
     /// Curvature of the visible patches, summed over the pixels.
@@ -281,11 +283,11 @@ struct Shown {
 
 /// Measurements of the small image that is drawn of a view.
 #[derive(Clone, Copy, Debug, Default)]
-struct Seen {
+struct ViewMeasurements {
     /// Detail of the whole visible surface, including back faces.
-    all: Shown,
+    all: VisibleDetail,
     /// Detail of the front-facing surface. Other pixels count as background.
-    facing: Shown,
+    facing: VisibleDetail,
     /// Number of pixels whose surface is front-facing.
     toward: f64,
     /// Number of pixels whose surface is back-facing.
@@ -293,7 +295,7 @@ struct Seen {
 }
 
 /// Scene whose views are compared, with data about its patches that all views share.
-struct Judge<'a> {
+struct ViewComparison<'a> {
     patches: &'a Patches,
     /// Number of the entropy cell of each patch. Patches with about the same position, direction and colour share a
     /// cell.
@@ -302,7 +304,7 @@ struct Judge<'a> {
     curvature: Vec<f64>,
 }
 
-impl<'a> Judge<'a> {
+impl<'a> ViewComparison<'a> {
     fn new(patches: &'a Patches) -> Self {
         let mut cells: Vec<u64> = patches.all.iter().map(cell).collect();
         let mut distinct = cells.clone();
@@ -315,9 +317,9 @@ impl<'a> Judge<'a> {
         Self { patches, cells, curvature: curvature(patches) }
     }
 
-    fn look(&self, axes: &ViewAxes) -> Seen {
+    fn look(&self, axes: &ViewAxes) -> ViewMeasurements {
         let mut counts = vec![[0u32; 2]; self.cells.len()];
-        let mut seen = Seen::default();
+        let mut seen = ViewMeasurements::default();
         let all = &self.patches.all;
         let step = all.len().div_ceil(DRAWN);
         let drawn = all.iter().enumerate().step_by(step.max(1));

@@ -97,16 +97,16 @@ pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
 /// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
 pub(crate) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
-    text.parse().ok().or_else(|| odd_number(text))
+    text.parse().ok().or_else(|| c_library_number(text))
 }
 
 /// Parses a number like [`number`], but rounds it directly to f32 rather than first to f64.
 pub(crate) fn number_f32(word: &[u8]) -> Option<f32> {
     let text = std::str::from_utf8(word).ok()?;
-    text.parse().ok().or_else(|| odd_number(text).map(|v| v as f32))
+    text.parse().ok().or_else(|| c_library_number(text).map(|v| v as f32))
 }
 
-fn odd_number(text: &str) -> Option<f64> {
+fn c_library_number(text: &str) -> Option<f64> {
     let lower = text.to_ascii_lowercase();
     let magnitude = lower.trim_start_matches(['+', '-']);
     if magnitude.starts_with("nan") || magnitude.starts_with("1.#q") || magnitude.starts_with("1.#ind") {

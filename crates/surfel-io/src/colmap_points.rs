@@ -22,7 +22,7 @@ const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 /// Bytes of a track element in a binary file: image and point in the image.
 const ELEMENT_BYTES: u64 = 8;
 /// Maximum number of text lines that are examined to detect COLMAP's format.
-const JUDGED_LINES: usize = 100;
+const MAX_DETECTION_LINES: usize = 100;
 
 /// True if `head`, the start of a file, is that of COLMAP's `points3D.txt`. Either the first comments name its columns;
 /// or all lines are points, and the file's name or differing track lengths show the format.
@@ -34,7 +34,7 @@ pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
         return true;
     }
     // The last line may be incomplete.
-    let mut rows: Vec<&[u8]> = lines().filter(|line| !is_comment(line)).take(JUDGED_LINES).collect();
+    let mut rows: Vec<&[u8]> = lines().filter(|line| !is_comment(line)).take(MAX_DETECTION_LINES).collect();
     if head.last() != Some(&b'\n') && rows.len() > 1 {
         rows.pop();
     }

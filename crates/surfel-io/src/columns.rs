@@ -7,7 +7,7 @@ use surfel_model::{Column3, ExtraValues};
 /// A column of numbers, in memory or stored in a file.
 #[derive(Debug)]
 pub(crate) enum Numbers<'a> {
-    Held(ExtraValues),
+    InMemory(ExtraValues),
     Stored(Strided<'a>),
 }
 
@@ -15,7 +15,7 @@ impl Numbers<'_> {
     /// Returns the column's number type. For a stored column, it is the type in the file.
     pub(crate) fn kind(&self) -> NumberType {
         match self {
-            Self::Held(values) => number_type(values),
+            Self::InMemory(values) => number_type(values),
             Self::Stored(column) => column.kind(),
         }
     }
@@ -38,7 +38,7 @@ pub(crate) fn number_type(values: &ExtraValues) -> NumberType {
 impl From<Numbers<'_>> for ExtraValues {
     fn from(numbers: Numbers<'_>) -> Self {
         match numbers {
-            Numbers::Held(values) => values,
+            Numbers::InMemory(values) => values,
             Numbers::Stored(column) => column.values(),
         }
     }
@@ -131,7 +131,7 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
 }
 
 /// Largest rounding step of coordinates that causes no note, as a fraction of the points' extent.
-const ROUNDED_SHARE: f64 = 1.0 / 50_000.0;
+const MAX_ROUNDING_FRACTION: f64 = 1.0 / 50_000.0;
 
 /// Returns a note if 32-bit coordinates between `min` and `max` are so far from the origin that rounding is noticeable.
 pub(crate) fn rounding_note(min: DVec3, max: DVec3) -> Option<String> {
@@ -147,7 +147,7 @@ pub(crate) fn f32_step(largest: f64) -> f64 {
 /// Returns a note if the rounding step of coordinates between `min` and `max` is more than 1/50,000 of their extent.
 pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
     let extent = (max - min).max_element();
-    (extent > 0.0 && step > extent * ROUNDED_SHARE).then(|| {
+    (extent > 0.0 && step > extent * MAX_ROUNDING_FRACTION).then(|| {
         format!("its coordinates are 32-bit floats far from the origin: they are rounded to steps of {step} there")
     })
 }

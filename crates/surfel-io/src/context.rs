@@ -20,7 +20,7 @@ pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are 
 const ALL_BLACK: &str = "took it as without colours: they are all black";
 
 /// Maximum number of notes per file. Further ones are only counted.
-const MOST_NOTES: usize = 1000;
+const MAX_NOTES: usize = 1000;
 
 /// State that readers share while a file is loaded.
 pub(crate) struct Context<'a> {
@@ -30,9 +30,9 @@ pub(crate) struct Context<'a> {
     /// Notes for the user so far, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
     /// The same notes as a set, to find duplicates.
-    known_notes: HashSet<String>,
-    /// Number of notes dropped because there were more than [`MOST_NOTES`].
-    notes_left_out: usize,
+    note_set: HashSet<String>,
+    /// Number of notes dropped because there were more than [`MAX_NOTES`].
+    dropped_notes: usize,
     /// Texture decoder, with limits for the whole file.
     pub(crate) textures: TextureDecoder,
     /// True if the file contains trained Gaussians, also if they were converted to splats.
@@ -46,8 +46,8 @@ impl<'a> Context<'a> {
             options,
             siblings,
             notes: Vec::new(),
-            known_notes: HashSet::new(),
-            notes_left_out: 0,
+            note_set: HashSet::new(),
+            dropped_notes: 0,
             textures,
             gaussian: false,
         }
@@ -55,22 +55,22 @@ impl<'a> Context<'a> {
 
     /// Adds a note for the user, unless it exists already.
     pub(crate) fn note(&mut self, note: String) {
-        if self.known_notes.contains(&note) {
+        if self.note_set.contains(&note) {
             return;
         }
-        if self.notes.len() < MOST_NOTES {
-            self.known_notes.insert(note.clone());
+        if self.notes.len() < MAX_NOTES {
+            self.note_set.insert(note.clone());
             self.notes.push(note);
         } else {
-            self.notes_left_out += 1;
+            self.dropped_notes += 1;
         }
     }
 
     /// Removes and returns all notes; the last one counts the notes beyond the maximum.
     pub(crate) fn take_notes(&mut self) -> Vec<String> {
         let mut notes = std::mem::take(&mut self.notes);
-        if self.notes_left_out > 0 {
-            notes.push(format!("… and {} more notes", std::mem::take(&mut self.notes_left_out)));
+        if self.dropped_notes > 0 {
+            notes.push(format!("… and {} more notes", std::mem::take(&mut self.dropped_notes)));
         }
         notes
     }
@@ -88,7 +88,7 @@ impl<'a> Context<'a> {
 
     /// Removes a column of alphas that are all 0. Some tools write 0 for an unset alpha, and no file is meant to be
     /// invisible.
-    fn leave_out_zero_alphas(&mut self, alphas: &mut Option<Vec<f32>>) {
+    fn drop_zero_alphas(&mut self, alphas: &mut Option<Vec<f32>>) {
         if alphas.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|a| *a == 0.0)) {
             *alphas = None;
             self.note(ZERO_ALPHAS.into());
@@ -97,7 +97,7 @@ impl<'a> Context<'a> {
 
     /// Removes a column of colours that are all black. Some tools write 0 for an unset colour, and black hides every
     /// shape.
-    pub(crate) fn leave_out_black(&mut self, colors: &mut Option<Vec<[f32; 3]>>) {
+    pub(crate) fn drop_black_colors(&mut self, colors: &mut Option<Vec<[f32; 3]>>) {
         if colors.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|color| *color == [0.0; 3])) {
             *colors = None;
             self.note(ALL_BLACK.into());
@@ -107,7 +107,7 @@ impl<'a> Context<'a> {
     /// Validates splats. If `repair` is requested, invalid splats are dropped with a note instead of failing.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
-        self.leave_out_zero_alphas(&mut data.alphas);
+        self.drop_zero_alphas(&mut data.alphas);
         let (cloud, repaired) = SplatCloud::new(data, on_invalid)?;
         if let Some((index, problem)) = repaired.first {
             self.note(format!("dropped {} invalid splats; the first was splat {index}: {problem}", repaired.dropped));
@@ -118,8 +118,8 @@ impl<'a> Context<'a> {
     /// Validates points. Points whose position isn't finite are dropped with a note.
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
-        self.leave_out_zero_alphas(&mut points.alphas);
-        self.leave_out_black(&mut points.colors);
+        self.drop_zero_alphas(&mut points.alphas);
+        self.drop_black_colors(&mut points.colors);
         let dropped = points.drop_non_finite();
         if dropped > 0 {
             self.note(format!("dropped {} whose coordinates are not finite", counted(dropped as u64, "points")));
@@ -129,7 +129,7 @@ impl<'a> Context<'a> {
 
     /// Validates a mesh, and adds the texture of the options to a mesh that lacks one.
     pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
-        self.leave_out_zero_alphas(&mut mesh.alphas);
+        self.drop_zero_alphas(&mut mesh.alphas);
         mesh.validate()?;
         let untextured = mesh.uvs.is_some() && mesh.textures().next().is_none();
         if let Some(path) = self.options.texture.as_ref().filter(|_| untextured) {

@@ -7,12 +7,12 @@ use surfel_model::{PointCloud, Up};
 
 /// Smallest number of rows, and of columns, of points that may be a depth image. A quarter of its square is the
 /// smallest number of sampled points with a depth.
-const FEWEST: usize = 16;
+const MIN_SIDE: usize = 16;
 /// Maximum number of points that are tested.
 const MOST: usize = 20_000;
 /// Smallest correlation of the slopes x/z and y/z with column and row from which points count as a depth image. Lens
 /// distortion and rounded depths lower it slightly.
-const LINEAR: f64 = 0.99;
+const MIN_CORRELATION: f64 = 0.99;
 
 /// Detects whether points are a camera's depth image, row by row, with the camera at the origin. If so, sets the up
 /// axis and the viewpoint. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and
@@ -38,7 +38,7 @@ fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) 
     // Points without a depth may have been dropped; the others' row numbers then give their pixels.
     let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);
     let count = points.len().checked_sub(1).map_or(0, |last| place(last) + 1);
-    if columns < FEWEST || rows < FEWEST || columns.checked_mul(rows).is_none_or(|all| count > all) {
+    if columns < MIN_SIDE || rows < MIN_SIDE || columns.checked_mul(rows).is_none_or(|all| count > all) {
         return false;
     }
     if points.rows.is_none() && count < columns * rows {
@@ -59,7 +59,8 @@ fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) 
         let pixel = DVec2::new((place(i) % columns) as f64, (place(i) / columns) as f64);
         seen.push((pixel, DVec2::new(p.x / p.z, p.y / p.z)));
     }
-    seen.len() >= FEWEST * FEWEST / 4 && (0..2).all(|k| correlation(seen.iter().map(|(a, b)| (a[k], b[k]))) > LINEAR)
+    seen.len() >= MIN_SIDE * MIN_SIDE / 4
+        && (0..2).all(|k| correlation(seen.iter().map(|(a, b)| (a[k], b[k]))) > MIN_CORRELATION)
 }
 
 fn gcd(a: usize, b: usize) -> usize {

@@ -3,7 +3,7 @@
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem};
-use crate::ply::colors::{BRIGHTEST, ColorScale, ColorType, FloatColors};
+use crate::ply::colors::{ColorScale, ColorType, FloatColors, MAX_FLOAT_COLOR};
 use draco_core::draco_types::DataType;
 use draco_core::geometry_indices::PointIndex;
 use draco_core::{DecodeLimits, DecoderBuffer, GeometryAttributeType, Mesh, MeshDecoder, PointAttribute};
@@ -62,7 +62,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         alphas = (width == 4).then(|| {
             let largest = rgba.iter().map(|c| f64::from(c[3])).filter(|a| a.is_finite()).fold(0.0, f64::max);
             let scale = match kind {
-                ColorType::Float if largest <= BRIGHTEST => 1.0,
+                ColorType::Float if largest <= MAX_FLOAT_COLOR => 1.0,
                 _ if largest <= 255.0 => 255.0,
                 _ => 65_535.0,
             };

@@ -66,7 +66,7 @@ pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS,
      PTX, NPY, NPZ, COLMAP's points3D, 3D Tiles, SPLAT, SPZ or SOG";
 
 /// Signatures of unsupported formats: first bytes, what the file is, and advice.
-const UNREAD: &[(&[u8], &str, &str)] = &[
+const UNSUPPORTED_SIGNATURES: &[(&[u8], &str, &str)] = &[
     (b"version https://git-lfs", "is a Git LFS pointer and not the file itself", "fetch the file: git lfs pull"),
     (b"<!DOCTYPE", "is a web page", PAGE),
     (b"<!doctype", "is a web page", PAGE),
@@ -106,7 +106,7 @@ const UNPACK: &str = "unpack it first";
 const IMAGE: &str = "name a file of points, splats or a mesh";
 
 /// Extensions of unsupported formats without a signature: extension, what the file is, and advice.
-const UNREAD_EXTENSIONS: &[(&str, &str, &str)] = &[
+const UNSUPPORTED_EXTENSIONS: &[(&str, &str, &str)] = &[
     ("ksplat", "is a KSPLAT file", "convert it to PLY first, e.g. with splat-transform"),
     ("rcp", "is a ReCap project", "export it as E57 or PTS in ReCap, and that as PLY"),
     ("rcs", "is a ReCap scan", "export it as E57 or PTS in ReCap, and that as PLY"),
@@ -201,7 +201,7 @@ impl Format {
 
     /// Detects E57 and LAS files, with their variants, from a file's first bytes. These formats are read with seeking
     /// instead of from memory.
-    pub(crate) fn of_survey(head: &[u8]) -> Option<Self> {
+    pub(crate) fn from_seekable_signature(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"ASTM-E57") {
             return Some(Self::E57);
         }
@@ -224,7 +224,7 @@ impl Format {
     pub(crate) fn from_signature(bytes: &[u8], hint: Option<Self>) -> Result<Option<Self>, Problem> {
         let head = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
         if let Some((_, what, help)) =
-            UNREAD.iter().find(|(magic, ..)| bytes.starts_with(magic) || head.starts_with(magic))
+            UNSUPPORTED_SIGNATURES.iter().find(|(magic, ..)| bytes.starts_with(magic) || head.starts_with(magic))
         {
             return Err(Problem::new(*what).expected(KNOWN_FORMATS).help(*help));
         }
@@ -246,7 +246,7 @@ impl Format {
         if bytes.starts_with(b"PK\x03\x04") {
             return zipped(bytes).map(Some);
         }
-        if let Some(format) = Self::of_survey(bytes) {
+        if let Some(format) = Self::from_seekable_signature(bytes) {
             return Ok(Some(format));
         }
         if hint == Some(Self::Surfel) {
@@ -269,9 +269,9 @@ pub(crate) fn is_binary(head: &[u8]) -> bool {
 
 /// Returns the problem of a file that isn't recognised by its content, and whose extension is that of an unsupported
 /// format. Returns `None` for other extensions.
-pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
+pub(crate) fn unsupported_by_extension(path: &Path) -> Option<Problem> {
     let extension = extension(path)?;
-    let (_, what, help) = UNREAD_EXTENSIONS.iter().find(|(e, ..)| *e == extension)?;
+    let (_, what, help) = UNSUPPORTED_EXTENSIONS.iter().find(|(e, ..)| *e == extension)?;
     Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
 }
 

@@ -54,7 +54,7 @@ use surfel_model::PointCloud;
 /// has no reader for. [`IoError::Model`] if it contains splats that violate docs/rendering-model.md, §10, and
 /// `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
-    if let Some((format, mut file)) = survey_file(path) {
+    if let Some((format, mut file)) = open_seekable(path) {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
         return run(read, path, Siblings::of(path, options.allow_outside), options);
     }
@@ -114,7 +114,7 @@ pub fn survey(
     options: &LoadOptions,
     each: &mut dyn FnMut(PointCloud),
 ) -> Result<Option<PointSurvey>, IoError> {
-    let Some((format, mut file)) = survey_file(path).filter(|(format, _)| *format != Format::E57) else {
+    let Some((format, mut file)) = open_seekable(path).filter(|(format, _)| *format != Format::E57) else {
         return Ok(None);
     };
     #[cfg(not(feature = "las"))]
@@ -135,11 +135,11 @@ pub fn survey(
 
 /// Opens a file that is read with seeking, so that its bytes needn't be in memory: LAS, LAZ, COPC or E57. Returns
 /// `None` for other formats, and unless it is a regular file.
-fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
+fn open_seekable(path: &Path) -> Option<(Format, RegularFile)> {
     let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
-    Some((Format::of_survey(&head)?, file))
+    Some((Format::from_seekable_signature(&head)?, file))
 }
 
 /// Opens a file whose columns are read in place, so that memory contains the data only once: PLY, PCD, NPY, NPZ or raw
@@ -238,7 +238,7 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOpti
     if let Some(format) = hint {
         return Ok(format);
     }
-    if let Some(problem) = format::unread_by_name(name) {
+    if let Some(problem) = format::unsupported_by_extension(name) {
         return Err(problem);
     }
     #[cfg(feature = "stl")]

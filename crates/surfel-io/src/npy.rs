@@ -381,7 +381,7 @@ fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Nam
     }
     let named = columns.into_iter().zip(names.columns());
     let named = named.filter_map(|(column, TableColumn { name, .. })| {
-        Some(Named { name: raw_rows::usual_name(name.as_deref()?), ..column })
+        Some(Named { name: raw_rows::canonical_name(name.as_deref()?), ..column })
     });
     let columns: Vec<Named<'a>> = named.collect();
     let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?;

@@ -7,7 +7,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
 use crate::face_colors;
-use crate::polygons::Cutter;
+use crate::polygons::Triangulator;
 use crate::words::counted;
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, PointCloud};
@@ -104,7 +104,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let (mut triangles, mut skipped, mut colored) = (Vec::new(), 0_usize, false);
     // Printed colour of each triangle.
     let mut colors_of: Vec<Option<[f64; 4]>> = Vec::new();
-    let mut cutter = Cutter::default();
+    let mut cutter = Triangulator::default();
     for _ in 0..face_count as u64 {
         let line = lines.next().ok_or_else(|| incomplete("faces"))?;
         numbers(line, &mut row)?;

@@ -8,7 +8,7 @@ use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote, unwritable};
 use crate::point_columns::{self, Named, Roles, Source};
 use crate::raw_rows;
-use crate::rows::KeptRows;
+use crate::rows::RowNumbers;
 use crate::strided::{NumberType, Strided};
 use crate::text_rows::{MAX_COLUMNS, POINTS, Plan, is_comment, is_missing, names};
 use crate::words::counted;
@@ -151,8 +151,8 @@ pub(crate) fn unpack(
         ends_in_bytes: true,
         stated_points: 0,
         lines_before: 0,
-        incomplete: LeftOut::default(),
-        others: LeftOut::default(),
+        incomplete: SkippedLines::default(),
+        others: SkippedLines::default(),
     };
     each_line(bytes, |number, line| lines.line(number, line, data))?;
     if lines.table.rows == 0 {
@@ -165,13 +165,13 @@ pub(crate) fn unpack(
 
 /// Number of lines that were skipped for one reason, and the first of them, for a note.
 #[derive(Default)]
-struct LeftOut {
+struct SkippedLines {
     count: u64,
     /// Number of the first skipped line in the file, counted from 1.
     first: usize,
 }
 
-impl LeftOut {
+impl SkippedLines {
     fn add(&mut self, line_number: usize) {
         self.first = if self.count == 0 { line_number } else { self.first };
         self.count += 1;
@@ -199,9 +199,9 @@ struct PointLines {
     /// Number of lines before the points that are neither comments nor points.
     lines_before: u64,
     /// Rows that were skipped because of an empty cell.
-    incomplete: LeftOut,
+    incomplete: SkippedLines,
     /// Lines that were skipped because they don't begin with the word that marks points.
-    others: LeftOut,
+    others: SkippedLines,
 }
 
 /// Result of parsing the cells of a line.
@@ -339,7 +339,7 @@ impl PointLines {
                 columns
                     .columns()
                     .iter()
-                    .filter_map(|column| column.name.as_deref().map(raw_rows::usual_name))
+                    .filter_map(|column| column.name.as_deref().map(raw_rows::canonical_name))
                     .collect(),
             );
             return;
@@ -365,12 +365,12 @@ impl PointLines {
         if self.named && self.lines_before > 1 {
             context.note(format!("left out {} before the points", counted(self.lines_before, "lines")));
         }
-        let LeftOut { count, first } = self.incomplete;
+        let SkippedLines { count, first } = self.incomplete;
         if count > 0 {
             let rows = counted(count, "rows");
             context.note(format!("left out {rows} with an empty cell, the first in line {first}"));
         }
-        let LeftOut { count, first } = self.others;
+        let SkippedLines { count, first } = self.others;
         if let Some(word) = self.plan.point_word.filter(|_| count > 0) {
             let (lines, word) = (counted(count, "lines"), quote(word));
             context.note(format!("left out {lines} that don't begin with {word}, the first in line {first}"));
@@ -406,7 +406,7 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
 /// Reads the scans of a PTX file. Each scan has rows and columns of points, and a pose of its scanner, which is applied
 /// to its points.
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
-    let (mut data, mut rows) = (Vec::new(), KeptRows::default());
+    let (mut data, mut rows) = (Vec::new(), RowNumbers::default());
     let table = unpack_ptx(Bytes::Memory(bytes), &mut data, Some(&mut rows), context)?;
     let (columns, roles) = table.columns(Bytes::Memory(&data), context)?;
     let mut content = point_columns::build(columns, &roles, Source::Text, Vec::new(), context)?;
@@ -427,7 +427,7 @@ const SCAN_LINES: [(usize, &str); 10] = {
 pub(crate) fn unpack_ptx(
     bytes: Bytes<'_>,
     data: &mut dyn Write,
-    mut kept: Option<&mut KeptRows>,
+    mut kept: Option<&mut RowNumbers>,
     context: &mut Context<'_>,
 ) -> Result<Table, Fault> {
     let mut table = Table::default();

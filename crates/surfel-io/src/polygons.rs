@@ -17,12 +17,12 @@ const FLAT: f64 = 1e-6;
 /// blocked the previous pass.
 const ROUNDS: usize = 8;
 
-/// Marker in `Cutter::before` for a corner that was cut off.
+/// Marker in `Triangulator::before` for a corner that was cut off.
 const NONE: u32 = u32::MAX;
 
 /// A triangulator, whose buffers are reused from polygon to polygon.
 #[derive(Default)]
-pub(crate) struct Cutter {
+pub(crate) struct Triangulator {
     corners: Vec<DVec3>,
     /// Corners projected along the axis nearest to the polygon's normal, counter-clockwise. Coordinates aren't rounded
     /// by this projection.
@@ -36,7 +36,7 @@ pub(crate) struct Cutter {
     triangles: Vec<[u32; 3]>,
 }
 
-impl Cutter {
+impl Triangulator {
     /// Triangulates a polygon. Returns triangles as indices into `polygon`, two fewer than corners and in the polygon's
     /// winding order; none for fewer than three corners. `position` returns a corner's position, or `None` if it has
     /// none.
@@ -83,7 +83,7 @@ impl Cutter {
         let flat = FLAT * normal[axis].abs();
         self.cut_spikes(flat);
         for _ in 0..ROUNDS {
-            let left = self.cut_round();
+            let left = self.clip_ears_once();
             if let [a, b, c] = left[..] {
                 self.triangles.push([a, b, c]);
                 return self.turn(b) >= -flat;
@@ -96,7 +96,7 @@ impl Cutter {
     }
 
     /// Clips ears until there is none or three corners remain; returns the remaining corners.
-    fn cut_round(&mut self) -> Vec<u32> {
+    fn clip_ears_once(&mut self) -> Vec<u32> {
         let mut to_try = self.left();
         self.blunt = to_try.iter().copied().filter(|i| self.turn(*i) <= 0.0).collect();
         let mut next = 0;
@@ -215,7 +215,7 @@ mod tests {
 
     fn cut(corners: &[DVec3]) -> Vec<[u32; 3]> {
         let polygon: Vec<u32> = (0..corners.len() as u32).collect();
-        Cutter::default().cut(&polygon, |i| corners.get(i as usize).copied()).to_vec()
+        Triangulator::default().cut(&polygon, |i| corners.get(i as usize).copied()).to_vec()
     }
 
     /// Places a polygon in a tilted plane, at a distance from the origin proportional to its size.
@@ -330,8 +330,8 @@ mod tests {
         corners[3].x = f64::NAN;
         assert_eq!(cut(&corners), fan(6));
         assert_eq!(cut(&tilted(&L, 1e200)), fan(6), "too large for a normal");
-        assert_eq!(Cutter::default().cut(&[0, 1, 2, 9], |i| (i < 3).then_some(DVec3::ONE)), fan(4));
-        assert_eq!(Cutter::default().cut(&[0, 1], |_| None), fan(2));
+        assert_eq!(Triangulator::default().cut(&[0, 1, 2, 9], |i| (i < 3).then_some(DVec3::ONE)), fan(4));
+        assert_eq!(Triangulator::default().cut(&[0, 1], |_| None), fan(2));
     }
 
     #[test]

@@ -14,16 +14,16 @@ use std::path::Path;
 use surfel_model::{NumberFormat, TableColumns};
 
 /// Maximum number of rows whose coordinates are checked for plausibility.
-const JUDGED_ROWS: usize = 1000;
+const MAX_CHECKED_ROWS: usize = 1000;
 /// Range of the absolute values of plausible coordinates. If numbers are read as a wrong type, some are usually
 /// outside.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
 /// Usual layouts of rows in `.bin` files without a header, as `--columns` states them: KITTI and many others; nuScenes;
 /// indoor data sets.
-const USUAL_LAYOUTS: [&str; 3] = ["f4:x,y,z,intensity", "f4:x,y,z,intensity,_", "f4:x,y,z,r,g,b"];
+const COMMON_LAYOUTS: [&str; 3] = ["f4:x,y,z,intensity", "f4:x,y,z,intensity,_", "f4:x,y,z,r,g,b"];
 /// Smallest number of rows from which a layout is detected. Fewer rows may fit a wrong layout by chance.
-const LEAST_ROWS: usize = 100;
+const MIN_ROWS: usize = 100;
 /// Maximum number of rows that are examined to detect a layout.
 const EXAMINED_ROWS: usize = 1 << 16;
 /// Range of the absolute values of plausible coordinates of a scan, in metres; 0 is plausible, too.
@@ -36,7 +36,7 @@ pub(crate) fn detected(name: &Path, bytes: &[u8]) -> Option<TableColumns> {
     if !name.extension().is_some_and(|end| end.eq_ignore_ascii_case("bin")) {
         return None;
     }
-    let mut fitting = USUAL_LAYOUTS.iter().filter_map(|text| {
+    let mut fitting = COMMON_LAYOUTS.iter().filter_map(|text| {
         let columns: TableColumns = text.parse().ok()?;
         fits(bytes, &columns).then_some(columns)
     });
@@ -48,7 +48,7 @@ pub(crate) fn detected(name: &Path, bytes: &[u8]) -> Option<TableColumns> {
 /// column is an intensity or a colour.
 fn fits(bytes: &[u8], columns: &TableColumns) -> bool {
     let row_bytes = columns.row_bytes();
-    if !bytes.len().is_multiple_of(row_bytes) || bytes.len() / row_bytes < LEAST_ROWS {
+    if !bytes.len().is_multiple_of(row_bytes) || bytes.len() / row_bytes < MIN_ROWS {
         return false;
     }
     let is_named: Vec<bool> = columns.columns().iter().map(|column| column.name.is_some()).collect();
@@ -98,7 +98,7 @@ pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -
 }
 
 /// Returns the name by which readers look up a column: "intensity" for "i", and all other names unchanged.
-pub(crate) fn usual_name(name: &str) -> String {
+pub(crate) fn canonical_name(name: &str) -> String {
     if name.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { name.to_owned() }
 }
 
@@ -135,7 +135,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
         if let Some(name) = &column.name {
             let values = Strided::new(bytes, at, row_bytes, rows, number_type(format), format.big_endian);
             let values = values.ok_or_else(|| Problem::new("the rows lie outside of the file"))?;
-            named.push(Named { name: usual_name(name), values });
+            named.push(Named { name: canonical_name(name), values });
         }
         at += usize::from(format.bytes);
     }
@@ -149,7 +149,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
 fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Result<(), Problem> {
     let rows = position[0].values.len();
     let (mut wrong, mut seen, mut first) = (0, 0, None);
-    for row in (0..rows).step_by(rows.div_ceil(JUDGED_ROWS).max(1)) {
+    for row in (0..rows).step_by(rows.div_ceil(MAX_CHECKED_ROWS).max(1)) {
         let is_odd = |v: f64| v != 0.0 && !COORDINATES.contains(&v.abs());
         let odd = position.iter().find(|c| is_odd(c.values.at(row)));
         seen += 1;

@@ -6,13 +6,13 @@ use crate::content::Content;
 
 /// Recorder of the row numbers of points while rows are read and some are dropped.
 #[derive(Default)]
-pub(crate) struct KeptRows {
+pub(crate) struct RowNumbers {
     read: u32,
     /// Row number in the file of each point; `None` as long as no row was dropped.
     rows: Option<Vec<u32>>,
 }
 
-impl KeptRows {
+impl RowNumbers {
     /// Records that the next row becomes a point.
     #[inline]
     pub(crate) fn keep(&mut self) {

@@ -66,14 +66,14 @@ pub(crate) fn looks_like(bytes: &[u8]) -> bool {
 }
 
 /// Location of the images that contain the Gaussians.
-enum Pictures<'a> {
+enum ImageSource<'a> {
     /// Members of an archive, in the archive's folder that the text names.
     Members(Archive<'a>, String),
     /// Files in the folder of `meta.json`.
     Beside(&'a Siblings),
 }
 
-impl<'a> Pictures<'a> {
+impl<'a> ImageSource<'a> {
     fn read(&mut self, name: &str) -> Result<Cow<'a, [u8]>, Fault> {
         let what = quote(name);
         match self {
@@ -98,9 +98,9 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };
         let folder = meta_name.trim_end_matches("meta.json").to_owned();
         let json = archive.read(archive.find(&meta_name).unwrap_or_default())?;
-        (json, Pictures::Members(archive, folder))
+        (json, ImageSource::Members(archive, folder))
     } else {
-        (Cow::Borrowed(bytes), Pictures::Beside(&context.siblings))
+        (Cow::Borrowed(bytes), ImageSource::Beside(&context.siblings))
     };
     let meta: Meta = serde_json::from_slice(&json).map_err(|why| {
         let why: String = why.to_string().chars().take(200).filter(|c| !c.is_control()).collect();

@@ -138,7 +138,7 @@ fn read_binary(bytes: &[u8], corners: &mut Corners, context: &mut Context<'_>) -
 }
 
 /// Returns the text without a last line that may be truncated: one without a line end, except `endsolid`.
-fn whole_lines(bytes: &[u8]) -> &[u8] {
+fn complete_lines(bytes: &[u8]) -> &[u8] {
     let start = bytes.iter().rposition(|b| matches!(b, b'\n' | b'\r')).map_or(0, |at| at + 1);
     let last = bytes[start..].trim_ascii_start();
     let is_end = last.get(..8).is_some_and(|word| word.eq_ignore_ascii_case(b"endsolid"));
@@ -147,7 +147,7 @@ fn whole_lines(bytes: &[u8]) -> &[u8] {
 
 fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), Fault> {
     let (mut polygon, mut complete) = (Vec::with_capacity(3), false);
-    for (line_number, line) in Lines::new(whole_lines(bytes)) {
+    for (line_number, line) in Lines::new(complete_lines(bytes)) {
         let at = Location::Line(line_number);
         let mut words = words(line);
         let Some(first) = words.next() else { continue };

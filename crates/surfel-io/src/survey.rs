@@ -148,7 +148,7 @@ pub(crate) fn one_line(bytes: &[u8]) -> String {
 }
 
 /// Formats an extent as "W x D x H" for a note, with four digits or in whole units.
-pub(crate) fn extent_words(extent: glam::DVec3) -> String {
+pub(crate) fn format_extent(extent: glam::DVec3) -> String {
     let one = |v: f64| {
         let digits = if v > 0.0 && v.is_finite() { (3 - v.log10().floor() as i32).clamp(0, 9) } else { 0 };
         format!("{v:.*}", digits as usize)

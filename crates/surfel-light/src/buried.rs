@@ -19,7 +19,7 @@ const AROUND: f64 = 3.0;
 const FEWEST: u32 = 8;
 /// Smallest fraction of lit neighbours from which a black splat is buried. On a thin surface whose lower side is dark,
 /// half of the neighbours are lit.
-const LIT: f64 = 0.6;
+const MIN_LIT_FRACTION: f64 = 0.6;
 /// Smallest ratio of the light of a lit neighbour to that of a splat that isn't black.
 const BRIGHTER: f32 = 2.0;
 /// Smallest fraction of lit neighbours from which a splat that isn't black is buried. At the corner of a shadow with
@@ -38,7 +38,8 @@ pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)>
     let total: Vec<f32> = order.iter().map(|i| light[*i as usize].total()).collect();
     let lit_near = |at: usize| {
         let window = at.saturating_sub(WINDOW)..(at + WINDOW + 1).min(order.len());
-        let (least, fraction) = if total[at] <= dark { (bright, LIT) } else { (BRIGHTER * total[at], MOST_LIT) };
+        let (least, fraction) =
+            if total[at] <= dark { (bright, MIN_LIT_FRACTION) } else { (BRIGHTER * total[at], MOST_LIT) };
         // Distances are computed only where enough splats are lit.
         let lit = total[window.clone()].iter().filter(|light| **light >= least).count();
         if (lit as f64) < fraction * f64::from(FEWEST) {

@@ -23,9 +23,9 @@ const NOISE_SAMPLES: usize = 4096;
 const NEIGHBOURS: usize = 8;
 /// Largest distance along a splat's plane, in half-axes, of the neighbours that [`noise_of`] uses. Their height above
 /// the plane may be at most one half-axis.
-const BESIDE: f64 = 1.25;
+const MAX_NEIGHBOUR_DISTANCE: f64 = 1.25;
 /// Number of splats of a cloud below which [`noise_of`] returns [`LEAST_NOISE`] instead of an estimate.
-const FEWEST_NOISY: usize = 64;
+const MIN_NOISE_SPLATS: usize = 64;
 /// Ratio of a cloud's noise to the 90th percentile of the largest heights of neighbours above a splat's plane.
 const NOISE_FACTOR: f32 = 1.5;
 /// Smallest noise of a cloud that [`noise_of`] returns, in half-axes. Even without noise, neighbours on a curved
@@ -115,13 +115,13 @@ fn noise_of(cloud: &SplatCloud) -> f32 {
         let offsets = order[around].iter().map(|j| cloud.center(*j as usize) - center);
         let heights = offsets.filter_map(|offset| {
             let height = normal.dot(offset);
-            let is_beside = (offset - normal * height).length() <= BESIDE * reach;
+            let is_beside = (offset - normal * height).length() <= MAX_NEIGHBOUR_DISTANCE * reach;
             (is_beside && height.abs() <= reach).then_some(height.abs() / reach)
         });
         heights.fold(0.0, f64::max)
     };
     let mut heights: Vec<f64> = (0..order.len()).step_by(step).map(of_splat).collect();
-    if order.len() < FEWEST_NOISY {
+    if order.len() < MIN_NOISE_SPLATS {
         return LEAST_NOISE;
     }
     let place = heights.len() * 9 / 10;
@@ -218,7 +218,7 @@ impl Shading<'_> {
     /// Returns the brightness of a white surface that gets the light `[sky, areas]`. Light from other surfaces is
     /// estimated as if they had the albedo `albedo`. `whole` is the light of the sky on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
-        let sky = if self.sky.bounce && whole > 0.0 { whole * bounced(sky / whole, albedo) } else { sky };
+        let sky = if self.sky.bounce && whole > 0.0 { whole * with_interreflection(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;
         (even + (1.0 - even) * (sky + areas)) * self.material.diffuse as f32
     }
@@ -242,7 +242,7 @@ impl Shading<'_> {
 
 /// Returns the visibility of the sky, 0 to 1, increased by light that neighbouring surfaces of this albedo reflect to
 /// each other. Source: Jimenez et al. 2016, *Practical realtime strategies for accurate indirect occlusion*.
-fn bounced(visibility: f32, albedo: f32) -> f32 {
+fn with_interreflection(visibility: f32, albedo: f32) -> f32 {
     let a = 2.0404 * albedo - 0.3324;
     let b = -4.7951 * albedo + 0.6417;
     let c = 2.7552 * albedo + 0.6903;
@@ -271,11 +271,13 @@ mod tests {
 
     #[test]
     fn reflected_light_brightens_bright_surfaces_alone() {
-        assert_eq!(bounced(0.0, 1.0), 0.0);
-        assert!((bounced(1.0, 0.5) - 1.0).abs() < 0.01 && (bounced(1.0, 0.9) - 1.0).abs() < 0.01);
-        assert!((bounced(0.5, 0.0) - 0.5).abs() < 0.02, "black surfaces reflect nothing");
+        assert_eq!(with_interreflection(0.0, 1.0), 0.0);
+        assert!(
+            (with_interreflection(1.0, 0.5) - 1.0).abs() < 0.01 && (with_interreflection(1.0, 0.9) - 1.0).abs() < 0.01
+        );
+        assert!((with_interreflection(0.5, 0.0) - 0.5).abs() < 0.02, "black surfaces reflect nothing");
         // Closed form at visibility 0.5 and albedo 0.8: A = 1.29992, B = -3.19438, C = 2.89446.
         let expected = ((0.5 * 1.29992 - 3.19438) * 0.5 + 2.89446) * 0.5;
-        assert!((bounced(0.5, 0.8) - expected).abs() < 1e-6);
+        assert!((with_interreflection(0.5, 0.8) - expected).abs() < 1e-6);
     }
 }

@@ -70,7 +70,7 @@ pub(crate) fn chosen_splats(
 
 /// Largest number of points at exactly the same position, such as the origin, at which all of them are used. Further
 /// ones are dropped.
-const COINCIDENT: usize = 16;
+const MAX_COINCIDENT: usize = 16;
 /// Reason, as text for notes, for dropping points at a position that many points share.
 const CROWDED: &str = "more than 16 are in their place";
 
@@ -115,7 +115,7 @@ fn chosen_points_of_levels(
         notes.push(format!("left out {words}, which are no surface (`classes=all` keeps them)"));
     }
     let total = points.len();
-    let dropped = if options.convert.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
+    let dropped = if options.convert.all_points { 0 } else { points.drop_at_origin(MAX_COINCIDENT) };
     if dropped > 0 {
         notes.push(format!(
             "left out {dropped} of {total} points at exactly 0,0,0, where sensors write that nothing came back \
@@ -156,7 +156,7 @@ pub(crate) fn points(
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
     // If splats are estimated from neighbours, coincident points are dropped there.
     let is_direct = !options.convert.all_points && levels::Radii::are_stated(&points);
-    let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
+    let dropped = if is_direct { points.drop_coincident(MAX_COINCIDENT) } else { 0 };
     if dropped > 0 {
         notes.push(format!(
             "left out {}, because {CROWDED} (`all_points` keeps them)",
@@ -195,7 +195,7 @@ pub fn splats_of_points(
     let point_options = PointOptions {
         radius_scale: options.radius_scale(),
         viewpoint: above,
-        coincident: if options.convert.all_points { usize::MAX } else { COINCIDENT },
+        coincident: if options.convert.all_points { usize::MAX } else { MAX_COINCIDENT },
         level_where_scattered: above.is_some(),
         interior_weight: !options.has_stated_weight,
         ..PointOptions::default()

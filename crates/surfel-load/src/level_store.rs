@@ -47,7 +47,7 @@ impl Default for LevelStore {
 impl LevelStore {
     /// Creates a store that also caches decoded nodes, for images that each select their own nodes. The cache may use
     /// the memory within the budget ([`LoadOptions::memory`]) that an image's points don't need.
-    pub fn keeping_nodes() -> Self {
+    pub fn caching_nodes() -> Self {
         Self { nodes: Some(Arc::default()), ..Self::default() }
     }
 
@@ -77,12 +77,12 @@ impl LevelStore {
 
     /// Returns the estimated memory, in bytes, that the allocator retains after a COPC copy was written: a third of the
     /// smallest memory budget for writing. With a budget of 200 MiB, 40 to 60 MiB were measured.
-    pub(crate) fn left_bytes(&self) -> u64 {
+    pub(crate) fn allocator_bytes(&self) -> u64 {
         self.least_memory / 3
     }
 
     /// True if the store caches decoded nodes.
-    pub(crate) fn keeps_nodes(&self) -> bool {
+    pub(crate) fn caches_nodes(&self) -> bool {
         self.nodes.is_some()
     }
 

@@ -1,7 +1,7 @@
 //! Loading of files as splats. Splat files are used as they are; points and meshes are converted.
 
 use crate::coloring::Colorings;
-use crate::coloring::together::{ColorJob, Colors, Lacking, Member};
+use crate::coloring::together::{ColorJob, Colors, Member, MissingAttribute};
 use crate::effects::{self, UnusedOption};
 use crate::levels::{self, LevelReport};
 use crate::loaded_cloud::{Conversion, LoadedCloud};
@@ -59,7 +59,7 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
 
 /// Returns the report that the option `color_by` has no effect on the file of `job`, because it lacks the attribute.
 /// The report lists the file's attributes.
-pub fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
+pub fn without_attribute(job: &ColorJob, lacking: &MissingAttribute) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these".into() }
 }
@@ -269,7 +269,7 @@ fn not_splats(path: &Path) -> Error {
 }
 
 /// Extent, in metres, below which the content of an E57 or PTS file counts as a small object, not as a scanned site.
-const THING_M: f64 = 1.0;
+const MAX_OBJECT_M: f64 = 1.0;
 
 /// Returns the reason why a file's up axis is certain: the file or its format states it. Returns `None` for OBJ, STL,
 /// OFF, PLY, Draco, PCD and tables of numbers, which occur with any axis up. Also returns `None` for E57 and PTS files
@@ -292,13 +292,13 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
             | Format::Npz
             | Format::Raw
             | Format::Surfel
-    ) || is_thing(loaded);
+    ) || is_small_object(loaded);
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
 }
 
 /// True if an E57 or PTS file contains a small object without a scanner position. Other programs export such objects
 /// with any up axis, whereas a scanner on site is upright.
-fn is_thing(loaded: &Loaded) -> bool {
+fn is_small_object(loaded: &Loaded) -> bool {
     let Content::Points(points) = &loaded.content else { return false };
     let is_of_one = points.viewpoint.is_none() && points.extras.iter().all(|extra| extra.name != "scan");
     let (mut lo, mut hi) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -307,7 +307,7 @@ fn is_thing(loaded: &Loaded) -> bool {
         && (0..points.len()).all(|i| {
             let p = points.positions.get(i);
             (lo, hi) = (lo.min(p), hi.max(p));
-            (hi - lo).max_element() < THING_M
+            (hi - lo).max_element() < MAX_OBJECT_M
         })
 }
 

@@ -19,7 +19,7 @@ pub(crate) struct NoisePoints {
 
 /// Finds noise and withheld points, except points that the options select by class. Returns `None` if there are none.
 pub(crate) fn noise_points(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoisePoints> {
-    let Judged { by_class, by_flag } = Judged::new(options);
+    let NoiseCriteria { by_class, by_flag } = NoiseCriteria::new(options);
     let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);
     let flag = ExtraColumn::find(extras, "withheld").map(|e| &e.values).filter(|_| by_flag);
     let is_noise = |i: usize| class.is_some_and(|class| NOISE.contains(&class.get(i)));
@@ -44,12 +44,12 @@ impl NoisePoints {
 }
 
 /// Criteria by which points count as noise or withheld: by their class, or by their flag in the file.
-struct Judged {
+struct NoiseCriteria {
     by_class: bool,
     by_flag: bool,
 }
 
-impl Judged {
+impl NoiseCriteria {
     fn new(options: &LoadOptions) -> Self {
         // A condition on the class may select noise on purpose, so that noise isn't removed then.
         let names_class =

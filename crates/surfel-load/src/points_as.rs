@@ -23,14 +23,14 @@ use surfel_model::{CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, Poin
 use surfel_sample::{PointClass, PointReport};
 
 /// Default radius of a ball or disk, as a fraction of the spacing of the points. At one half, neighbours touch.
-pub const OF_SPACING: f64 = 0.5;
+pub const RADIUS_OF_SPACING: f64 = 0.5;
 
 /// Returns the radius of an object's balls or disks in world units if no radius is stated: half of the points' spacing.
 /// `None` if a radius is stated, and for other kinds of splats and geometry.
 pub(crate) fn own_radius(object: &Object, points_as: PointsAs) -> Option<f64> {
     let Geometry::Splats(cloud) = &object.geometry else { return None };
     let is_own = matches!(points_as, PointsAs::Balls(None) | PointsAs::Disks(None)) && !cloud.is_balls();
-    is_own.then(|| OF_SPACING * spacing(cloud))
+    is_own.then(|| RADIUS_OF_SPACING * spacing(cloud))
 }
 
 /// Returns the median of radii; `None` if there are none. For an even number of radii, returns the larger of the two in

@@ -86,7 +86,7 @@ pub fn parse_scene_file(bytes: &[u8], name: &Path) -> Result<(SceneFile, BTreeSe
 
 /// Result of loading a file, cached for further objects with the same file and options.
 #[derive(Clone)]
-struct Known {
+struct LoadedGeometry {
     geometry: Geometry,
     facts: ObjectFacts,
     unused: Vec<UnusedOption>,
@@ -99,7 +99,7 @@ fn gaussians(
     read: &Loaded,
     path: &Path,
     options: &LoadOptions,
-) -> Result<(Known, Vec<String>), Error> {
+) -> Result<(LoadedGeometry, Vec<String>), Error> {
     if cloud.is_empty() {
         let problem = "holds no Gaussian, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
@@ -107,7 +107,7 @@ fn gaussians(
     let facts = ObjectFacts { up: read.up, up_reason: up_reason(read), ..ObjectFacts::default() };
     let unused = effects::unused(&read.content, options);
     let geometry = Geometry::Gaussians(cloud.clone());
-    Ok((Known { geometry, facts, unused, color_job: None }, read.notes.clone()))
+    Ok((LoadedGeometry { geometry, facts, unused, color_job: None }, read.notes.clone()))
 }
 
 /// Loads objects like [`load_objects`], for files without a scene file. Trained Gaussians remain Gaussians only if all
@@ -329,7 +329,7 @@ impl FileUse {
 
 /// Loaded file, its notes, and the paths of files to which it refers.
 struct LoadedFile {
-    known: Known,
+    known: LoadedGeometry,
     notes: Vec<String>,
     beside: BTreeSet<PathBuf>,
 }
@@ -342,7 +342,7 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
     if file.as_mesh {
         let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(path, options, &mut beside)?;
         let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
-        let known = Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new(), color_job: None };
+        let known = LoadedGeometry { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new(), color_job: None };
         return Ok(LoadedFile { known, notes, beside });
     }
     let (read, levels) = read_needed(path, options, progress)?;
@@ -359,7 +359,7 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
     beside.extend(asked);
     let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
     let notes = notes.into_iter().chain(about_noise).collect();
-    Ok(LoadedFile { known: Known { geometry, facts, unused, color_job }, notes, beside })
+    Ok(LoadedFile { known: LoadedGeometry { geometry, facts, unused, color_job }, notes, beside })
 }
 
 /// Returns facts about the splats of a file. Also returns a note if noise and withheld points don't influence up axis
@@ -402,7 +402,7 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
 
 /// Counter of options without effect, over all objects of splats. It finds the options that affect none of them.
 #[derive(Default)]
-struct Useless {
+struct UnusedOptions {
     /// Number of objects of splats that were counted.
     objects: usize,
     /// Options that don't affect some object, by key. Each has the number of these objects, and the path and report of
@@ -410,7 +410,7 @@ struct Useless {
     options: BTreeMap<&'static str, (usize, (PathBuf, UnusedOption))>,
 }
 
-impl Useless {
+impl UnusedOptions {
     fn add(&mut self, path: &Path, unused: Vec<UnusedOption>) {
         self.objects += 1;
         for option in unused {
@@ -435,8 +435,8 @@ fn load_uncolored(
     let mut loaded = LoadedObjects::default();
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
     // Files that were loaded so far, by their use and conversion options.
-    let mut known: BTreeMap<FileUse, Vec<(&ConvertOptions, Known)>> = BTreeMap::new();
-    let mut useless = Useless::default();
+    let mut known: BTreeMap<FileUse, Vec<(&ConvertOptions, LoadedGeometry)>> = BTreeMap::new();
+    let mut useless = UnusedOptions::default();
     for (i, object) in objects.iter().enumerate() {
         object.convert.validate(i)?;
         let world_from_object = object.world_from_object()?;
@@ -444,7 +444,7 @@ fn load_uncolored(
         let (path, as_mesh) = (file.path.clone(), file.as_mesh);
         let same_file = known.entry(file.clone()).or_default();
         let found = same_file.iter().find(|(convert, _)| **convert == object.convert).map(|(_, found)| found.clone());
-        let Known { geometry, facts, unused, color_job } = match found {
+        let LoadedGeometry { geometry, facts, unused, color_job } = match found {
             Some(found) => found,
             None => {
                 let options = file.options(options).with_convert(&object.convert, base_dir);

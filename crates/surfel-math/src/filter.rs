@@ -105,7 +105,7 @@ fn widened<R: Real>(length: R, h_px: R) -> R {
 /// True where both axes of the projected ellipse certainly measure at least h pixels, so that `principal` changes
 /// nothing. The test doesn't compute the axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
 #[inline(always)]
-pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
+pub fn is_unaffected_by_principal<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     let (s, t) = (projected.j_s, projected.j_t);
     let norm = (s.dot(s) + t.dot(t)).sqrt();
     (h_px * norm).le(projected.det_j.abs())

@@ -32,7 +32,7 @@ const NO_LOW_PASS: f64 = 1e30;
 const RADIUS: f64 = 2.0;
 /// Smallest filter radius h, in pixels, of the filter `principal` for Gaussians; replaces a radius of zero, which would
 /// divide by zero.
-const LEAST_PX: f64 = 1e-6;
+const MIN_HALF_WIDTH_PX: f64 = 1e-6;
 /// Largest slope x/z or y/z at which solid Gaussians are linearised, in half-widths (half-heights) of the image.
 /// Centres farther outside are linearised at this slope, as in training.
 const SLOPE_LIMIT: f64 = 1.3;
@@ -41,7 +41,7 @@ const SLOPE_LIMIT: f64 = 1.3;
 const EDGE_ON: f64 = 1e-5;
 /// Largest absolute coefficient of a Gaussian's linear forms; larger ones are limited to it, so that products stay
 /// finite in f32.
-const MOST: f64 = 1e15;
+const MAX_COEFFICIENT: f64 = 1e15;
 
 /// Returns the smallest planar depth, in world units, at which a projection draws Gaussians: the camera's near plane,
 /// but in perspective at least [`NEAR`].
@@ -161,7 +161,9 @@ impl ViewGaussian {
         }
         let (of_u, of_v) =
             if perspective { (b.cross(p), p.cross(a)) } else { (V3::new(b.y, -b.x, 0.0), V3::new(-a.y, a.x, 0.0)) };
-        let form = |c: V3<f64>, sigma: f64| [c.x / fx, c.y / fy].map(|c| (c / (area * sigma)).clamp(-MOST, MOST));
+        let form = |c: V3<f64>, sigma: f64| {
+            [c.x / fx, c.y / fy].map(|c| (c / (area * sigma)).clamp(-MAX_COEFFICIENT, MAX_COEFFICIENT))
+        };
         let slope = [n.x / fx, n.y / fy];
         let (w, z) = if perspective {
             ([slope[0], slope[1], facing / p.z], [0.0, 0.0, facing])
@@ -195,7 +197,7 @@ impl ViewGaussian {
     fn principal(&self, projection: &Projection, reach: f64, n: V3<f64>, h_px: f64) -> Footprint {
         let (p, [a, b, _], [su, sv, _]) = (self.center, self.axes, self.sigmas);
         let splat = ViewSplat { p, s: a * (RADIUS * su), t: b * (RADIUS * sv), n };
-        let filtered = filter::principal(&Projected::new(&splat, projection), h_px.max(LEAST_PX), true);
+        let filtered = filter::principal(&Projected::new(&splat, projection), h_px.max(MIN_HALF_WIDTH_PX), true);
         let SplatFootprint { u, v, w } = filtered.footprint;
         let per_sigma = |form: Linear<f64>| [RADIUS * form.x, RADIUS * form.y];
         let (u, v) = (per_sigma(u), per_sigma(v));
@@ -251,7 +253,7 @@ impl ViewGaussian {
                 ([(yy / determinant).sqrt(), -xy / (yy * determinant).sqrt()], [0.0, yy.sqrt().recip()], 1.0)
             }
             Some(h_px) => {
-                let h = (h_px / RADIUS).max(LEAST_PX);
+                let h = (h_px / RADIUS).max(MIN_HALF_WIDTH_PX);
                 let (half, middle) = (0.5 * (xx - yy), 0.5 * (xx + yy));
                 let [long, short] = [1.0, -1.0].map(|sign| (middle + sign * half.hypot(xy)).max(0.0).sqrt());
                 let (sin, cos) = (0.5 * xy.atan2(half)).sin_cos();

@@ -36,7 +36,7 @@ pub const CHUNK_SPLATS: usize = 256;
 const MAX_EXTENT_RADII: f64 = 512.0;
 
 /// Maximum number of chunks cut at once, per thread. The limit keeps the chunks' data in cache until they are stored.
-const MOST_AHEAD: usize = 16;
+const MAX_CHUNKS_AHEAD: usize = 16;
 
 /// Largest ratio of the largest to the smallest radius in a chunk with 16-bit storage. It limits the rounding errors of
 /// small radii.
@@ -86,9 +86,9 @@ pub fn chunks<'a>(
         (ChunkSpace::of(cloud, members), members)
     };
     #[cfg(feature = "rayon")]
-    let most_ahead = MOST_AHEAD * rayon::current_num_threads();
+    let most_ahead = MAX_CHUNKS_AHEAD * rayon::current_num_threads();
     #[cfg(not(feature = "rayon"))]
-    let most_ahead = MOST_AHEAD;
+    let most_ahead = MAX_CHUNKS_AHEAD;
     let (mut rest, mut ahead) = (order, 1);
     let batch = move || {
         // A chunk's start depends on the chunks before it. Most chunks are full, so several are cut at once as if all

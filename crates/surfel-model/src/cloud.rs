@@ -284,16 +284,16 @@ pub struct SplatCloud {
 /// Number of splats per task when splats are validated in parallel. Smaller clouds are validated on one thread, because
 /// starting threads would take longer.
 #[cfg(feature = "rayon")]
-const CHECKED_TOGETHER: usize = 1 << 14;
+const SPLATS_PER_VALIDATION_TASK: usize = 1 << 14;
 
 /// Returns the index of the first invalid splat, if any.
 fn first_invalid(data: &CloudData) -> Option<usize> {
     let count = data.centers.len();
     let is_invalid = |i: &usize| data.problem(*i).is_some();
     #[cfg(feature = "rayon")]
-    if count > CHECKED_TOGETHER {
+    if count > SPLATS_PER_VALIDATION_TASK {
         use rayon::prelude::*;
-        return (0..count).into_par_iter().with_min_len(CHECKED_TOGETHER).find_first(is_invalid);
+        return (0..count).into_par_iter().with_min_len(SPLATS_PER_VALIDATION_TASK).find_first(is_invalid);
     }
     (0..count).find(is_invalid)
 }

@@ -355,7 +355,7 @@ impl Colormap {
 }
 
 /// One more than the largest number of splats that a mesh may be converted to: the end of the accepted range.
-const MORE_SPLATS: u32 = 200_000_001;
+const SPLAT_COUNT_END: u32 = 200_000_001;
 
 impl ConvertOptions {
     /// True if no option is set.
@@ -388,7 +388,7 @@ impl ConvertOptions {
                 format!("objects[{i}].convert.splats is \"auto\", but \"sharp\" chooses by \"error\": give that");
             return Err(ModelError::Conflict(problem));
         }
-        if let Some(SplatCount::Count(n @ (0 | MORE_SPLATS..))) = self.splats {
+        if let Some(SplatCount::Count(n @ (0 | SPLAT_COUNT_END..))) = self.splats {
             return Err(ModelError::range(field("splats"), n, "1 to 200000000"));
         }
         if self.max_points == Some(0) {

@@ -95,5 +95,5 @@ pub use settings::{
 };
 pub use sky::{Ground, GroundStyle, Sky, SkyArea};
 pub use table_columns::{NumberFormat, TableColumn, TableColumns};
-pub use texture::{KnownMipmaps, Mipmaps, SeeThroughTextures, Texture};
+pub use texture::{MipmapCache, Mipmaps, SeeThroughTextures, Texture};
 pub use up::Up;

@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 
 /// Cache of mipmaps that were already computed, by the address of their texture. The mipmaps own the texture, so the
 /// address stays valid.
-pub type KnownMipmaps = HashMap<*const Texture, Arc<Mipmaps>>;
+pub type MipmapCache = HashMap<*const Texture, Arc<Mipmaps>>;
 
 /// Texture image of 8-bit RGBA: a base colour with straight alpha, or other numbers such as normals
 /// ([`crate::NormalMap`]).
@@ -138,7 +138,7 @@ impl Mipmaps {
 
     /// Returns the mipmaps of a mesh's texture; `None` if the mesh isn't textured. `known` has the mipmaps computed so
     /// far, so that meshes that share a texture share its mipmaps.
-    pub fn of_mesh(mesh: &Mesh, known: &mut KnownMipmaps) -> Option<Arc<Self>> {
+    pub fn of_mesh(mesh: &Mesh, known: &mut MipmapCache) -> Option<Arc<Self>> {
         let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some())?;
         let made = known.entry(Arc::as_ptr(texture)).or_insert_with(|| Arc::new(Self::new(texture.clone())));
         Some(made.clone())
@@ -252,7 +252,7 @@ mod tests {
         }
         assert_eq!(see_through.examined(), 2);
         let mesh = Mesh { texture: Some(texture), uvs: Some(Vec::new()), ..Mesh::default() };
-        let mut known = KnownMipmaps::new();
+        let mut known = MipmapCache::new();
         let [one, two] = [(), ()].map(|()| Mipmaps::of_mesh(&mesh.clone(), &mut known).unwrap());
         assert!(Arc::ptr_eq(&one, &two) && known.len() == 1);
     }

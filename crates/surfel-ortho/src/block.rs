@@ -7,7 +7,7 @@
 use super::edge::Edge;
 use super::grid::Grid;
 use super::layout::Layout;
-use super::sides::{Near, Sides};
+use super::sides::{EdgeLocator, NearbyPoints};
 use super::source::splats_kept;
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -71,7 +71,7 @@ pub(crate) fn draw(
     grid: &Grid,
     layout: &Layout,
     block: [i64; 2],
-    has: Has,
+    has: StoredPlanes,
     backend: &mut Backend,
     frames: &mut Frames,
 ) -> Result<BlockPixels, Error> {
@@ -94,13 +94,13 @@ pub(crate) fn draw(
         // Splats that are certainly beneath a surface are excluded, since they aren't visible at its edges.
         let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
         let of_block = clouds.iter().map(|cloud| &**cloud);
-        let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
+        let sides = EdgeLocator::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
         // Foliage isn't a surface: lower foliage of a crown counts as part of the foliage above it.
         for (cloud, keep) in clouds.iter().zip(&mut keep) {
             let is_behind = |(i, keep): (usize, &mut bool)| {
                 if *keep {
                     let p = cloud.center(i);
-                    *keep = !sides.is_among_leaves([p.x, p.y], p.z as f32, cloud.radius_max(i));
+                    *keep = !sides.is_within_foliage([p.x, p.y], p.z as f32, cloud.radius_max(i));
                 }
             };
             keep.par_iter_mut().enumerate().with_min_len(1024).for_each(is_behind);
@@ -206,7 +206,7 @@ impl Surface<'_> {
 /// Second surface in each pixel of a block, drawn with the splats behind the nearest surface.
 struct Behind<'a> {
     frame: &'a Frame,
-    sides: Sides,
+    sides: EdgeLocator,
     /// Coordinates of the frame's upper left corner: x of its left edge and y of its upper edge.
     left_top: [f64; 2],
 }
@@ -219,7 +219,7 @@ fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>
         (0..side * side).into_par_iter().with_min_len(4096).map(|i| is_there(i).then_some(1.0)).collect();
     let Some(behind) = behind else { return shares };
     let rows = shares.par_chunks_mut(SQUARE_PX * side).enumerate();
-    rows.for_each_init(Near::default, |near, (row, shares)| {
+    rows.for_each_init(NearbyPoints::default, |near, (row, shares)| {
         let first = row * SQUARE_PX;
         let rows = Square { left: 0, top: first, width: side, height: shares.len() / side };
         for square in rows.parts(SQUARE_PX) {
@@ -263,7 +263,7 @@ impl Behind<'_> {
         &self,
         surface: &Surface<'_>,
         square: Square,
-        near: &mut Near,
+        near: &mut NearbyPoints,
         each: &mut dyn FnMut(usize, usize, f32),
     ) {
         let (first, second, side) = (surface.frame, self.frame, surface.frame.width() as usize);
@@ -323,12 +323,12 @@ impl Behind<'_> {
 
 /// Kinds of values that blocks have in addition to heights.
 #[derive(Clone, Copy)]
-pub(crate) struct Has {
+pub(crate) struct StoredPlanes {
     pub(crate) color: bool,
     pub(crate) normal: bool,
 }
 
-impl Has {
+impl StoredPlanes {
     /// Returns the number of f32 values per pixel, including the height.
     pub(super) fn numbers(self) -> usize {
         1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
@@ -336,7 +336,7 @@ impl Has {
 }
 
 /// Blends the nearest and the second surface at each pixel, weighted by the coverage of the nearest one.
-fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
+fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: StoredPlanes) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
     let side = frame.width() as usize;

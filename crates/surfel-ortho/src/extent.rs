@@ -3,7 +3,7 @@
 
 use super::OrthoOptions;
 use super::grid::Grid;
-use super::source::{Holds, Source};
+use super::source::{Source, SourceContent};
 use glam::DVec3;
 use std::path::PathBuf;
 use surfel_io::Crs;
@@ -12,7 +12,7 @@ use surfel_load::paths::display;
 use surfel_model::Outliers;
 
 /// Smallest [`score`] at which coordinates without a stated reference system count as degrees.
-const ENOUGH: u32 = 3;
+const DEGREES_SCORE: u32 = 3;
 /// Extent of a file, in its units, from which coordinates don't count as degrees. Files of so many degrees are rare,
 /// and local coordinates usually have larger extents.
 const WIDEST_DEG: f64 = 5.0;
@@ -22,7 +22,7 @@ const FINE: f64 = 1e-5;
 /// Largest number of pixels of an image that isn't checked for strays.
 const ABSURD_PX: f64 = 4e6;
 /// Largest factor by which strays may enlarge an image's area; more is an error.
-const ABSURD_TIMES: f64 = 100.0;
+const MAX_STRAY_FACTOR: f64 = 100.0;
 /// Inverse of the largest fraction of points that count as strays. If more points are far away, none is a stray.
 const STRAY_OF: usize = 1000;
 /// Number of far points that may count as strays in small files, where it exceeds the fraction 1/[`STRAY_OF`].
@@ -32,7 +32,7 @@ const SAMPLE: usize = 1 << 16;
 
 /// Returns an error for files whose x and y are degrees, according to their reference system, column names or numbers.
 /// `is_stated` is true if the user stated a reference system.
-pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
+pub(crate) fn check_not_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
     let (lo, hi) = source.bounds;
     let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
     let is_in_turn = lo.abs().max(hi.abs()).truncate().max_element() <= 360.0;
@@ -41,7 +41,9 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
         Some(crs) if is_in_turn => crs.words(),
         _ if is_stated || !is_on_earth => return Ok(()),
         _ if source.is_named_degrees => "by the names or the steps of its columns".to_owned(),
-        _ if score(source) >= ENOUGH => "by its numbers: they are as fine and as narrow as degrees are".to_owned(),
+        _ if score(source) >= DEGREES_SCORE => {
+            "by its numbers: they are as fine and as narrow as degrees are".to_owned()
+        }
         _ => return Ok(()),
     };
     let middle = 0.5 * (lo + hi);
@@ -54,10 +56,10 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
 
-/// Returns a score, 0 to 5, for the evidence that coordinates without a reference system are degrees; [`ENOUGH`]
+/// Returns a score, 0 to 5, for the evidence that coordinates without a reference system are degrees; [`DEGREES_SCORE`]
 /// decides.
 fn score(source: &Source) -> u32 {
-    let Holds::Points(points) = &source.holds else { return 0 };
+    let SourceContent::Points(points) = &source.holds else { return 0 };
     let (lo, hi) = source.bounds;
     let (extent, middle) = (hi - lo, 0.5 * (lo + hi));
     let widest = extent.x.max(extent.y);
@@ -98,7 +100,7 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
     let pixels = |b: [f64; 4]| [side(b[0], b[2]), side(b[1], b[3])];
     let area = |b: [f64; 4]| pixels(b).iter().product::<f64>();
     let found = if area(bounds) > ABSURD_PX { strays(sources) } else { None };
-    if let Some(strays) = found.filter(|strays| area(bounds) > ABSURD_TIMES * area(strays.others)) {
+    if let Some(strays) = found.filter(|strays| area(bounds) > MAX_STRAY_FACTOR * area(strays.others)) {
         let Strays { count, farthest: p, distance, path, others } = strays;
         let ([width, height], drop) = (pixels(bounds), outliers != Some(Outliers::Drop));
         let what = if count == 1 { "a stray point lies" } else { "stray points lie" };

@@ -11,7 +11,7 @@
 //! Pixels are stored block by block in an unnamed file, because a gap may extend over several blocks. Filling doesn't
 //! change pixels with data.
 
-use super::block::{BlockPixels, Has};
+use super::block::{BlockPixels, StoredPlanes};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -56,7 +56,7 @@ impl Planes {
         }
     }
 
-    fn empty(width: usize, height: usize, has: Has) -> Self {
+    fn empty(width: usize, height: usize, has: StoredPlanes) -> Self {
         let count = width * height;
         Self {
             width,
@@ -72,7 +72,7 @@ impl Planes {
 pub(crate) struct BlockStore {
     file: BufWriter<File>,
     bytes: u64,
-    has: Has,
+    has: StoredPlanes,
     /// Offset of each block in the file in bytes, by the block's row and column.
     places: BTreeMap<(i64, i64), u64>,
     block_px: usize,
@@ -80,14 +80,14 @@ pub(crate) struct BlockStore {
 
 impl BlockStore {
     /// Creates an empty store, in the folder of the image file `path`.
-    pub(crate) fn beside(path: &Path, block_px: usize, has: Has) -> io::Result<Self> {
+    pub(crate) fn beside(path: &Path, block_px: usize, has: StoredPlanes) -> io::Result<Self> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let file = BufWriter::with_capacity(1 << 20, surfel_io::atomic::unnamed_in(folder)?);
         Ok(Self { file, bytes: 0, has, places: BTreeMap::new(), block_px })
     }
 
     /// Returns which kinds of values are stored in addition to heights.
-    pub(crate) fn has(&self) -> Has {
+    pub(crate) fn has(&self) -> StoredPlanes {
         self.has
     }
 

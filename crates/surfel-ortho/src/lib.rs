@@ -50,7 +50,7 @@ use glam::DVec3;
 use grid::Grid;
 use layout::Layout;
 use output::{Out, Shown, Sink, unwritable};
-use source::{Gathered, Holds, Source, Told, sampling_of, splats_within};
+use source::{Gathered, LoadReport, Source, SourceContent, sampling_of, splats_within};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -58,7 +58,7 @@ use surfel_backend::Backend;
 use surfel_framing::UpConvention;
 use surfel_io::{Crs, GeoImage, GeoSamples, write_geotiffs};
 use surfel_load::Conversion;
-use surfel_load::coloring::together::{ColorJob, Colors, Lacking, Member, Tallies};
+use surfel_load::coloring::together::{ColorJob, Colors, Member, MissingAttribute, Tallies};
 use surfel_load::coloring::{Attribute, ColorScale, Coloring, paint};
 use surfel_load::effects::UnusedOption;
 use surfel_load::steps::{splats_of_points, without_attribute};
@@ -218,14 +218,14 @@ impl Ortho {
         let mut colors = ColorChoice::default();
         let mut kept = 0;
         for path in inputs {
-            let mut told = Told::default();
+            let mut told = LoadReport::default();
             let mut source = Source::load(path, &options.load, &mut told, progress)?;
-            let Told { notes: own, unused: own_unused, color_job } = told;
+            let LoadReport { notes: own, unused: own_unused, color_job } = told;
             notes.extend(own.into_iter().map(|note| (Some(path.to_path_buf()), note)));
             unused.extend(own_unused.into_iter().map(|option| (path.to_path_buf(), option)));
             match &mut source.holds {
-                Holds::Splats(cloud) => colors.add_splats(color_job, cloud),
-                Holds::Points(points) => {
+                SourceContent::Splats(cloud) => colors.add_splats(color_job, cloud),
+                SourceContent::Points(points) => {
                     colors.add_points(path, points, &options.load)?;
                     kept += points.bytes;
                     if kept > KEPT_BYTES {
@@ -236,7 +236,7 @@ impl Ortho {
             sources.push(source);
         }
         for source in &sources {
-            extent::refuse_degrees(source, options.epsg.is_some())?;
+            extent::check_not_degrees(source, options.epsg.is_some())?;
         }
         let (color_by, coloring) = colors.finish(&mut sources, &options.load, &mut notes, &mut unused)?;
         let crs = crs_of(&sources, options.epsg, &mut notes)?;
@@ -424,19 +424,19 @@ impl Ortho {
             if !sources[k].meets(within) {
                 continue;
             }
-            if let Holds::Points(points) = &sources[k].holds
+            if let SourceContent::Points(points) = &sources[k].holds
                 && !points.is_loaded()
             {
                 make_room(sources, time);
             }
             let Source { path: own, holds, .. } = &mut sources[k];
             match holds {
-                Holds::Points(points) => {
+                SourceContent::Points(points) => {
                     points.prepare(own, &options.load, layout, column, time)?;
                     points.gather(within, layout, &mut gathered);
                     path = path.or_else(|| Some(own.clone()));
                 }
-                Holds::Splats(cloud) => splats.clouds.extend(splats_within(cloud, within)?),
+                SourceContent::Splats(cloud) => splats.clouds.extend(splats_within(cloud, within)?),
             }
         }
         let (points, left_out) = gathered.finish(column, Some(layout.spacing).filter(|_| !options.lone));
@@ -499,7 +499,7 @@ type Unused = Vec<(PathBuf, UnusedOption)>;
 struct ColorChoice {
     tallies: Tallies,
     /// Colouring requests of all files, with a report for each file that lacks the requested attribute.
-    jobs: Vec<(ColorJob, Option<Lacking>)>,
+    jobs: Vec<(ColorJob, Option<MissingAttribute>)>,
     /// True if some file of points has no colours.
     has_uncolored: bool,
     lacks_intensity: bool,
@@ -534,7 +534,7 @@ impl ColorChoice {
                 convention: UpConvention::Points,
                 others: Vec::new(),
             };
-            let lacking = self.tallies.add_points(&job, cloud).err().map(|known| Lacking { member: 0, known });
+            let lacking = self.tallies.add_points(&job, cloud).err().map(|known| MissingAttribute { member: 0, known });
             if load.convert.color_by.is_some() {
                 self.is_column |= ExtraColumn::find(&cloud.extras, attribute).is_some();
                 self.jobs.push((job, lacking));
@@ -572,7 +572,7 @@ impl ColorChoice {
         notes.extend(note.map(|note| (first.clone(), note)));
         if load.convert.color_by.is_some() {
             for source in sources {
-                let Holds::Splats(cloud) = &mut source.holds else { continue };
+                let SourceContent::Splats(cloud) = &mut source.holds else { continue };
                 let data = cloud.data();
                 let own = Attribute::of(&data.extras, data.colors.is_some(), &attribute);
                 paint(Arc::make_mut(cloud), own.ok(), &scale, DVec3::Z)?;
@@ -589,7 +589,9 @@ fn make_room(sources: &mut [Source], time: u64) {
     loop {
         let mut loaded: Vec<_> = sources
             .iter_mut()
-            .filter_map(|source| if let Holds::Points(points) = &mut source.holds { Some(points) } else { None })
+            .filter_map(
+                |source| if let SourceContent::Points(points) = &mut source.holds { Some(points) } else { None },
+            )
             .filter(|points| points.is_loaded())
             .collect();
         let total: usize = loaded.iter().map(|points| points.bytes).sum();

@@ -22,7 +22,7 @@ pub(crate) const WINDOW: f64 = 1.8;
 const SIZES: [f64; 2] = [1.0, 0.8];
 /// Logarithm of the odds by which coverage is assumed more likely than a hole that only the smaller window shows.
 /// Chance also produces holes of this size.
-const RARER: f64 = 2.0;
+const LOG_PRIOR_ODDS: f64 = 2.0;
 /// Expected number of points in a window that is entirely inside of the surface, divided by π. It is the density per
 /// squared window radius; a splat's radius is 1.65 point spacings (`surfel-sample`).
 const DENSITY: f64 = (1.65 * WINDOW) * (1.65 * WINDOW);
@@ -34,7 +34,7 @@ const DIRECTIONS: usize = 32;
 const CURVATURES: [(f32, f64); 5] = [(0.0, 2.0), (-1.8, 1.0), (-0.9, 1.0), (0.9, 1.0), (1.8, 1.0)];
 /// Largest offset of an edge from the window's centre in the table of likelihoods, in window radii. At this offset, an
 /// edge is outside of the window.
-const FARTHEST: f64 = 2.0;
+const MAX_OFFSET: f64 = 2.0;
 /// Number of offsets in the table of likelihoods per window radius.
 const STEPS: f64 = 64.0;
 /// Number of strips by which the part of the window inside of an edge is integrated.
@@ -58,8 +58,8 @@ fn likelihoods(size: f64) -> Likelihoods {
             };
             (0..STRIPS).map(strip).sum::<f64>() * 2.0 / STRIPS as f64
         };
-        let last = (2.0 * FARTHEST * STEPS) as usize;
-        let own = |i: usize| frequency * (-DENSITY * size * size * area(i as f64 / STEPS - FARTHEST)).exp();
+        let last = (2.0 * MAX_OFFSET * STEPS) as usize;
+        let own = |i: usize| frequency * (-DENSITY * size * size * area(i as f64 / STEPS - MAX_OFFSET)).exp();
         let mut all = vec![[own(last), 0.0]; last + 1];
         for i in (0..last).rev() {
             let own = own(i);
@@ -74,7 +74,7 @@ impl Likelihoods {
     /// offset.
     fn at(&self, curvature: usize, offset: f64) -> [f64; 2] {
         let all = &self.0[curvature];
-        let step = ((offset + FARTHEST) * STEPS).clamp(0.0, (all.len() - 1) as f64);
+        let step = ((offset + MAX_OFFSET) * STEPS).clamp(0.0, (all.len() - 1) as f64);
         let below = (step as usize).min(all.len() - 2);
         let share = step - below as f64;
         [0, 1].map(|k| all[below][k] + share * (all[below + 1][k] - all[below][k]))
@@ -188,7 +188,7 @@ impl Outline {
             return None;
         }
         let slope = |k: usize| (inside[k] / inside[0] - outside[k] / outside[0]) / self.window;
-        let rarer = if self.size > 0 { RARER } else { 0.0 };
+        let rarer = if self.size > 0 { LOG_PRIOR_ODDS } else { 0.0 };
         Some(Edge::logistic((inside[0] / outside[0]).ln() + rarer, [slope(1), slope(2)]))
     }
 }

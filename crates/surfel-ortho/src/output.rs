@@ -2,7 +2,7 @@
 
 use super::OrthoStats;
 use super::block::BlockPixels;
-use super::block::Has;
+use super::block::StoredPlanes;
 use super::fill::{BlockStore, Planes};
 use super::grid::Grid;
 use super::layout::Layout;
@@ -25,8 +25,8 @@ pub(super) struct Sink<'a, 'b> {
 }
 
 impl Sink<'_, '_> {
-    pub(super) fn has(&self) -> Has {
-        Has { color: self.shown.contains(&Shown::Color), normal: self.shown.contains(&Shown::Normal) }
+    pub(super) fn has(&self) -> StoredPlanes {
+        StoredPlanes { color: self.shown.contains(&Shown::Color), normal: self.shown.contains(&Shown::Normal) }
     }
 
     /// Writes a rectangle of pixels to all files, and counts it in `stats`. `at` is the column and row of its upper
@@ -67,7 +67,7 @@ pub(super) enum Out<'a, 'b, 'c> {
 }
 
 impl Out<'_, '_, '_> {
-    pub(super) fn has(&self) -> Has {
+    pub(super) fn has(&self) -> StoredPlanes {
         match self {
             Self::Image(sink) => sink.has(),
             Self::Store(store, _) => store.has(),

@@ -60,11 +60,11 @@ struct Point {
     /// Index of the point's splat in its cloud.
     splat: u32,
     /// True if the splat was made from a foliage point.
-    is_leaf: bool,
+    is_foliage: bool,
 }
 
 /// Centres of a block's splats, sorted into square cells, for locating edges between surfaces.
-pub(crate) struct Sides {
+pub(crate) struct EdgeLocator {
     points: Vec<Point>,
     /// Index in `points` of each cell's first point, row by row. The last entry is the number of points.
     starts: Vec<u32>,
@@ -77,13 +77,13 @@ pub(crate) struct Sides {
     reach: f64,
 }
 
-impl Sides {
-    /// Collects the splats within `bounds`: minimum x, minimum y, maximum x, maximum y. `is_leaf` returns true if a
+impl EdgeLocator {
+    /// Collects the splats within `bounds`: minimum x, minimum y, maximum x, maximum y. `is_foliage` returns true if a
     /// cloud's splat is foliage. `beneath` is called with the indices of cloud and splat, for each splat that is almost
     /// certainly beneath a surface.
     pub(crate) fn new<'a>(
         clouds: impl Iterator<Item = &'a SplatCloud>,
-        is_leaf: impl Fn(usize, usize) -> bool + Sync,
+        is_foliage: impl Fn(usize, usize) -> bool + Sync,
         bounds: [f64; 4],
         mut beneath: impl FnMut(usize, usize),
     ) -> Self {
@@ -94,8 +94,8 @@ impl Sides {
             let point = |i: usize| {
                 let center = cloud.center(i);
                 let radius = cloud.radius_max(i) as f32;
-                let is_leaf = is_leaf(k as usize, i);
-                Point { at: [center.x, center.y], z: center.z as f32, radius, cloud: k, splat: i as u32, is_leaf }
+                let is_foliage = is_foliage(k as usize, i);
+                Point { at: [center.x, center.y], z: center.z as f32, radius, cloud: k, splat: i as u32, is_foliage }
             };
             points.par_extend((0..cloud.len()).into_par_iter().with_min_len(4096).map(point).filter(within));
         }
@@ -164,11 +164,11 @@ impl Sides {
 
     /// True if the height `z` is within a layer of foliage at a position. `radius` is the radius of splats there. In a
     /// layer, most points above `z` are foliage, and no gap in height is larger than `LINKED` radii.
-    pub(crate) fn is_among_leaves(&self, [x, y]: [f64; 2], z: f32, radius: f64) -> bool {
+    pub(crate) fn is_within_foliage(&self, [x, y]: [f64; 2], z: f32, radius: f64) -> bool {
         let half = WINDOW * radius;
         let is_near = |p: &&Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2) < half * half && p.z > z;
         let above = || self.around(x, y, half).filter(is_near);
-        let leaves = above().filter(|p| p.is_leaf).count();
+        let leaves = above().filter(|p| p.is_foliage).count();
         if 2 * leaves <= above().count() {
             return false;
         }
@@ -252,7 +252,7 @@ impl Sides {
 
     /// Locates the edge near (x, y) between an upper surface with the height `upper` and a lower one with the height
     /// `lower`. Returns `None` if there are no points nearby.
-    pub(crate) fn edge(&self, x: f64, y: f64, upper: f64, lower: f64, near: &mut Near) -> Option<Edge> {
+    pub(crate) fn edge(&self, x: f64, y: f64, upper: f64, lower: f64, near: &mut NearbyPoints) -> Option<Edge> {
         let middle = 0.5 * (upper + lower);
         let radius = self.radius_at(x, y)?;
         let reach = SCALES[0] * REACH * radius;
@@ -300,12 +300,12 @@ const LANES: usize = 4;
 /// Points around a pixel as columns: offsets from the pixel, values (+1 on the upper surface, −1 on the lower one), and
 /// weights. Points without weight pad their number to a multiple of [`LANES`].
 #[derive(Default)]
-pub(crate) struct Near {
+pub(crate) struct NearbyPoints {
     columns: [Vec<f64>; 3],
     weights: Vec<f64>,
 }
 
-impl Near {
+impl NearbyPoints {
     fn clear(&mut self) {
         self.columns.iter_mut().for_each(Vec::clear);
     }
@@ -393,12 +393,12 @@ mod tests {
         SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
     }
 
-    fn share_of(sides: &Sides, x: f64, y: f64, upper: f64, lower: f64) -> Option<f64> {
-        Some(sides.edge(x, y, upper, lower, &mut Near::default())?.share(0.0, 0.0))
+    fn share_of(sides: &EdgeLocator, x: f64, y: f64, upper: f64, lower: f64) -> Option<f64> {
+        Some(sides.edge(x, y, upper, lower, &mut NearbyPoints::default())?.share(0.0, 0.0))
     }
 
-    fn sides(points: &[DVec3], radius: f32) -> Sides {
-        Sides::new([cloud(points, radius)].iter(), |_, _| false, [-10.0, -10.0, 10.0, 10.0], |_, _| ())
+    fn sides(points: &[DVec3], radius: f32) -> EdgeLocator {
+        EdgeLocator::new([cloud(points, radius)].iter(), |_, _| false, [-10.0, -10.0, 10.0, 10.0], |_, _| ())
     }
 
     /// Returns points on a grid of 0.5, at height `roof` on the left of an edge through the origin with this direction.
@@ -459,7 +459,7 @@ mod tests {
     fn points_under_a_complete_surface_are_beneath_it_and_those_in_pits_are_not() {
         let covered_of = |points: &[DVec3]| {
             let (mut covered, bounds) = (vec![false; points.len()], [-10.0, -10.0, 10.0, 10.0]);
-            Sides::new([cloud(points, 0.8)].iter(), |_, _| false, bounds, |_, i| covered[i] = true);
+            EdgeLocator::new([cloud(points, 0.8)].iter(), |_, _| false, bounds, |_, i| covered[i] = true);
             covered
         };
         let ground = step(0.0, 0.0);
@@ -486,14 +486,14 @@ mod tests {
         let crown =
             step(0.0, 0.0).into_iter().zip(0..).map(|(p, i)| p + (5.0 + 0.1 * f64::from(i * 7 % 21)) * DVec3::Z);
         let points: Vec<DVec3> = step(0.0, 0.0).into_iter().chain(crown).collect();
-        let of = |z: f32, is_leaf: bool| {
-            let sides = Sides::new(
+        let of = |z: f32, is_foliage: bool| {
+            let sides = EdgeLocator::new(
                 [cloud(&points, 0.8)].iter(),
-                |_, i| is_leaf && i >= 1600,
+                |_, i| is_foliage && i >= 1600,
                 [-10.0, -10.0, 10.0, 10.0],
                 |_, _| (),
             );
-            sides.is_among_leaves([0.1, 0.2], z, 0.8)
+            sides.is_within_foliage([0.1, 0.2], z, 0.8)
         };
         assert!(of(5.0, true) && of(3.0, true) && !of(0.0, true) && !of(5.0, false));
     }
@@ -502,7 +502,7 @@ mod tests {
     fn every_point_counts_where_most_of_the_bounds_is_empty() {
         let points = step(0.0, 3.0);
         let sides =
-            Sides::new([cloud(&points, 0.8)].iter(), |_, _| false, [-2000.0, -2000.0, 2000.0, 2000.0], |_, _| ());
+            EdgeLocator::new([cloud(&points, 0.8)].iter(), |_, _| false, [-2000.0, -2000.0, 2000.0, 2000.0], |_, _| ());
         let near = sides.around(0.0, 0.0, 2.0).filter(|p| p.at.iter().all(|v| v.abs() < 2.0)).count();
         assert_eq!(near, 64);
     }
@@ -520,7 +520,7 @@ mod tests {
     fn points_elsewhere_change_no_share() {
         let near = step(0.4, 3.0);
         let far: Vec<DVec3> = (0..500).map(|i| DVec3::new(9.0 + 1e-3 * f64::from(i), 9.5, 1.0)).collect();
-        let all = Sides::new(
+        let all = EdgeLocator::new(
             [cloud(&near, 0.8), cloud(&far, 0.1)].iter(),
             |_, _| false,
             [-10.0, -10.0, 10.0, 10.0],

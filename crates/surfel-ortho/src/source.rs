@@ -28,7 +28,7 @@ const IN_A_CELL: f64 = 16.0;
 /// Input file of an orthoimage, with its points or splats.
 pub(crate) struct Source {
     pub(crate) path: PathBuf,
-    pub(crate) holds: Holds,
+    pub(crate) holds: SourceContent,
     /// Corners of the bounding box of the points or splats.
     pub(crate) bounds: (DVec3, DVec3),
     pub(crate) crs: Option<Crs>,
@@ -40,11 +40,11 @@ pub(crate) struct Source {
 pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
     let mut sampling = Sampling::default();
     let own_density = |source: &Source| match &source.holds {
-        Holds::Points(points) if points.density.is_finite() => points.density,
+        SourceContent::Points(points) if points.density.is_finite() => points.density,
         _ => 0.0,
     };
     for source in sources {
-        if let Holds::Splats(cloud) = &source.holds {
+        if let SourceContent::Splats(cloud) = &source.holds {
             sampling.reach = (0..cloud.len()).map(|i| cloud.radius_max(i)).fold(sampling.reach, f64::max);
         }
         let own = own_density(source);
@@ -66,7 +66,7 @@ pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
 pub(crate) type PositionOf<'a> = Box<dyn Fn(usize) -> DVec3 + 'a>;
 
 /// Content of an input file.
-pub(crate) enum Holds {
+pub(crate) enum SourceContent {
     /// Points, which are converted to splats block by block.
     Points(Box<Points>),
     /// Splats that were read from a splat file or made from a mesh.
@@ -94,7 +94,7 @@ pub(crate) struct Points {
 
 /// Results of loading a file besides its content: notes, options without effect, and a colouring request.
 #[derive(Default)]
-pub(crate) struct Told {
+pub(crate) struct LoadReport {
     pub(crate) notes: Vec<String>,
     pub(crate) unused: Vec<UnusedOption>,
     /// Request to colour the splats by an attribute, for splat files and meshes.
@@ -106,7 +106,7 @@ impl Source {
     pub(crate) fn load(
         path: &Path,
         options: &LoadOptions,
-        told: &mut Told,
+        told: &mut LoadReport,
         progress: &dyn Progress,
     ) -> Result<Self, Error> {
         let mut loaded = steps::read(path, options)?;
@@ -126,7 +126,7 @@ impl Source {
             let canonical = Canonical::new(&points, bounds);
             let bounds = canonical.bounds(bounds);
             let density = density(&points, &canonical, bounds);
-            let holds = Holds::Points(Box::new(Points {
+            let holds = SourceContent::Points(Box::new(Points {
                 density,
                 canonical,
                 water: Vec::new(),
@@ -143,18 +143,18 @@ impl Source {
         told.notes.extend(notes);
         told.color_job = color_job;
         let Some(bounds) = cloud.bounds() else { return Err(empty(&path)) };
-        Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
+        Ok(Self { path, holds: SourceContent::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
     }
 
     /// Returns the number of points or splats in memory, and a function that returns their positions. `None` if the
     /// points were freed.
     pub(crate) fn positions(&self) -> Option<(usize, PositionOf<'_>)> {
         match &self.holds {
-            Holds::Points(points) => {
+            SourceContent::Points(points) => {
                 let cloud = points.cloud.as_ref()?;
                 Some((cloud.len(), Box::new(|i| points.canonical.position(cloud, i))))
             }
-            Holds::Splats(cloud) => Some((cloud.len(), Box::new(|i| cloud.center(i)))),
+            SourceContent::Splats(cloud) => Some((cloud.len(), Box::new(|i| cloud.center(i)))),
         }
     }
 

@@ -3,7 +3,7 @@
 use crate::errors::{error_of_arrays, of_arrays};
 use crate::interrupt::defect;
 use crate::memory;
-use crate::pool::{Taken, Who};
+use crate::pool::{BackendRequest, PooledBackend};
 use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -83,7 +83,7 @@ pub(crate) struct Job {
     pub(crate) options: RenderOptions,
     /// All images that are drawn of the scene, which share up axis and conversion.
     pub(crate) pictures: Arc<Pictures>,
-    pub(crate) who: Who,
+    pub(crate) who: BackendRequest,
     pub(crate) planes: Planes,
 }
 
@@ -134,7 +134,7 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 impl Input {
     /// Creates the input of files or arrays.
     pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>, points: u64, notes: Vec<String>) -> Self {
-        let level_store = Arc::new(LevelStore::keeping_nodes());
+        let level_store = Arc::new(LevelStore::caching_nodes());
         Self { paths, bytes, points, notes, carried: None, cache: Mutex::default(), level_store }
     }
 
@@ -274,7 +274,7 @@ pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Resu
         }
         who.name = "reference".to_owned();
     }
-    let mut taken = Taken::new(&who, refuses)?;
+    let mut taken = PooledBackend::new(&who, refuses)?;
     let backend = taken.backend()?;
     let (samples, name) = (options.samples.unwrap_or(1), backend.info().backend);
     let shadow_maps = file.lights.iter().flatten().filter(|light| light.casts_shadow()).count();

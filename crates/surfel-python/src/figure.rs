@@ -5,7 +5,7 @@ use crate::errors;
 use crate::frame::array;
 use crate::interrupt;
 use crate::memory::py_bytes;
-use crate::pool::{Taken, Who};
+use crate::pool::{BackendRequest, PooledBackend};
 use crate::scene::{Flags, wrong};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -61,7 +61,7 @@ impl NativeFigure {
 #[pyfunction]
 pub(crate) fn figure(py: Python<'_>, inputs: Vec<PathBuf>, flags: Flags) -> PyResult<NativeFigure> {
     let mut options = Options::default();
-    let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
+    let mut who = BackendRequest { name: "auto".to_owned(), options: BackendOptions::default() };
     for (flag, text) in &flags {
         let set = who.set(flag, text).and_then(|set| match set {
             true => Ok(()),
@@ -75,7 +75,7 @@ pub(crate) fn figure(py: Python<'_>, inputs: Vec<PathBuf>, flags: Flags) -> PyRe
         request.check()?;
         let mut notes = Vec::new();
         let image = on_threads(who.options.threads, || {
-            let mut taken = Taken::new(&who, |_| None)?;
+            let mut taken = PooledBackend::new(&who, |_| None)?;
             request.draw(taken.backend()?, progress, &mut |note| notes.push(note))
         })??;
         Ok::<_, Error>((image, notes))

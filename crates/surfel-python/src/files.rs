@@ -5,7 +5,7 @@ use crate::errors;
 use crate::frame::NativeFrame;
 use crate::interrupt;
 use crate::memory;
-use crate::pool::{Taken, Who};
+use crate::pool::{BackendRequest, PooledBackend};
 use crate::scene::{Flags, NativeScene, wrong};
 use pyo3::prelude::*;
 use serde_json::json;
@@ -59,7 +59,7 @@ pub(crate) fn convert(
 ) -> PyResult<Vec<String>> {
     let mut options = SplatOptions::default();
     options.force = force;
-    let (mut who, mut resume, mut shard) = (Who::default(), false, None);
+    let (mut who, mut resume, mut shard) = (BackendRequest::default(), false, None);
     for (flag, text) in &flags {
         let set = match flag.as_str() {
             "threads" => who.set(flag, text),
@@ -148,7 +148,7 @@ pub(crate) fn ortho(
     splats.force = force;
     let mut options = OrthoOptions::new(0.0);
     let mut files = OrthoFiles { color: output, overwrite: force, ..OrthoFiles::default() };
-    let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
+    let mut who = BackendRequest { name: "auto".to_owned(), options: BackendOptions::default() };
     for (flag, text) in &flags {
         let known = match flag.as_str() {
             "gsd" => values::positive(text).map(|gsd| options.gsd = gsd),
@@ -177,7 +177,7 @@ pub(crate) fn ortho(
         let mut notes = Vec::new();
         let stats = on_threads(who.options.threads, || {
             let mut ortho = request.open(progress, &mut |note| notes.push(note))?;
-            let mut taken = Taken::new(&who, |_| None)?;
+            let mut taken = PooledBackend::new(&who, |_| None)?;
             let backend = taken.backend()?;
             memory::check("gsd", BLOCK_BYTES, who.options.threads, Some(u64::MAX))?;
             let software = concat!("surfel ", env!("CARGO_PKG_VERSION"));

@@ -14,7 +14,7 @@ use surfel_sample::Progress;
 /// Interval at which the waiting thread checks for signals, such as Ctrl-C, and updates the progress.
 pub(crate) const TICK: Duration = Duration::from_millis(50);
 /// Running time after which work shows its progress.
-const PATIENCE: Duration = Duration::from_millis(700);
+const PROGRESS_DELAY: Duration = Duration::from_millis(700);
 
 /// Progress of running work, which the waiting thread reads.
 #[derive(Default)]
@@ -74,7 +74,7 @@ pub(crate) fn run<T: Send + 'static>(
             Err(RecvTimeoutError::Disconnected) => break Err(defect()),
             Err(RecvTimeoutError::Timeout) => {}
         }
-        if start.elapsed() > PATIENCE {
+        if start.elapsed() > PROGRESS_DELAY {
             reporter.show(py)?;
             shown = true;
         }

@@ -10,13 +10,13 @@ use surfel_render::{Capabilities, RenderError};
 
 /// Requested backend with its options.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Who {
+pub(crate) struct BackendRequest {
     /// Name of the backend, or `auto`.
     pub(crate) name: String,
     pub(crate) options: BackendOptions,
 }
 
-impl Who {
+impl BackendRequest {
     /// Sets a backend flag from its text; returns false if the name isn't a backend flag.
     pub(crate) fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
         match flag {
@@ -40,7 +40,7 @@ impl Who {
 /// Key of an idle backend in the pool.
 #[derive(Clone, PartialEq, Eq)]
 struct Key {
-    who: Who,
+    who: BackendRequest,
     /// Reason why `auto` selected another backend than the fastest; `None` if it selected the fastest.
     refused: Option<String>,
     /// Process id. After a fork, a process can't use its parent's backends, because it doesn't have their threads.
@@ -53,14 +53,14 @@ static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
 const MOST: usize = 16;
 
 /// Backend that is in use. It returns to the pool when dropped.
-pub(crate) struct Taken {
+pub(crate) struct PooledBackend {
     key: Key,
     backend: Option<Backend>,
 }
 
-impl Taken {
+impl PooledBackend {
     /// Takes a backend that `refuses` accepts from the pool, or starts one.
-    pub(crate) fn new(who: &Who, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
+    pub(crate) fn new(who: &BackendRequest, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
         let mut key = Key { who: who.clone(), refused: None, process: std::process::id() };
         if who.name != "auto" {
             let backend = match idle(&key) {
@@ -87,7 +87,7 @@ impl Taken {
 }
 
 /// Starts a backend. Returns an error if there is no memory for its threads.
-fn start(who: &Who, start: impl FnOnce() -> Result<Backend, BackendError>) -> Result<Backend, Error> {
+fn start(who: &BackendRequest, start: impl FnOnce() -> Result<Backend, BackendError>) -> Result<Backend, Error> {
     let threads = who.options.threads;
     if !matches!(who.name.as_str(), "ash" | "wgpu") {
         memory::check_threads(threads, BACKEND_STACK_BYTES)?;
@@ -106,7 +106,7 @@ fn idle(key: &Key) -> Option<Backend> {
     Some(idle.swap_remove(at).1)
 }
 
-impl Drop for Taken {
+impl Drop for PooledBackend {
     fn drop(&mut self) {
         // If a frame panicked, the state of its backend is unknown, and the backend is dropped.
         let Some(backend) = self.backend.take().filter(|_| !std::thread::panicking()) else { return };

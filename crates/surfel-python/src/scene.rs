@@ -8,7 +8,7 @@ use crate::interrupt;
 use crate::many::{NativeMany, Views};
 use crate::memory;
 use crate::memory::py_bytes;
-use crate::pool::Who;
+use crate::pool::BackendRequest;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -43,7 +43,7 @@ pub(crate) fn wrong(py: Python<'_>, flag: &str, text: &str, message: &str) -> Py
 /// Parses flags into the settings of an image.
 pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: bool, turntable: bool) -> PyResult<Job> {
     let mut options = RenderOptions::default();
-    let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
+    let mut who = BackendRequest { name: "auto".to_owned(), options: BackendOptions::default() };
     for (flag, text) in flags {
         match flag.as_str() {
             "camera-object" => {

@@ -14,7 +14,7 @@ pub(crate) struct SplatClip {
     paper: Option<PaperCurve<f64>>,
     /// True if the visible part of the unfiltered splat always belongs to the filtered footprint, as in oriented clouds
     /// (rendering model §7).
-    pub holds_visible: bool,
+    pub includes_visible: bool,
     /// Map from the (u, v) of the unfiltered footprint to the splat's own (u, v).
     pub visible_turn: Turn<f64>,
     /// Map from the (u, v) of the filtered footprint to the splat's own (u, v).
@@ -28,7 +28,7 @@ impl SplatClip {
         let clip = clips.clip(i, policy)?;
         let paper = (policy == ClipPolicy::Paper).then(|| clips.curve(i)).flatten().map(|c| PaperCurve::new(&c));
         let own = Turn::none(1.0);
-        Some(Self { clip, paper, holds_visible: oriented, visible_turn: own, filtered_turn: own })
+        Some(Self { clip, paper, includes_visible: oriented, visible_turn: own, filtered_turn: own })
     }
 
     /// True if the clip leaves a point in the splat's own (u, v) visible.

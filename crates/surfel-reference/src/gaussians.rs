@@ -23,7 +23,7 @@ const DEPTH_MARGIN: f64 = 5e-7;
 const CHANGE_MARGIN: f64 = 1e-4;
 
 /// Gaussian that may be visible, projected to the view.
-struct Seen {
+struct VisibleGaussian {
     /// Depth of the Gaussian's centre, by which [`Sort::Center`] sorts.
     depth: f64,
     center_px: V2<f64>,
@@ -41,7 +41,7 @@ struct Seen {
 
 /// Gaussian evaluated at the point where a pixel's ray meets it.
 struct Fragment<'a> {
-    gaussian: &'a Seen,
+    gaussian: &'a VisibleGaussian,
     alpha: f64,
     z: f64,
     shows: bool,
@@ -122,14 +122,14 @@ fn fill<T>(plane: &mut [T], pixels: &[Pixel], value: impl Fn(&Pixel) -> T) {
 
 /// Projects the Gaussians that may be visible, and sorts them by the depth of their centres; equal depths in scene
 /// order.
-fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen> {
+fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<VisibleGaussian> {
     let (mut all, mut first) = (Vec::new(), 0);
     for (cloud, world_from_object) in &scene.gaussians {
         let seen = GaussianView::new(cloud, world_from_object, (view, plan));
         all.extend((0..cloud.len()).filter_map(|i| {
             let projected = seen.project(i)?;
             let V3 { x, y, z } = projected.normal;
-            Some(Seen {
+            Some(VisibleGaussian {
                 depth: seen.depth(i),
                 center_px: projected.center_px,
                 bounds_px: projected.bounds_px,
@@ -149,7 +149,7 @@ fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen>
 
 impl<'a> Fragment<'a> {
     /// Evaluates a Gaussian on the ray through the pixel position `at`; `None` if it certainly isn't visible there.
-    fn of(gaussian: &'a Seen, at: V2<f64>, near: f64) -> Option<Self> {
+    fn of(gaussian: &'a VisibleGaussian, at: V2<f64>, near: f64) -> Option<Self> {
         let d = V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y);
         if let Some([lo, hi]) = gaussian.bounds_px {
             // A little more than the bounds, since decisions at the bounds may be within their margin.
@@ -188,7 +188,7 @@ impl<'a> Fragment<'a> {
 
 impl Pixel {
     /// Blends all Gaussians on the ray through the pixel position `at`, in the plan's order.
-    fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
+    fn through(seen: &[VisibleGaussian], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
             weight: 0.0,

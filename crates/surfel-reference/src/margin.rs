@@ -4,7 +4,7 @@
 
 use crate::clip::SplatClip;
 use crate::splat::ScreenSplat;
-use crate::threshold::{PossibleThresholds, Sides, Threshold};
+use crate::threshold::{PossibleThresholds, SideThresholds, Threshold};
 use surfel_math::V2;
 use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
@@ -62,9 +62,9 @@ fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
     let rim = on_rim(&splat.filtered, d, splat.rim_px)
         || splat.clamp_radius.is_some_and(|h| (d.length() - h).abs() <= splat.rim_px.max(RELATIVE * h));
     let whole = [rim, splat.unclipped_rho_squared_at(d).is_some()];
-    let holds_visible = splat.clip.as_ref().is_some_and(|c| c.holds_visible);
+    let includes_visible = splat.clip.as_ref().is_some_and(|c| c.includes_visible);
     on_border(whole, splat.clip.as_ref(), &splat.filtered, |c| &c.filtered_turn, d, splat.rim_px)
-        || (holds_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
+        || (includes_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
 }
 
 /// True if rounding could change whether a neighbour's surface is beyond a pixel's own (rendering model §5, edge
@@ -77,7 +77,7 @@ pub(crate) fn on_step(near: f64, far: f64) -> bool {
 /// Returns the thresholds, without ties, that a pixel could have if sides are separated, and true if rounding could
 /// change the side that it shows. `nearest` is the result if all uncertain fragments exist, and `farthest` if none
 /// does.
-pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleThresholds, bool) {
+pub(crate) fn possible_of_sides(nearest: &SideThresholds, farthest: &SideThresholds) -> (PossibleThresholds, bool) {
     let surely_before = |side: usize, other: usize| {
         let (far, near) = (farthest.nearness()[side], nearest.nearness()[other]);
         far < near && !on_depth(far, near)

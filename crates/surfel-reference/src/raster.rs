@@ -2,7 +2,7 @@
 //! parallel.
 
 use crate::splat::{Facing, ScreenSplat};
-use crate::threshold::{PossibleThresholds, Sides, Threshold};
+use crate::threshold::{PossibleThresholds, SideThresholds, Threshold};
 use crate::{margin, pixels};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -310,7 +310,7 @@ impl BandPass<'_> {
     }
 
     fn visibility_by_facing(&self, thresholds: &mut [Threshold]) {
-        let mut sides = vec![Sides::NONE; thresholds.len()];
+        let mut sides = vec![SideThresholds::NONE; thresholds.len()];
         self.for_fragments(Footprints::Visible, |_, splat, at, pixel, z| {
             if self.limits.admit(at, z) && splat.is_visible_at(pixel) {
                 sides[at].add(splat, splat.facing, z);
@@ -349,7 +349,7 @@ impl BandPass<'_> {
     /// only if it is the nearest of the pixel, or could be.
     fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
         let keeps_facings = self.run.keeps_facings;
-        let mut sides = vec![[Sides::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];
+        let mut sides = vec![[SideThresholds::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];
         self.for_fragments(Footprints::Visible, |_, splat, at, pixel, z| {
             let (admitted, near_limit) = (self.limits.admit(at, z), self.limits.are_near(at, z));
             if !admitted && !near_limit {

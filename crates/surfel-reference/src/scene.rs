@@ -4,7 +4,7 @@ use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
 use surfel_model::{
-    GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud,
+    GaussianCloud, Geometry, Light, Matcap, Material, Mesh, MipmapCache, Mipmaps, Object, Scene, SplatCloud,
 };
 use surfel_render::{RenderError, SceneSummary};
 
@@ -70,7 +70,7 @@ impl ResidentScene {
             });
         };
         // Among equally near polygons the first is drawn; an octree's polygons follow all meshes.
-        let (mut octrees, mut gaussians, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
+        let (mut octrees, mut gaussians, mut mipmaps) = (Vec::new(), Vec::new(), MipmapCache::new());
         for (source, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
                 Geometry::Splats(cloud) => add(source, object, cloud.clone()),
@@ -112,7 +112,7 @@ impl ResidentScene {
 }
 
 /// Converts a mesh object to its stored form. Objects with the same texture share its mip levels.
-fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> ResidentMesh {
+fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, known: &mut MipmapCache) -> ResidentMesh {
     let mipmaps = Mipmaps::of_mesh(mesh, known);
     let (world_from_object, material) = (object.world_from_object, object.material);
     ResidentMesh { source, mesh: mesh.clone(), world_from_object, material, mipmaps }

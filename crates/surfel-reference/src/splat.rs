@@ -335,7 +335,7 @@ impl ScreenSplat {
     pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
         let d = pixel - self.anchor;
         let keeps = |c: &SplatClip| {
-            c.keeps_at(&self.filtered, &c.filtered_turn, d) || (c.holds_visible && self.is_visible_at(pixel))
+            c.keeps_at(&self.filtered, &c.filtered_turn, d) || (c.includes_visible && self.is_visible_at(pixel))
         };
         self.unclipped_rho_squared_at(d).filter(|_| self.clip.as_ref().is_none_or(keeps))
     }

@@ -12,12 +12,12 @@ use surfel_render::{Region, View};
 /// Depth range of a pixel's nearest surface, `begin` to `end`. `end` is −∞ if only one of the footprints, unfiltered or
 /// filtered, has a surface in the pixel. Such a pixel has a depth step to every neighbour.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Reach {
+struct DepthRange {
     begin: f64,
     end: f64,
 }
 
-impl Reach {
+impl DepthRange {
     const NONE: Self = Self { begin: f64::INFINITY, end: f64::INFINITY };
 
     fn of(threshold: Threshold) -> Self {
@@ -49,10 +49,10 @@ pub(crate) struct Steps<'a> {
 impl Steps<'_> {
     /// Returns a flag per pixel, true if there is a depth step to a neighbour that shares a side.
     pub(crate) fn pixels(&self) -> Vec<bool> {
-        let reaches: Vec<[Reach; 2]> = (0..self.count())
+        let reaches: Vec<[DepthRange; 2]> = (0..self.count())
             .map(|at| {
                 let opaque = self.opaque(at, self.front.thresholds[at], true);
-                [opaque, self.transparent.map_or(Reach::NONE, |(passes, _)| Reach::of(passes.thresholds[at]))]
+                [opaque, self.transparent.map_or(DepthRange::NONE, |(passes, _)| DepthRange::of(passes.thresholds[at]))]
             })
             .collect();
         let steps = |a: usize, b: usize| {
@@ -64,7 +64,7 @@ impl Steps<'_> {
     /// Returns a flag per pixel, true if rounding could change whether the pixel is at a step. At such a pixel, no
     /// neighbour makes a step for certain, and at least one may.
     pub(crate) fn marginal(&self) -> Vec<bool> {
-        let possible: Vec<[Vec<Reach>; 2]> = (0..self.count()).map(|at| self.possible(at)).collect();
+        let possible: Vec<[Vec<DepthRange>; 2]> = (0..self.count()).map(|at| self.possible(at)).collect();
         let open_layers = |at: usize| self.transparent.is_some_and(|(_, layers)| layers[at].marginal);
         let is_marginal = |at: usize| {
             let mut perhaps = false;
@@ -96,24 +96,24 @@ impl Steps<'_> {
 
     /// Returns the depth range of the nearest opaque surface in pixel `at`: that of splats with this threshold, or of a
     /// nearer polygon if `with_polygon` is true.
-    fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> Reach {
-        let splats = Reach::of(threshold);
+    fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> DepthRange {
+        let splats = DepthRange::of(threshold);
         let hit = self.meshes.filter(|_| with_polygon).map(|meshes| (meshes, meshes.hits[at]));
         let Some((meshes, hit)) = hit.filter(|(_, hit)| hit.z.is_finite()) else {
             let has_weight = self.front.sums[at].weight > 0.0;
             let end = if has_weight == threshold.depth.is_finite() { splats.end } else { f64::NEG_INFINITY };
-            return Reach { end, ..splats };
+            return DepthRange { end, ..splats };
         };
         if splats.begin <= hit.z {
             return splats;
         }
         let gradient = meshes.polygons.depth_gradient(&hit, center_in(self.rect, at));
-        Reach { begin: hit.z, end: hit.z + step_allowance(hit.z, gradient, &self.view.projection) }
+        DepthRange { begin: hit.z, end: hit.z + step_allowance(hit.z, gradient, &self.view.projection) }
     }
 
     /// Returns all depth ranges that the nearest opaque and the nearest transparent surface could have, for either
     /// result of the tests that rounding could change.
-    fn possible(&self, at: usize) -> [Vec<Reach>; 2] {
+    fn possible(&self, at: usize) -> [Vec<DepthRange>; 2] {
         let all = |possible: &PossibleThresholds| {
             let PossibleThresholds { nearest, farthest, tie } = *possible;
             [nearest, farthest, if tie.depth.is_finite() { tie } else { nearest }]
@@ -127,18 +127,18 @@ impl Steps<'_> {
             }
             // Both are equally near, so either may be the nearest.
             if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.writer_depth - threshold.epsilon)) {
-                opaque.push(Reach::of(threshold));
+                opaque.push(DepthRange::of(threshold));
             }
         }
         let sums = &self.front.sums[at];
         if polygon.is_none_or(|hit| hit.z.is_infinite()) && sums.marginal && sums.fragments <= 1 {
             // The only fragment may vanish, or a first one may appear.
-            opaque.push(Reach::of(self.front.thresholds[at]));
-            opaque.push(Reach { end: f64::NEG_INFINITY, ..Reach::of(self.front.thresholds[at]) });
+            opaque.push(DepthRange::of(self.front.thresholds[at]));
+            opaque.push(DepthRange { end: f64::NEG_INFINITY, ..DepthRange::of(self.front.thresholds[at]) });
         }
-        let transparent = self
-            .transparent
-            .map_or(vec![Reach::NONE], |(passes, _)| all(&passes.possible[at]).into_iter().map(Reach::of).collect());
+        let transparent = self.transparent.map_or(vec![DepthRange::NONE], |(passes, _)| {
+            all(&passes.possible[at]).into_iter().map(DepthRange::of).collect()
+        });
         [opaque, transparent]
     }
 }

@@ -79,14 +79,14 @@ pub(crate) struct PossibleThresholds {
 
 /// Visibility results of a pixel for each side of oriented surfaces: front, then back (rendering model §5).
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Sides {
+pub(crate) struct SideThresholds {
     /// Depth threshold of each side's fragments. Fragments of undeclared splats count for both sides.
     pub thresholds: [Threshold; 2],
     /// Smallest depth of each side's fragments, and the fragment that has this depth; +∞ if there are none.
     pub nearest: [Threshold; 2],
 }
 
-impl Sides {
+impl SideThresholds {
     pub(crate) const NONE: Self = Self { thresholds: [Threshold::NONE; 2], nearest: [Threshold::NONE; 2] };
 
     /// Adds a fragment of the visibility pass at depth `z`, on the side that `facing` names.

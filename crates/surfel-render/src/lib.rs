@@ -65,10 +65,11 @@ pub use error::{BackendError, RenderError};
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
 pub use gaussians::GaussianView;
 pub use lod::{
-    FADE_OCTAVES, LevelEnd, LevelNode, LevelSelection, Magnification, Selection, Sight, select, select_levels,
+    FADE_OCTAVES, LevelNode, LevelSelection, Magnification, Selection, SplatVisibility, StopReason, select,
+    select_levels,
 };
 pub use plan::{
-    Attributes, ChosenParts, FramePlan, Pass, SAMPLES_SIDE, SplatFilter, needs_interior_weight, plan, unsupported,
+    Attributes, FramePlan, Pass, SAMPLES_SIDE, SelectedParts, SplatFilter, needs_interior_weight, plan, unsupported,
 };
 pub use preset::{Preset, Promise, inside_surfaces};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};

@@ -7,7 +7,7 @@ mod sight;
 use crate::View;
 use enough::Enough;
 use glam::{DAffine3, DVec3};
-pub use sight::Sight;
+pub use sight::SplatVisibility;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
@@ -70,7 +70,7 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
     while let Some(i) = open.pop() {
         let Some(node) = nodes.get(i as usize) else { continue };
         let center = octree.center_of(node);
-        if !eye.sees(center, node.radius) || eye.sees_back_of(center, node) {
+        if !eye.may_be_visible(center, node.radius) || eye.is_culled_back_facing(center, node) {
             continue;
         }
         // A node too small for a splat of its size has none.
@@ -166,13 +166,18 @@ impl<'a> Eye<'a> {
     }
 
     /// True if a part of a sphere, given in object space, may be visible.
-    fn sees(&self, center: DVec3, radius: f64) -> bool {
-        self.sees_around((center, radius), MARGIN_PX, |_| 0.0)
+    fn may_be_visible(&self, center: DVec3, radius: f64) -> bool {
+        self.may_be_visible_within((center, radius), MARGIN_PX, |_| 0.0)
     }
 
     /// True if a part of a body may be visible, after the body is grown by `radius` (object units) plus `margin_px`
     /// pixels. `reach` returns the extent of the body from its centre along a direction in view space, in world units.
-    fn sees_around(&self, (center, radius): (DVec3, f64), margin_px: f64, reach: impl Fn(DVec3) -> f64) -> bool {
+    fn may_be_visible_within(
+        &self,
+        (center, radius): (DVec3, f64),
+        margin_px: f64,
+        reach: impl Fn(DVec3) -> f64,
+    ) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
         let depth = radius + reach(DVec3::Z);
@@ -190,7 +195,7 @@ impl<'a> Eye<'a> {
     }
 
     /// True if a node is culled because its whole surface faces away from the eye.
-    fn sees_back_of(&self, center: DVec3, node: &OctreeNode) -> bool {
+    fn is_culled_back_facing(&self, center: DVec3, node: &OctreeNode) -> bool {
         let (p, radius) = (self.at(center), node.radius * self.scale);
         self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
     }
@@ -297,12 +302,12 @@ pub struct LevelSelection {
     /// selected.
     pub error_px: f64,
     /// Reason why the selection ended; explains why `error_px` may exceed the requested error.
-    pub end: LevelEnd,
+    pub end: StopReason,
 }
 
 /// Stop reason of a selection of LOD nodes ([`select_levels`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LevelEnd {
+pub enum StopReason {
     /// All visible splats are as small in the image as requested.
     #[default]
     Error,
@@ -323,7 +328,7 @@ const RIM: f64 = 4.0;
 /// Selects the LOD nodes that views need. The root is always selected. A visible child of a selected node is selected
 /// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Children with the
 /// largest such splats are selected first. The selection ends at `most_points` points, or when more points would be
-/// barely visible ([`LevelEnd::Enough`]).
+/// barely visible ([`StopReason::Enough`]).
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -338,16 +343,17 @@ pub fn select_levels(
         let size_px = |eye: &Eye<'_>| {
             let reach = |direction| eye.cube_reach(node.half, direction);
             let nearest = eye.at(node.center).z - reach(DVec3::Z);
-            eye.sees_around((node.center, RIM * coarser), MARGIN_PX, reach).then(|| eye.size_at(nearest, coarser))
+            eye.may_be_visible_within((node.center, RIM * coarser), MARGIN_PX, reach)
+                .then(|| eye.size_at(nearest, coarser))
         };
         eyes.iter().filter_map(size_px).fold(0.0, f64::max)
     };
     let (mut selection, mut sizes) = (LevelSelection::default(), Vec::new());
-    let mut open = BinaryHeap::from([Wanted { size_px: f64::INFINITY, node: 0 }]);
+    let mut open = BinaryHeap::from([LodCandidate { size_px: f64::INFINITY, node: 0 }]);
     while let Some(next) = open.pop() {
         let Some(node) = nodes.get(next.node as usize) else { continue };
         if !sizes.is_empty() && selection.points.saturating_add(node.points) > most_points {
-            (selection.error_px, selection.end) = (next.size_px, LevelEnd::Points);
+            (selection.error_px, selection.end) = (next.size_px, StopReason::Points);
             open.push(next);
             break;
         }
@@ -357,13 +363,13 @@ pub fn select_levels(
         for child in node.children.clone() {
             let size_px = nodes.get(child as usize).map_or(0.0, without);
             if size_px > error_px {
-                open.push(Wanted { size_px, node: child });
+                open.push(LodCandidate { size_px, node: child });
             } else {
                 selection.error_px = selection.error_px.max(size_px);
             }
         }
     }
-    let least_px = if selection.end == LevelEnd::Points { selection.error_px } else { error_px };
+    let least_px = if selection.end == StopReason::Points { selection.error_px } else { error_px };
     let left = open.into_sorted_vec().into_iter().rev();
     sizes.extend(left.filter_map(|wanted| Some((wanted.size_px, nodes.get(wanted.node as usize)?))));
     if let Some(enough_px) = Enough::error_px(&eyes, &sizes, (error_px, least_px)) {
@@ -371,7 +377,7 @@ pub fn select_levels(
         let taken = sizes.partition_point(|(size_px, _)| *size_px > enough_px);
         selection.nodes.truncate(taken);
         selection.points = sizes[..taken].iter().fold(0, |sum, (_, node)| node.points.saturating_add(sum));
-        (selection.error_px, selection.end) = (enough_px, LevelEnd::Enough);
+        (selection.error_px, selection.end) = (enough_px, StopReason::Enough);
     }
     selection.nodes.sort_unstable();
     selection
@@ -379,32 +385,32 @@ pub fn select_levels(
 
 /// A node that a selection may add next. In the order of [`Ord`], the greatest is the node with the largest `size_px`,
 /// and among equal sizes the node with the lowest index.
-struct Wanted {
+struct LodCandidate {
     /// Size, in pixels, of the parent's splats, which are drawn in place of the node.
     size_px: f64,
     /// Index of the node in the list of nodes.
     node: u32,
 }
 
-impl Ord for Wanted {
+impl Ord for LodCandidate {
     fn cmp(&self, other: &Self) -> Ordering {
         self.size_px.total_cmp(&other.size_px).then(other.node.cmp(&self.node))
     }
 }
 
-impl PartialOrd for Wanted {
+impl PartialOrd for LodCandidate {
     fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
         Some(self.cmp(other))
     }
 }
 
-impl PartialEq for Wanted {
+impl PartialEq for LodCandidate {
     fn eq(&self, other: &Self) -> bool {
         self.cmp(other) == Ordering::Equal
     }
 }
 
-impl Eq for Wanted {}
+impl Eq for LodCandidate {}
 
 #[cfg(test)]
 mod tests {
@@ -531,7 +537,7 @@ mod tests {
                 // A depth's rounding is that of the distance relative to the near plane, 40 over 0.01.
                 assert!((found / exact(z) - 1.0).abs() < 1e-13 * 4000.0, "{round}: {found} {}", exact(z));
             }
-            let sees = eye.sees_around((center, 0.0), MARGIN_PX, |direction| eye.cube_reach(half, direction));
+            let sees = eye.may_be_visible_within((center, 0.0), MARGIN_PX, |direction| eye.cube_reach(half, direction));
             let projection = &view.projection;
             let shows = (0..500).any(|_| {
                 let p = at([(); 3].map(|()| next(-1.0, 1.0)));
@@ -543,7 +549,7 @@ mod tests {
             assert!(sees || !shows, "{round}");
             seen += u32::from(sees);
             // The sphere around a cube is visible more often.
-            left_out += u32::from(!sees && eye.sees(center, half * 3_f64.sqrt()));
+            left_out += u32::from(!sees && eye.may_be_visible(center, half * 3_f64.sqrt()));
         }
         assert!(seen > 200 && left_out > 15, "{seen} {left_out}");
     }

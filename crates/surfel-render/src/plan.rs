@@ -116,14 +116,14 @@ pub enum Pass {
 
 /// Selected parts of an octree, and the object that draws it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ChosenParts {
+pub struct SelectedParts {
     /// Index in the scene of the object that draws the octree.
     pub object: usize,
     /// Selected splats and triangles.
     pub selection: Selection,
 }
 
-impl ChosenParts {
+impl SelectedParts {
     /// Returns the selection for the object with this index, if the object is one of the octrees.
     pub fn of(octrees: &[Self], object: usize) -> Option<&Selection> {
         octrees.iter().find(|parts| parts.object == object).map(|parts| &parts.selection)
@@ -151,7 +151,7 @@ pub struct FramePlan {
     /// Shadow maps to draw, in the order of their lights.
     pub shadow_maps: Vec<ShadowMap>,
     /// Selected parts of each octree, in the order of the scene's objects.
-    pub octrees: Vec<ChosenParts>,
+    pub octrees: Vec<SelectedParts>,
     /// Number of splats in the scene's clouds, including balls, and of splats selected from octrees.
     pub splats: u64,
     /// True if balls are blended by their alphas; false if transparency is off and balls are drawn as opaque.
@@ -196,7 +196,7 @@ impl FramePlan {
 
     /// Returns the selected parts of an object, by its index, if it is an octree; other objects are drawn completely.
     pub fn selection_of(&self, object: usize) -> Option<&Selection> {
-        ChosenParts::of(&self.octrees, object)
+        SelectedParts::of(&self.octrees, object)
     }
 
     /// Returns the number of peeled layers of transparent splats, without the remaining layer.
@@ -222,13 +222,13 @@ pub fn plan(
 ) -> Result<FramePlan, RenderError> {
     settings.validate()?;
     let planes = planes.complete();
-    let parts = |o: &SceneOctree| ChosenParts {
+    let parts = |o: &SceneOctree| SelectedParts {
         object: o.object,
         selection: select(&o.octree, &o.world_from_object, o.cull, view, settings.lod_error_px),
     };
-    let octrees: Vec<ChosenParts> = summary.octrees.iter().map(parts).collect();
+    let octrees: Vec<SelectedParts> = summary.octrees.iter().map(parts).collect();
     // Unselected parts need nothing: an octree drawn as splats only has no pass for polygons.
-    let chosen = (!octrees.is_empty()).then(|| summary.of_chosen(octrees.iter().map(|parts| &parts.selection)));
+    let chosen = (!octrees.is_empty()).then(|| summary.of_selected(octrees.iter().map(|parts| &parts.selection)));
     let summary = chosen.as_ref().unwrap_or(summary);
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
         return Err(error);
@@ -357,7 +357,7 @@ fn attributes(
     let &SurfacePasses { draw_splats, edges, separates_transparent, abuffer_surfaces, .. } = passes;
     // The direction of a light and its shadow depend on the position. So does the choice, behind an edge, between
     // splats and polygons.
-    let light_needs_depth = needs.lights && (summary.lights_nearby || has_shadow_maps);
+    let light_needs_depth = needs.lights && (summary.has_local_lights || has_shadow_maps);
     let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && draw_splats;
     Attributes {
         color: needs.albedo && summary.colors,
@@ -559,7 +559,7 @@ mod tests {
         assert!(!planned(&colored, |s| s.shader = Shader::Normal, Planes::COLOR).attributes.color);
         let phong = planned(&colored, |s| s.shader = Shader::Phong, Planes::COLOR).attributes;
         assert!(phong.color && phong.normal && !phong.depth && !phong.material && !phong.coverage);
-        let nearby = SceneSummary { lights_nearby: true, ..colored.clone() };
+        let nearby = SceneSummary { has_local_lights: true, ..colored.clone() };
         assert!(planned(&nearby, |s| s.shader = Shader::Phong, Planes::COLOR).attributes.depth);
         assert!(!planned(&nearby, |_| (), Planes::COLOR).attributes.depth);
         let differ = SceneSummary { materials_differ: true, ..colored };

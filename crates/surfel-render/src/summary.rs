@@ -51,7 +51,7 @@ pub struct SceneSummary {
     /// True if objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,
     /// True if the direction to some light depends on the position of the lit surface, as for spot lights.
-    pub lights_nearby: bool,
+    pub has_local_lights: bool,
     /// Lights that cast shadows, and the bounds of the scene; `None` if no light does.
     pub shadows: Option<ShadowScene>,
     /// Objects that are octrees.
@@ -71,9 +71,9 @@ pub struct SceneSummary {
 impl SceneSummary {
     /// Collects the properties of a scene.
     pub fn of(scene: &Scene) -> Self {
-        let lights_nearby = scene.lights.iter().flatten().any(|light| !matches!(light, Light::Directional { .. }));
+        let has_local_lights = scene.lights.iter().flatten().any(|light| !matches!(light, Light::Directional { .. }));
         let has_sky = scene.sky.is_some();
-        let mut summary = Self { lights_nearby, has_sky, shadows: ShadowScene::of(scene), ..Self::default() };
+        let mut summary = Self { has_local_lights, has_sky, shadows: ShadowScene::of(scene), ..Self::default() };
         let mut first_factors = None;
         for (i, object) in scene.objects.iter().enumerate() {
             summary.surfaces |= !matches!(object.geometry, Geometry::Gaussians(_));
@@ -136,7 +136,7 @@ impl SceneSummary {
 
     /// Returns the summary of the selected parts of the octrees, one selection for each, as if they were clouds and
     /// meshes.
-    pub(crate) fn of_chosen<'a>(&self, selections: impl Iterator<Item = &'a Selection>) -> Self {
+    pub(crate) fn of_selected<'a>(&self, selections: impl Iterator<Item = &'a Selection>) -> Self {
         let all: u64 = self.octrees.iter().map(|o| o.octree.cloud().len() as u64).sum();
         let mut chosen = Self { splats: self.splats - all, octrees: Vec::new(), ..self.clone() };
         for selection in selections {

@@ -26,12 +26,12 @@ pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 
 /// Smallest alpha that counts as opaque. Interpolation weights don't sum to exactly one, and compressed textures are
 /// off by a level or two. Any smaller alpha would cost a transparent pass.
-pub(crate) const SOLID: f32 = 0.99;
+pub(crate) const OPAQUE_ALPHA: f32 = 0.99;
 
 /// Splits RGBA into colour and alpha columns, without the alphas if all are opaque.
 pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     let Some(rgba) = rgba else { return (None, None) };
-    let alpha = |c: &[f32; 4]| if c[3] >= SOLID { 1.0 } else { c[3].max(0.0) };
+    let alpha = |c: &[f32; 4]| if c[3] >= OPAQUE_ALPHA { 1.0 } else { c[3].max(0.0) };
     let alphas = rgba.iter().any(|c| alpha(c) < 1.0).then(|| rgba.iter().map(alpha).collect());
     (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
 }

@@ -9,7 +9,7 @@ use crate::nearest::{Search, distance2};
 use crate::normals::offset;
 use crate::normals::{COLLINEAR, WIDE, WIDEST, covariance, sum, wider};
 use crate::orient::{NEAREST, Oriented, coherence};
-use crate::size::{Ellipse, MOST_STRETCHED, STRETCHED, Size};
+use crate::size::{ANISOTROPIC_RATIO, Ellipse, MAX_AXIS_RATIO, Size};
 use crate::sorted::{LEAF, SortedPoints};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, u32x16};
@@ -20,21 +20,21 @@ use std::ops::Range;
 /// bounded by the nearest neighbours, and is relative to the distance of the farthest of them. At a border, where
 /// points jut out by chance, cells close far outside the surface. The limit admits cells that reach halfway to the next
 /// scan line.
-const BELIEVED: f32 = 0.75;
-/// Limit like [`BELIEVED`] for cells bounded by the neighbours of a wider search, which reach farther relative to the
+const MAX_CLOSED_REACH: f32 = 0.75;
+/// Limit like [`MAX_CLOSED_REACH`] for cells bounded by the neighbours of a wider search, which reach farther relative to the
 /// spacing.
-const BELIEVED_WIDE: f32 = 0.55;
+const MAX_CLOSED_REACH_WIDE: f32 = 0.55;
 /// Smallest cosine (60°) between the normals of a point and of a neighbour that may bound the point's cell. Neighbours
 /// at larger angles belong to the back of a thin part, or to the far side of a crease.
 pub(crate) const AGREE: f32 = 0.5;
 /// Largest sine (60°) of the angle between a point's tangent plane and the direction to a neighbour that may bound the
 /// point's cell. Steeper neighbours belong to another surface.
-const STEEPEST: f32 = 0.866;
+const MAX_NEIGHBOUR_SINE: f32 = 0.866;
 /// Smallest cosine (120°) between the normals of a point and of a neighbour in the second attempt to build the point's
-/// cell ([`Among::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may continue
+/// cell ([`NeighbourSet::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may continue
 /// around a crease or a limb, and points beyond the crease then bound the disk. Only neighbours on the back are
 /// excluded.
-const TURNS_AWAY: f32 = -0.5;
+const MIN_COSINE_AROUND: f32 = -0.5;
 /// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
 const RING: usize = 6;
 /// Rank, counted from 1, of the neighbour whose distance limits a disk without a closed cell. In a square grid, four
@@ -55,8 +55,8 @@ struct Summary {
     spacing: f32,
     /// Distance of the fourth nearest neighbour ([`GRID`]).
     fourth: f32,
-    /// Set of neighbours whose bisectors close the cell; [`Among::Side`] if the cell is open.
-    among: Among,
+    /// Set of neighbours whose bisectors close the cell; [`NeighbourSet::Side`] if the cell is open.
+    among: NeighbourSet,
     /// Fraction of the nearest neighbours that belong to another surface, because their direction is steep or their
     /// normal differs. Signs of normals are ignored.
     elsewhere: f32,
@@ -68,11 +68,11 @@ struct Summary {
 
 /// Set of neighbours whose bisectors bound a point's cell.
 #[derive(Clone, Copy, Default, PartialEq)]
-enum Among {
+enum NeighbourSet {
     /// Nearest neighbours on the point's side: their normals agree with the point's normal within [`AGREE`].
     #[default]
     Side,
-    /// Nearest neighbours all around, except those whose normals face away ([`TURNS_AWAY`]).
+    /// Nearest neighbours all around, except those whose normals face away ([`MIN_COSINE_AROUND`]).
     Around,
     /// Neighbours from a wider search ([`WIDE`]) whose normals agree with the point's normal.
     Wide,
@@ -86,7 +86,7 @@ struct Found {
     /// Length, in grid steps, of one unit of the polygon's coordinates.
     unit: f32,
     /// Set of neighbours, fraction in other surfaces, and roughness, as in the [`Summary`] fields with these names.
-    among: Among,
+    among: NeighbourSet,
     elsewhere: f32,
     roughness: f32,
 }
@@ -150,7 +150,7 @@ pub(crate) struct Block<'a> {
     far_corners: Vec<Vec2>,
 }
 
-/// Cell bounded by the neighbours of a wider search: [`Among::Wide`] or [`Among::Lines`].
+/// Cell bounded by the neighbours of a wider search: [`NeighbourSet::Wide`] or [`NeighbourSet::Lines`].
 struct FarCell {
     slot: usize,
     /// Length, in grid steps, of one unit of the corners' coordinates.
@@ -235,11 +235,11 @@ impl<'a> Block<'a> {
     ///
     /// Returns true if the cell is closed and its corners are within the accepted distance. The second value is the
     /// unit of the cell's lengths in grid steps: the distance of the farthest point of `near`.
-    fn build(&mut self, slot: usize, near: &[u32], among: Among) -> (bool, f32) {
+    fn build(&mut self, slot: usize, near: &[u32], among: NeighbourSet) -> (bool, f32) {
         let (agree, believed) = match among {
-            Among::Side => (AGREE, BELIEVED),
-            Among::Around => (TURNS_AWAY, BELIEVED),
-            Among::Wide | Among::Lines => (AGREE, BELIEVED_WIDE),
+            NeighbourSet::Side => (AGREE, MAX_CLOSED_REACH),
+            NeighbourSet::Around => (MIN_COSINE_AROUND, MAX_CLOSED_REACH),
+            NeighbourSet::Wide | NeighbourSet::Lines => (AGREE, MAX_CLOSED_REACH_WIDE),
         };
         let Some(last) = near.last() else { return (false, 0.0) };
         let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
@@ -255,31 +255,31 @@ impl<'a> Block<'a> {
     }
 
     /// Builds the cell of `slot` from the nearest neighbours that face the same way. If the cell stays open, the other
-    /// sets of [`Among`] are tried in order.
+    /// sets of [`NeighbourSet`] are tried in order.
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
-        let (is_closed, unit) = self.build(slot, near, Among::Side);
+        let (is_closed, unit) = self.build(slot, near, NeighbourSet::Side);
         let elsewhere = 1.0 - self.on_surface as f32 / near.len() as f32;
         let roughness = self.squared_sines / near.len() as f32;
-        let found = Found { is_closed, unit, among: Among::Side, elsewhere, roughness };
+        let found = Found { is_closed, unit, among: NeighbourSet::Side, elsewhere, roughness };
         if is_closed || self.points.len() <= near.len() + 1 {
             return found;
         }
-        if self.build(slot, near, Among::Around).0 {
-            return Found { is_closed: true, among: Among::Around, ..found };
+        if self.build(slot, near, NeighbourSet::Around).0 {
+            return Found { is_closed: true, among: NeighbourSet::Around, ..found };
         }
         let wide = self.wide(slot, unit);
-        let (is_closed, wide_unit) = self.build(slot, &wide, Among::Wide);
+        let (is_closed, wide_unit) = self.build(slot, &wide, NeighbourSet::Wide);
         if is_closed {
-            return Found { is_closed, unit: wide_unit, among: Among::Wide, ..found };
+            return Found { is_closed, unit: wide_unit, among: NeighbourSet::Wide, ..found };
         }
         if let Some(lines) = self.lines(slot, near) {
-            let (is_closed, unit) = self.build(slot, &lines, Among::Lines);
+            let (is_closed, unit) = self.build(slot, &lines, NeighbourSet::Lines);
             if is_closed {
-                return Found { is_closed, unit, among: Among::Lines, ..found };
+                return Found { is_closed, unit, among: NeighbourSet::Lines, ..found };
             }
         }
         // At a border, a wider search only adds slivers along it.
-        self.build(slot, near, Among::Side);
+        self.build(slot, near, NeighbourSet::Side);
         found
     }
 
@@ -323,7 +323,7 @@ impl<'a> Block<'a> {
         let square = unit * unit;
         let mut moments = [0.0; 6];
         if self.scale.ellipses {
-            if matches!(among, Among::Wide | Among::Lines) && self.own.contains(&slot) {
+            if matches!(among, NeighbourSet::Wide | NeighbourSet::Lines) && self.own.contains(&slot) {
                 let start = self.far_corners.len();
                 self.far_corners.extend(self.cell.corners());
                 self.far_cells.push(FarCell { slot, unit, corners: start..self.far_corners.len() });
@@ -374,7 +374,7 @@ impl<'a> Block<'a> {
             denser: if near.len() >= RING { denser as f32 / (near.len() - 1) as f32 } else { 0.0 },
             flat_reach: if is_known { f32::INFINITY } else { self.flat_reach(slot, near) },
             is_open: own.area == 0.0,
-            is_between_lines: own.among == Among::Lines,
+            is_between_lines: own.among == NeighbourSet::Lines,
             elsewhere: if is_known { 0.0 } else { own.elsewhere },
             ..self.layout(slot, near, own.roughness, surrounded)
         };
@@ -409,7 +409,7 @@ impl<'a> Block<'a> {
         let (mut turns, mut squares) = (0.0, 0.0);
         for j in near.iter().take(RING) {
             let cosine = n.dot(self.oriented[*j as usize].normal);
-            if cosine >= TURNS_AWAY {
+            if cosine >= MIN_COSINE_AROUND {
                 turns += 2.0 * (1.0 - cosine);
                 squares += distance2(self.points.at(*j as usize), p);
             }
@@ -419,8 +419,8 @@ impl<'a> Block<'a> {
 
     /// Returns the ellipse with the second moments `m`: angle of its long axis in the tangent plane, axis ratio, and
     /// reach. The reach is the distance of the cell's farthest corner after the affine map that makes the cell round.
-    /// `None` if the ratio is at most [`STRETCHED`].
-    fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
+    /// `None` if the ratio is at most [`ANISOTROPIC_RATIO`].
+    fn ellipse(&mut self, slot: usize, near: &[u32], among: NeighbourSet, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
             f64::from(
@@ -431,17 +431,18 @@ impl<'a> Block<'a> {
         };
         let (xx, xy, yy) = (along(u, u), along(u, v), along(v, v));
         // For eigenvalues a ± b, the axis ratio exceeds √q where b > a·(q − 1)/(q + 1).
-        const LEAST: f64 = (STRETCHED * STRETCHED - 1.0) / (STRETCHED * STRETCHED + 1.0);
+        const LEAST: f64 =
+            (ANISOTROPIC_RATIO * ANISOTROPIC_RATIO - 1.0) / (ANISOTROPIC_RATIO * ANISOTROPIC_RATIO + 1.0);
         let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         if half * half + xy * xy <= LEAST * LEAST * mean * mean {
             return None;
         }
         let ([large, small], direction) = symmetric2(xx, xy, yy);
         let ratio = (large / small.max(large * 1e-9)).sqrt();
-        if ratio.is_nan() || ratio <= STRETCHED {
+        if ratio.is_nan() || ratio <= ANISOTROPIC_RATIO {
             return None;
         }
-        let ratio = ratio.min(MOST_STRETCHED);
+        let ratio = ratio.min(MAX_AXIS_RATIO);
         let (direction, root) = (direction.as_vec2(), ratio.sqrt() as f32);
         let round = |c: Vec2| Vec2::new(c.dot(direction) / root, c.dot(direction.perp()) * root);
         let reach2 = |reach2: f32, c: Vec2| reach2.max(round(c).length_squared());
@@ -498,7 +499,7 @@ fn build_by<S: Simd>(
         let (scale, takes_part, either_side) = if is_level {
             (level_scale, is_one, is_one)
         } else {
-            let is_flat = is_one & (above * above).simd_le(square * (STEEPEST * STEEPEST));
+            let is_flat = is_one & (above * above).simd_le(square * (MAX_NEIGHBOUR_SINE * MAX_NEIGHBOUR_SINE));
             let agree = along(m, n);
             (scale, is_flat & agree.simd_ge(least), is_flat & agree.abs().simd_ge(AGREE))
         };

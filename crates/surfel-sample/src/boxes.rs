@@ -54,12 +54,12 @@ struct Node {
     /// Index of the second child, or 0 for a leaf. The first child follows its parent directly.
     second: usize,
     /// Corner that all shapes of the node share; `None` if they share none, or if there are few shapes.
-    hub: Option<Box<Hub>>,
+    hub: Option<Box<SharedCorner>>,
 }
 
 /// Corner that all shapes of a node share, as the slivers of a cone do. Boxes give poor bounds there: beyond the
 /// corner, all shapes are equally near, and close to the corner, all boxes overlap.
-struct Hub {
+struct SharedCorner {
     corner: Fan,
     /// Directions of the shapes around an edge that all of them share, as the pages of a book do; `None` if they share
     /// none. Projected along itself, the edge is a point.
@@ -203,7 +203,7 @@ impl Boxes {
     ) {
         let bounds = OrientedBox::about(order.iter().flat_map(|i| pieces.corners(*i)));
         let may_have_hub = is_at_hub || order.len() >= LEAST_AT_HUB;
-        let hub = if may_have_hub { Hub::of(pieces, order).map(Box::new) } else { None };
+        let hub = if may_have_hub { SharedCorner::of(pieces, order).map(Box::new) } else { None };
         let is_at_hub = hub.is_some();
         let index = self.nodes.len();
         if order.len() <= LEAF {
@@ -330,7 +330,7 @@ impl Node {
     }
 }
 
-impl Hub {
+impl SharedCorner {
     /// Finds the hub of some pieces; `None` if they share no corner.
     fn of<const N: usize>(pieces: &Pieces<N>, order: &[u32]) -> Option<Self> {
         let first = pieces.corners(*order.first()?);

@@ -206,14 +206,14 @@ impl Measured {
         Evidence::default()
             .with(Evidence::ALONE, self.denser > 0.5)
             .with(Evidence::SCATTERED, self.is_scattered())
-            .with(Evidence::TANGLED, self.is_tangled())
-            .with(Evidence::UNSURROUNDED, !self.is_surrounded())
+            .with(Evidence::INCOHERENT, self.is_incoherent())
+            .with(Evidence::FEW_CLOSED_CELLS, !self.is_surrounded())
             .with(Evidence::OPEN, self.is_open)
             .with(Evidence::BENT, bent)
     }
 
     /// True if the point's neighbours form no plane and their normals disagree.
-    fn is_tangled(&self) -> bool {
+    fn is_incoherent(&self) -> bool {
         self.roughness > ROUGH && self.coherence < COHERENT
     }
 }
@@ -243,12 +243,12 @@ impl Evidence {
     /// Bit of a sparse point whose neighbours form no plane or whose normals disagree too much for a surface.
     pub(crate) const SCATTERED: u8 = 1 << 1;
     /// Bit of a tangled point: its neighbours form no plane, and their normals disagree.
-    pub(crate) const TANGLED: u8 = 1 << 2;
-    /// Bit of a foliage point: many of the points around it are tangled ([`Self::TANGLED`]), and they are about as
+    pub(crate) const INCOHERENT: u8 = 1 << 2;
+    /// Bit of a foliage point: many of the points around it are tangled ([`Self::INCOHERENT`]), and they are about as
     /// thick as wide.
-    pub(crate) const AMONG_TANGLED: u8 = 1 << 3;
+    pub(crate) const AMONG_INCOHERENT: u8 = 1 << 3;
     /// Bit of a point around which too few cells are closed for a surface ([`SURROUNDED`]).
-    pub(crate) const UNSURROUNDED: u8 = 1 << 4;
+    pub(crate) const FEW_CLOSED_CELLS: u8 = 1 << 4;
     /// Bit of a point whose own cell isn't closed.
     pub(crate) const OPEN: u8 = 1 << 5;
     /// Bit of a point where the surface turns within a disk, or where another surface meets it.
@@ -277,15 +277,15 @@ type Row = (PointClass, u8, u8);
 /// Class of every combination of evidence; exactly one row matches each combination.
 const TABLE: [Row; 7] = {
     use Evidence as E;
-    const NOWHERE: u8 = E::ALONE | E::AMONG_TANGLED | E::SCATTERED;
+    const NOWHERE: u8 = E::ALONE | E::AMONG_INCOHERENT | E::SCATTERED;
     [
         (PointClass::Isolated, E::ALONE, 0),
-        (PointClass::Foliage, E::AMONG_TANGLED, E::ALONE),
-        (PointClass::Isolated, E::SCATTERED, E::ALONE | E::AMONG_TANGLED),
-        (PointClass::Line, E::UNSURROUNDED, NOWHERE),
-        (PointClass::Border, E::OPEN, NOWHERE | E::UNSURROUNDED),
-        (PointClass::Crease, E::BENT, NOWHERE | E::UNSURROUNDED | E::OPEN),
-        (PointClass::Surface, 0, NOWHERE | E::UNSURROUNDED | E::OPEN | E::BENT),
+        (PointClass::Foliage, E::AMONG_INCOHERENT, E::ALONE),
+        (PointClass::Isolated, E::SCATTERED, E::ALONE | E::AMONG_INCOHERENT),
+        (PointClass::Line, E::FEW_CLOSED_CELLS, NOWHERE),
+        (PointClass::Border, E::OPEN, NOWHERE | E::FEW_CLOSED_CELLS),
+        (PointClass::Crease, E::BENT, NOWHERE | E::FEW_CLOSED_CELLS | E::OPEN),
+        (PointClass::Surface, 0, NOWHERE | E::FEW_CLOSED_CELLS | E::OPEN | E::BENT),
     ]
 };
 

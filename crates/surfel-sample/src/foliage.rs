@@ -37,7 +37,7 @@ const FOREST_SAMPLE: usize = 4096;
 const STEEP: f64 = 0.5;
 /// Weight of the direction to the outside of the cloud in a foliage normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of a tangled point ([`Evidence::TANGLED`]) that isn't foliage, relative to the density radius for the
+/// Largest radius of a tangled point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius for the
 /// typical spacing.
 const MOST: f64 = 1.3;
 /// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
@@ -53,7 +53,7 @@ pub(crate) fn find(
     outside: Outside,
 ) {
     let usual = DENSITY * sizes.typical;
-    let is_tangled: Vec<bool> = (0..points.len()).map(|slot| sizes.evidence(slot).has(Evidence::TANGLED)).collect();
+    let is_tangled: Vec<bool> = (0..points.len()).map(|slot| sizes.evidence(slot).has(Evidence::INCOHERENT)).collect();
     let is_large = |sizes: &Sizes, slot: usize| sizes.radius(slot) > LARGE * usual;
     let is_forest = is_forest(points, oriented, &is_tangled);
     let is_suspect = |slot: usize| is_forest || is_tangled[slot] || is_large(sizes, slot);
@@ -98,7 +98,7 @@ pub(crate) fn find(
         let slot = slot as usize;
         if let Some(leaf) = leaf {
             oriented[slot].normal = leaf.normal;
-            sizes.reclassify(slot, Evidence::AMONG_TANGLED, leaf.radius);
+            sizes.reclassify(slot, Evidence::AMONG_INCOHERENT, leaf.radius);
         } else if is_tangled[slot] || is_forest && is_steep(oriented[slot].normal, slot) {
             sizes.limit(slot, MOST * usual);
         }

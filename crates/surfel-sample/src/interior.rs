@@ -15,12 +15,12 @@ const CHUNK: usize = 1 << 14;
 
 /// Largest mean number of probes whose lines a splat may meet. If more disks overlap, as with slivers around one
 /// corner, fewer splats are probed. Otherwise the work would grow with the product of splats and probes.
-const MOST_MET: usize = 256;
-/// Number of splats for which the probes they meet are counted, to check [`MOST_MET`].
+const MAX_MEAN_PROBES: usize = 256;
+/// Number of splats for which the probes they meet are counted, to check [`MAX_MEAN_PROBES`].
 const EXAMINED: usize = 256;
 
 /// Smallest number of splats of a cloud for which a grid first excludes splats far from all probes.
-const LEAST_SIFTED: usize = 16 * PROBES;
+const MIN_GRID_SPLATS: usize = 16 * PROBES;
 
 /// Line along a splat's normal, through the middle of one quarter of the splat, along which the weights of all splats
 /// are summed.
@@ -47,7 +47,7 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
         return None;
     }
     let probes = Probes::few_enough(cloud);
-    let nearby = if count < LEAST_SIFTED { None } else { Nearby::of(&probes.places(), &probes.reach()) };
+    let nearby = if count < MIN_GRID_SPLATS { None } else { ProbeGrid::of(&probes.places(), &probes.reach()) };
 
     let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
         let mut sums = vec![0.0; probes.all.len()];
@@ -112,7 +112,7 @@ impl Probes {
             });
             met
         });
-        let (met, most) = (met.iter().sum::<usize>(), MOST_MET * examined);
+        let (met, most) = (met.iter().sum::<usize>(), MAX_MEAN_PROBES * examined);
         if met <= most { probes } else { Self::new(cloud, (m * most).div_ceil(met)) }
     }
 
@@ -138,14 +138,14 @@ fn nth(i: usize, m: usize, count: usize) -> usize {
 
 /// Set of the grid cells that are close to probes. In a large cloud, most splats are far from all probes and need no
 /// exact test.
-struct Nearby {
+struct ProbeGrid {
     /// Side of a grid cell, which is also the largest radius of splats that the grid can exclude.
     side: f64,
     /// Hash table with one bit per cell, set if the cell is close to a probe.
     cells: Vec<u64>,
 }
 
-impl Nearby {
+impl ProbeGrid {
     /// Number of bits of a cell's hash. The table has 512 KiB, and about 500,000 cells are usually close to probes.
     const BITS: u32 = 22;
     /// Maximum number of cells along a probe's reach; about five are usual.
@@ -320,7 +320,7 @@ mod tests {
             let places: Vec<DVec3> = (0..300).map(|_| at()).collect();
             let centers: Vec<DVec3> = (0..20_000).map(|_| at()).collect();
             let reach: Vec<f64> = (0..300).map(|_| 0.004 * (0.5 + 2.0 * random.unit())).collect();
-            let nearby = Nearby::of(&places, &reach).unwrap();
+            let nearby = ProbeGrid::of(&places, &reach).unwrap();
             let mut kept = 0;
             for center in centers {
                 let radius = 0.004 * (0.5 + 2.0 * random.unit());
@@ -332,7 +332,7 @@ mod tests {
             assert!(kept < 10_000, "{offset}: {kept}");
         }
         // Lengths that differ too much for a grid give none.
-        assert!(Nearby::of(&[DVec3::ZERO; 3], &[1.0, 1.0, 100.0]).is_none());
+        assert!(ProbeGrid::of(&[DVec3::ZERO; 3], &[1.0, 1.0, 100.0]).is_none());
     }
 
     /// Computes the interior weight from all pairs of splats and probes.
@@ -424,7 +424,7 @@ mod tests {
                 visited
             });
             assert!(work.windows(2).skip(1).all(|w| w[1] <= 23 * w[0] / 10), "{is_book}: {work:?}");
-            assert!(work[4] < 2 * MOST_MET * 8000, "{is_book}: {work:?}");
+            assert!(work[4] < 2 * MAX_MEAN_PROBES * 8000, "{is_book}: {work:?}");
             // All splats are probed where they are few, and fewer give nearly the same median.
             let (few, many) = (crowd(250, is_book), crowd(4000, is_book));
             assert_eq!(interior_weight(&few), Some(by_all_pairs(&few)));

@@ -25,7 +25,7 @@ const ROUNDING: f64 = 1.0 - 2e-4;
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
-        let least = Least::new(points, &radii);
+        let least = SmallestRadii::new(points, &radii);
         let may_exceed = |level: usize, size: usize| {
             map_each(
                 points.len().div_ceil(size),
@@ -73,11 +73,11 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
 }
 
 /// Smallest splat radius in each box of the points' hierarchy, for each level: leaves, groups of leaves, and so on.
-struct Least {
+struct SmallestRadii {
     levels: Vec<Vec<f32>>,
 }
 
-impl Least {
+impl SmallestRadii {
     fn new(points: &SortedPoints, radii: &[f32]) -> Self {
         let least = |values: &[f32]| values.iter().copied().fold(f32::INFINITY, f32::min);
         let mut levels = vec![radii.chunks(LEAF).map(least).collect::<Vec<f32>>()];

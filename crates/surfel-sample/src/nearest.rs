@@ -11,7 +11,7 @@ const MOST: usize = 2048;
 /// Capacity of the candidates' columns: [`MOST`], the leaf that exceeds this limit, and the last SIMD write.
 const ROOM: usize = MOST + 2 * LEAF;
 /// Maximum number of times that candidates are gathered for one query. Then the query falls back to a tree search.
-const MOST_GATHERED: usize = 8;
+const MAX_GATHERS: usize = 8;
 /// Ratio of the first search radius of a query to the distance of the previous query's farthest neighbour, both
 /// squared. Most queries need no larger radius.
 const LIKELY: f32 = 1.5;
@@ -21,7 +21,7 @@ const RANKED: usize = 96;
 /// isn't larger.
 const SPARE: usize = LANES;
 /// Maximum number of bisection steps that narrow the search radius; equal distances can't be separated.
-const MOST_NARROWED: usize = 16;
+const MAX_NARROWING_STEPS: usize = 16;
 /// Maximum number of levels in the hierarchy of bounding boxes, with [`FAN`] boxes per group.
 const MOST_LEVELS: usize = 10;
 /// Largest number of neighbours that a query can return.
@@ -160,7 +160,7 @@ impl<'a> Search<'a> {
         let (mut first2, mut is_guess) = if near2 > 0.0 { (near2, true) } else { (f32::INFINITY, false) };
         want2 = want2.min(sure2);
         want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
-        for _ in 0..MOST_GATHERED {
+        for _ in 0..MAX_GATHERS {
             // Gathers more than this query needs, so that the following queries find enough.
             if self.complete2 < want2 && !self.gather(1.3 * want2) {
                 if want2 >= sure2 {
@@ -401,7 +401,7 @@ fn narrow<S: Simd>(simd: S, survivors: &mut Survivors, n: usize, (count, most): 
     let groups = survivors.distances2[..room].as_chunks::<LANES>().0;
     let farthest = survivors.distances2[..n].iter().copied().fold(0.0, f32::max);
     let (mut low, mut high) = (0.0, farthest);
-    for _ in 0..MOST_NARROWED {
+    for _ in 0..MAX_NARROWING_STEPS {
         let middle = 0.5 * (low + high);
         let bound = f32x16::splat(simd, middle);
         let mut within = 0;

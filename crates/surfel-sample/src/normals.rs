@@ -63,7 +63,7 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
 ///
 /// On a curved surface, the neighbours to one side of a point form another plane than the point's own. Stored normals
 /// reveal such curvature: on a circle, the line between two points is perpendicular to the mean of their normals.
-pub(crate) fn laid(
+pub(crate) fn fitted_stored_normal(
     points: &SortedPoints,
     slot: usize,
     near: &[u32],

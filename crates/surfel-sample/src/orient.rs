@@ -11,7 +11,7 @@
 use crate::class::ROUGH;
 use crate::median::spread;
 use crate::nearest::Search;
-use crate::normals::{WIDE, estimate, laid, offset, wider};
+use crate::normals::{WIDE, estimate, fitted_stored_normal, offset, wider};
 use crate::parallel::{for_chunks, map_tasks};
 use crate::progress::Progress;
 use crate::sorted::{RUN, SortedPoints};
@@ -118,7 +118,7 @@ pub(crate) fn normals(
             o.farthest2 = farthest2;
             let stored = given(slot);
             if stored != Vec3::ZERO {
-                o.normal = laid(points, slot, &rows[from..], stored, given);
+                o.normal = fitted_stored_normal(points, slot, &rows[from..], stored, given);
             } else {
                 o.normal = estimate(&mut search, points, slot, &rows[from..], farthest2).as_vec3();
                 if let Outside::Toward(viewpoint) = outside
@@ -396,7 +396,7 @@ impl Patches {
 }
 
 /// Patches of all blocks, numbered consecutively.
-struct Atlas {
+struct AllPatches {
     blocks: Vec<Patches>,
     /// Number of each point's patch within its block, with the bit [`FLIPPED`] if the point's normal is flipped.
     labels: Vec<u16>,
@@ -404,7 +404,7 @@ struct Atlas {
     first: Vec<u32>,
 }
 
-impl Atlas {
+impl AllPatches {
     /// Returns the patch of a slot, and true if the slot's normal is flipped relative to the patch.
     fn of(&self, slot: usize) -> (u32, bool) {
         let label = self.labels[slot];
@@ -433,7 +433,7 @@ fn orient(
         sizes.extend_from_slice(&block.sizes);
     }
     let mut sets = SignedSets::new(sizes);
-    let atlas = Atlas { blocks, labels, first };
+    let atlas = AllPatches { blocks, labels, first };
     let votes = map_tasks(atlas.blocks.len(), |i| {
         let (block, first) = (&atlas.blocks[i], atlas.first[i]);
         let inside = block.votes.iter().map(|v| Vote { patches: v.patches.map(|p| p + first), ..*v });
@@ -462,7 +462,7 @@ fn orient(
 }
 
 /// Joins sets without edges between them (distant scan lines, stray points) by a search for more neighbours.
-fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut SignedSets) {
+fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &AllPatches, sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..sets.parent.len() as u32).map(|p| sets.find(p).0).collect();
     // The other sets find the largest one: searches from its points would cost far more.
     let size = |r: &u32| (sets.sizes[*r as usize], std::cmp::Reverse(*r));
@@ -499,7 +499,7 @@ fn directions() -> [DVec3; 14] {
 
 /// Number of outward votes below which a set of patches counts as an open surface. A valley whose sides rise by 10°
 /// gets about as many votes from below.
-const SHEET: f64 = 2.0;
+const MIN_OUTWARD_VOTES: f64 = 2.0;
 
 /// Evidence for the sign of a patch, or of a set of patches: given normals, upward parts, and extreme points.
 #[derive(Clone)]
@@ -524,7 +524,7 @@ fn signs(
     points: &SortedPoints,
     all: &[Oriented],
     given: &(impl Fn(usize) -> Vec3 + Sync),
-    atlas: &Atlas,
+    atlas: &AllPatches,
     roots: &[(u32, bool)],
     (up, is_certain): (DVec3, bool),
 ) -> Vec<bool> {
@@ -593,7 +593,7 @@ fn signs(
         let outward = outward(e);
         let level = e.up.abs() / e.count;
         let is_ground = is_certain && level > outward.abs() / directions.len() as f64;
-        let is_undecided = outward.abs() < SHEET && level > 0.01;
+        let is_undecided = outward.abs() < MIN_OUTWARD_VOTES && level > 0.01;
         if is_ground || is_undecided { e.up < 0.0 } else { outward < 0.0 }
     };
     sets.iter().map(flip).collect()

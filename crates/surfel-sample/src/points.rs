@@ -15,7 +15,7 @@ use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
 /// Radius of splats in a cloud that has no spacing (one point, or all points in one place), in object units.
-const LONE_RADIUS: f64 = 1.0;
+const FALLBACK_RADIUS: f64 = 1.0;
 
 /// Comment of a cloud that was made of points. Detection of the up axis uses the comment.
 pub const OF_POINTS: &str = "made of points";
@@ -71,8 +71,8 @@ pub fn splats_from_points(
         Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
         None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector), is_certain: points.up.is_some() },
     };
-    let mut layout = lay_out(&given, &sorted, degree, (outside, options), progress);
-    let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
+    let mut layout = orient_disks(&given, &sorted, degree, (outside, options), progress);
+    let lone = Spacing::Unknown(FALLBACK_RADIUS / radii::DENSITY / sorted.step);
     let mut sizes =
         radii::sizes(&sorted, (&layout.oriented, &layout.is_level), degree, lone, options.ellipses, progress);
     let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
@@ -108,7 +108,7 @@ pub fn splats_from_points(
     }
     report.splats = source.len();
     report.ellipses = sizes.stretched;
-    let made = Made { slot_of, kept, layout, given, given_radii, scale };
+    let made = Converted { slot_of, kept, layout, given, given_radii, scale };
     if options.level_where_scattered {
         let is_level = |i: &u32| made.layout.is_level(made.place(*i as usize).1);
         report.level = (0..report.splats as u32).filter(is_level).collect();
@@ -204,7 +204,7 @@ impl Layout {
 
 /// Computes the normal of each slot's disk: the first stored normal of the slot's points if it fits the neighbours,
 /// else the normal of the neighbours' plane.
-fn lay_out(
+fn orient_disks(
     given: &GivenNormals,
     sorted: &SortedPoints,
     degree: usize,
@@ -232,7 +232,7 @@ fn lay_out(
             let mut search = Search::new(sorted);
             for (slot, o) in (first..).zip(chunk.iter_mut()) {
                 let (near, farthest2) = search.nearest(slot, degree, 0.0);
-                let normal = normals::laid(sorted, slot, near, known[slot], |other| known[other]);
+                let normal = normals::fitted_stored_normal(sorted, slot, near, known[slot], |other| known[other]);
                 *o = Oriented { normal, farthest2 };
             }
             progress.advance(chunk.len() as u64);
@@ -286,7 +286,7 @@ fn face_outside(
 }
 
 /// Results of the conversion, except for the sizes, from which the columns of the cloud are built.
-struct Made<'a> {
+struct Converted<'a> {
     slot_of: Vec<u32>,
     /// Input index of each splat; `None` if every input point became a splat, so that both indices are the same.
     kept: Option<Vec<u32>>,
@@ -297,7 +297,7 @@ struct Made<'a> {
     scale: f64,
 }
 
-impl Made<'_> {
+impl Converted<'_> {
     /// Returns the input index of splat `i`, and its slot.
     fn place(&self, i: usize) -> (usize, usize) {
         let input = self.kept.as_ref().map_or(i, |kept| kept[i] as usize);

@@ -18,7 +18,7 @@ use crate::median::median_of;
 use crate::orient::Oriented;
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
-use crate::size::{Ellipse, STRETCHED, Size};
+use crate::size::{ANISOTROPIC_RATIO, Ellipse, Size};
 use crate::sorted::{RUN, SortedPoints};
 use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
@@ -40,7 +40,7 @@ const IN_SURFACES: f64 = 0.1;
 
 /// Fraction of points with stretched cells in a cloud above which its splats are ellipses. Random samplings have about
 /// 5 % such points by chance.
-const STRETCHED_SHARE: f64 = 0.1;
+const ANISOTROPIC_FRACTION: f64 = 0.1;
 /// Number of points per task. A task also measures the points around its block, which belong to other tasks. For random
 /// points on a surface, these are about a tenth of a block.
 const BLOCK: usize = 2 * RUN;
@@ -120,7 +120,7 @@ impl Sizes {
         let (mean, root) = (self.bounded(slot, ellipse.mean), ellipse.ratio().sqrt());
         let (long, short) = ((mean * root).min(most), (mean / root).min(most));
         let mean = (long * short).sqrt() as f32;
-        if long > STRETCHED * short {
+        if long > ANISOTROPIC_RATIO * short {
             self.ellipses[slot] = Ellipse::new(mean, ellipse.angle(), long / short);
         } else {
             self.all[slot].radius = mean;
@@ -192,7 +192,7 @@ pub(crate) fn sizes(
         progress.advance(sizes.len() as u64);
     });
     let found = ellipses.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let is_stretched = !found.is_empty() && found.len() as f64 >= STRETCHED_SHARE * count as f64;
+    let is_stretched = !found.is_empty() && found.len() as f64 >= ANISOTROPIC_FRACTION * count as f64;
     let mut ellipses = vec![Ellipse::default(); if is_stretched { count } else { 0 }];
     for (slot, ellipse) in found.iter().filter(|_| is_stretched) {
         ellipses[*slot as usize] = *ellipse;

@@ -3,10 +3,10 @@
 use crate::class::Evidence;
 
 /// Axis ratio of a cell above which the sampling around its point counts as stretched, so that the splat is an ellipse.
-pub(crate) const STRETCHED: f64 = 1.5;
+pub(crate) const ANISOTROPIC_RATIO: f64 = 1.5;
 
 /// Largest axis ratio of a splat's ellipse; larger ones are limited to this value.
-pub(crate) const MOST_STRETCHED: f64 = 48.0;
+pub(crate) const MAX_AXIS_RATIO: f64 = 48.0;
 
 /// Size of one point's splat, estimated from the neighbourhood, and the evidence for the point's class.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,7 +25,7 @@ pub(crate) struct Ellipse {
     pub(crate) mean: f32,
     /// Angle of the long axis in the normal's tangent frame, as a multiple of π / [`Self::STEPS`].
     angle: u16,
-    /// Ratio of the long to the short axis, as a multiple of [`MOST_STRETCHED`] / [`Self::STEPS`]; 0 for a disk.
+    /// Ratio of the long to the short axis, as a multiple of [`MAX_AXIS_RATIO`] / [`Self::STEPS`]; 0 for a disk.
     pub(crate) ratio: u16,
 }
 
@@ -35,7 +35,7 @@ impl Ellipse {
 
     pub(crate) fn new(mean: f32, angle: f64, ratio: f64) -> Self {
         let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);
-        let ratio = (ratio / MOST_STRETCHED * Self::STEPS).round() as u16;
+        let ratio = (ratio / MAX_AXIS_RATIO * Self::STEPS).round() as u16;
         Self { mean, angle: (turn * Self::STEPS).round() as u16, ratio }
     }
 
@@ -46,6 +46,6 @@ impl Ellipse {
 
     /// Returns the axis ratio (long to short); 0 if there is no ellipse.
     pub(crate) fn ratio(self) -> f64 {
-        f64::from(self.ratio) / Self::STEPS * MOST_STRETCHED
+        f64::from(self.ratio) / Self::STEPS * MAX_AXIS_RATIO
     }
 }

@@ -222,24 +222,27 @@ pub fn stage(
         }
     };
     // An invalid camera is reported later, where the scene is drawn.
-    let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
+    let (brightness, view) = (estimates.brightness(loaded), View::new(&camera).ok());
     let all = || loaded.facts.iter().zip(&loaded.objects).enumerate();
-    let hides_its_back = |(i, (facts, drawn))| hides_its_back(facts, drawn, || samples.of_object(i));
-    let closed = estimates.closed(|| all().map(hides_its_back).collect());
+    let hides_back_faces = |(i, (facts, drawn))| hides_back_faces(facts, drawn, || samples.of_object(i));
+    let closed = estimates.closed(|| all().map(hides_back_faces).collect());
     for ((object, (i, (facts, drawn))), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
-        let covers =
-            |view| samples.of_object(i).is_some_and(|patches| sheets::covers_other_surfaces(drawn, &patches, view));
+        let covers = |view| samples.of_object(i).is_some_and(|patches| sheets::has_thin_sheets(drawn, &patches, view));
         let is_culled = *is_closed && (facts.each_side || !view.as_ref().is_some_and(covers));
         let color = object.material.color;
-        object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
+        object.material = Material { color, ..material(facts, is_culled, brightness.exposure()) };
     }
-    let background = options.background.unwrap_or_else(|| whites.background(options.settings.shader));
+    let background = options.background.unwrap_or_else(|| brightness.background(options.settings.shader));
     Ok(Staged { camera, background, objects })
 }
 
 /// True if an object's splats cover a watertight surface from outside, so that its back faces may be culled. This is
 /// stated by the file, derived from the mesh, or estimated from the cloud ([`closed::is_closed`]).
-fn hides_its_back<'s>(facts: &ObjectFacts, object: &Object, sample: impl FnOnce() -> Option<Cow<'s, Patches>>) -> bool {
+fn hides_back_faces<'s>(
+    facts: &ObjectFacts,
+    object: &Object,
+    sample: impl FnOnce() -> Option<Cow<'s, Patches>>,
+) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
     facts.closed || is_judged && sample().is_some_and(|patches| closed::is_closed(&patches))
@@ -248,11 +251,11 @@ fn hides_its_back<'s>(facts: &ObjectFacts, object: &Object, sample: impl FnOnce(
 /// Returns an object's material for an automatic scene. Objects with colours are shown at their brightness times
 /// `exposure`. Objects without colours appear as light grey clay, which leaves a range for highlights.
 ///
-/// If `hides_its_back`, back faces are culled: splats of a watertight object extend slightly beyond its silhouette, and
+/// If `hides_back_faces`, back faces are culled: splats of a watertight object extend slightly beyond its silhouette, and
 /// their back faces would form a fringe. The caller passes false for watertight objects that have thin sheets over
 /// other surfaces, because these surfaces would otherwise shine through the sheets.
-fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
-    let cull = if hides_its_back { Cull::Back } else { Cull::None };
+fn material(facts: &ObjectFacts, hides_back_faces: bool, exposure: f64) -> Material {
+    let cull = if hides_back_faces { Cull::Back } else { Cull::None };
     if facts.colored {
         let (ambient, diffuse) = (1.3 * exposure, 0.95 * exposure);
         Material { ambient, diffuse, specular: 0.06 * exposure, shininess: 24.0, cull, ..Material::default() }

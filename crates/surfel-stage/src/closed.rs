@@ -13,10 +13,10 @@ const SIDE: usize = 128;
 /// Largest fraction of a cloud's covered pixels that may show back-facing splats in any view if the cloud is
 /// watertight. Disks of the far side extend beyond silhouettes: the fraction is 0.1 for a teapot and 0.125 for a wolf,
 /// each of 2,000 points. An open surface has a view in which a third of the pixels show back faces.
-const RIMS: f64 = 0.15;
+const MAX_BACK_FRACTION: f64 = 0.15;
 /// Largest fraction of a cloud's covered pixels that may show back-facing splats away from silhouettes, in any view, if
 /// the cloud is watertight. Measured: 0.001 for a cat's thin tail, 0.0026 for visible holes in a rocker arm's web.
-const HOLES: f64 = 0.0012;
+const MAX_HOLE_FRACTION: f64 = 0.0012;
 /// Largest slope, as depth divided by lateral distance, at which neighbouring pixels belong to one surface. Steeper
 /// steps in depth are silhouettes.
 const STEEPEST: f64 = 3.0;
@@ -33,8 +33,8 @@ pub(crate) fn is_closed(patches: &Patches) -> bool {
     let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
     let directions: Vec<DVec3> = all.filter(|d| [1.0, 3.0].contains(&d.length_squared())).collect();
     directions.into_par_iter().all(|forward| {
-        let (away, holes) = inner_side(patches, forward.normalize());
-        away <= RIMS && holes <= HOLES
+        let (away, holes) = back_facing_fractions(patches, forward.normalize());
+        away <= MAX_BACK_FRACTION && holes <= MAX_HOLE_FRACTION
     })
 }
 
@@ -42,7 +42,7 @@ pub(crate) fn is_closed(patches: &Patches) -> bool {
 /// counts pixels whose nearest patch is back-facing and has no front-facing patch close behind. The second fraction
 /// leaves out the pixels among these that are near a silhouette, where a pixel within the patch's reach is much farther
 /// away.
-fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
+fn back_facing_fractions(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let (right, up) = forward.any_orthonormal_pair();
     let axes = ViewAxes { right, up, forward };
     let faces_away = |patch: &Patch| patch.normal.dot(forward) > 0.0;
@@ -50,7 +50,7 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let growth = if patches.all.len() < MOST { 1.0 } else { GROWN };
     let all = draw(numbered(), 1.0, &axes, SIDE);
     let outer = draw(numbered().filter(|(_, patch)| !faces_away(patch)), growth, &axes, SIDE);
-    let farthest = LazyCell::new(|| Farthest::of(&all));
+    let farthest = LazyCell::new(|| MaxDepths::of(&all));
     let (mut seen, mut away, mut holes) = (0, 0, 0);
     for (pixel, (depth, number)) in all.iter().enumerate() {
         let Some(patch) = patches.all.get(*number) else { continue };
@@ -68,13 +68,13 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
 
 /// Table of maximum depths over squares of the test image, for each pixel and each power of two as the square's side.
 /// It answers a query in constant time, even if a few splats cover the whole image.
-struct Farthest {
+struct MaxDepths {
     /// Largest depths, row by row: `levels[k][pixel]` is for the square of side 2ᵏ whose upper left corner is the
     /// pixel.
     levels: Vec<Vec<f64>>,
 }
 
-impl Farthest {
+impl MaxDepths {
     fn of(pixels: &[(f64, usize)]) -> Self {
         let mut levels = vec![pixels.iter().map(|(depth, _)| *depth).collect::<Vec<f64>>()];
         while 1 << levels.len() <= SIDE {
@@ -169,7 +169,7 @@ mod tests {
     fn largest_depths_are_those_of_the_square_or_infinite_beyond_the_image() {
         let depth = |i: usize| ((i * 7919) % 104_729) as f64;
         let pixels: Vec<(f64, usize)> = (0..SIDE * SIDE).map(|i| (depth(i), 0)).collect();
-        let farthest = Farthest::of(&pixels);
+        let farthest = MaxDepths::of(&pixels);
         for (x, y, reach) in
             [(64, 64, 0), (64, 64, 1), (50, 70, 2), (40, 90, 37), (63, 63, 63), (64, 64, 63), (3, 9, 3)]
         {

@@ -1,7 +1,7 @@
 //! Estimates about loaded objects that are computed once for all images of a session.
 
+use crate::brightness::BrightnessStats;
 use crate::lights::Lighting;
-use crate::whites::Whites;
 use glam::DVec3;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use surfel_framing::strays::Sphere;
@@ -17,7 +17,7 @@ pub struct Estimates {
     samples: OnceLock<Samples>,
     kept: OnceLock<Option<Sphere>>,
     center: OnceLock<Option<DVec3>>,
-    whites: OnceLock<Whites>,
+    brightness: OnceLock<BrightnessStats>,
     closed: OnceLock<Vec<bool>>,
     lighting: Mutex<Option<(Up, Lighting)>>,
     camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
@@ -62,8 +62,8 @@ impl Estimates {
         *self.center.get_or_init(|| surfel_framing::center_within(scene, self.kept(loaded, scene)))
     }
 
-    pub(crate) fn whites(&self, loaded: &LoadedObjects) -> &Whites {
-        self.whites.get_or_init(|| Whites::of(self.samples(loaded).all()))
+    pub(crate) fn brightness(&self, loaded: &LoadedObjects) -> &BrightnessStats {
+        self.brightness.get_or_init(|| BrightnessStats::of(self.samples(loaded).all()))
     }
 
     /// Returns one flag per object, true if the object is watertight, so that its back faces are never visible. The

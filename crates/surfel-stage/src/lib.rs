@@ -24,12 +24,12 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod auto;
+mod brightness;
 mod closed;
 mod estimates;
 mod lights;
 mod named_light;
 mod sheets;
-mod whites;
 
 pub use auto::*;
 pub use estimates::Estimates;

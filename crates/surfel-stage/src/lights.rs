@@ -52,7 +52,7 @@ impl Lighting {
         }
         let facing = samples.all().map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
         let is_of_points = loaded.facts.iter().all(|facts| facts.points);
-        let share = share_of_one_way(facing, if is_of_points { Some(up.vector()) } else { None });
+        let share = raking_strength(facing, if is_of_points { Some(up.vector()) } else { None });
         Self { facing: facing.normalize_or_zero(), share }
     }
 
@@ -67,7 +67,7 @@ impl Lighting {
 
 /// Returns the strength of raking light, 0 to 1, for a surface with the mean unit normal `facing`. `up` is the up axis
 /// if all objects are point clouds, and `None` otherwise.
-fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
+fn raking_strength(facing: DVec3, up: Option<DVec3>) -> f64 {
     let ramp = |(from, to): (f64, f64)| ((facing.length() - from) / (to - from)).clamp(0.0, 1.0);
     match up {
         Some(up) if facing.dot(up).abs() > UP * facing.length() => ramp(FACES_UP),
@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn key_light_rakes_over_what_faces_one_way_alone() {
         let key = DVec3::new(0.3, 0.1, 0.9).normalize();
-        let rakes = |key: DVec3, facing: DVec3| raking(key, facing.normalize_or_zero(), share_of_one_way(facing, None));
+        let rakes = |key: DVec3, facing: DVec3| raking(key, facing.normalize_or_zero(), raking_strength(facing, None));
         // Ground, viewed from above and from below.
         for normal in [DVec3::Z, DVec3::NEG_Z] {
             let (toward, strength) = rakes(key, normal);
@@ -145,9 +145,9 @@ mod tests {
             (lean(180.0, 0.8), DVec3::Z, 1.0),
             (DVec3::ZERO, DVec3::Z, 0.0),
         ] {
-            assert!((share_of_one_way(facing, Some(up)) - share).abs() < 1e-9, "{facing} {up}");
+            assert!((raking_strength(facing, Some(up)) - share).abs() < 1e-9, "{facing} {up}");
         }
         // Meshes need a longer mean normal.
-        assert_eq!(share_of_one_way(lean(0.0, 0.6), None), 0.0);
+        assert_eq!(raking_strength(lean(0.0, 0.6), None), 0.0);
     }
 }

@@ -22,7 +22,7 @@ const CONTACT: f64 = 1e-3;
 
 /// True if an object has a thin sheet over another of its surfaces, within the reach of a view's depth tolerance. If
 /// the sheet's back faces were culled, the other surface would shine through the sheet.
-pub(crate) fn covers_other_surfaces(object: &Object, patches: &Patches, view: &View) -> bool {
+pub(crate) fn has_thin_sheets(object: &Object, patches: &Patches, view: &View) -> bool {
     let middle = view.view_from_world * (patches.middle - view.eye);
     let distance = if view.projection.is_perspective() { middle.z.max(view.projection.near) } else { 1.0 };
     let pixel = distance / view.projection.focal_px[0] / patches.scale;

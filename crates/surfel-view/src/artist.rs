@@ -1,6 +1,6 @@
 //! Drawing thread, which answers the requests of all pages, one after another.
 
-use crate::desk::{Answer, Desk, layer_of};
+use crate::desk::{Answer, RequestHandler, layer_of};
 use crate::hub::{Hub, Job, Next, Outgoing};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -58,15 +58,15 @@ impl Progress for Report<'_> {
 }
 
 /// State of the drawing thread: the scene, and the requests that still need it.
-pub(crate) struct Artist {
+pub(crate) struct DrawingThread {
     hub: Arc<Hub>,
-    desk: Desk,
+    desk: RequestHandler,
     /// Requests that need all points, and wait until they are loaded.
     deferred: Vec<Job>,
 }
 
-impl Artist {
-    pub(crate) fn new(hub: Arc<Hub>, desk: Desk) -> Self {
+impl DrawingThread {
+    pub(crate) fn new(hub: Arc<Hub>, desk: RequestHandler) -> Self {
         Self { hub, desk, deferred: Vec::new() }
     }
 
@@ -117,7 +117,7 @@ impl Artist {
     /// Loads the files before the first request. Meanwhile, pages show a sample of the points, and can move the camera.
     fn load_first(&mut self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
         let text = |e: Error| e.to_string();
-        let asked = self.desk.asked_of(&Value::Null, &self.desk.initial, FIRST_SIZE)?;
+        let asked = self.desk.image_request(&Value::Null, &self.desk.initial, FIRST_SIZE)?;
         let hub = self.hub.clone();
         let report = Report::new(&hub);
         let session = self.desk.session(&asked.key)?;
@@ -130,7 +130,7 @@ impl Artist {
         }
         let mut notes = Vec::new();
         // An open page already has its own size and options, which its image needs.
-        let of_page = self.hub.waiting_draw().and_then(|request| self.desk.asked_by_page(&request).ok());
+        let of_page = self.hub.waiting_draw().and_then(|request| self.desk.page_image_request(&request).ok());
         let asked = of_page.filter(|of_page| of_page.key == asked.key).unwrap_or(asked);
         let session = self.desk.session(&asked.key)?;
         let shown = session.show(&asked.options.render, &report, &mut |text| notes.push(text)).map(|_| ());

@@ -54,7 +54,7 @@ pub(crate) struct Asked {
 }
 
 /// Answers to the requests of all pages: the sessions of one scene, and the options that pages can't change.
-pub(crate) struct Desk {
+pub(crate) struct RequestHandler {
     pub(crate) fixed: Fixed,
     pub(crate) initial: Map<String, Value>,
     sessions: Sessions,
@@ -64,14 +64,14 @@ pub(crate) struct Desk {
     bytes: Vec<u8>,
     /// Client and layer of the page whose options each session shows, by the session's key. `None` if the options
     /// belong to no client. A session has no entry while only a sample is loaded.
-    shown_for: Vec<(Key, Option<Side>)>,
+    shown_client_layer: Vec<(Key, Option<Side>)>,
 }
 
 /// Image on one client's page: identifier of the client, and number of the layer (0, or 1 for the second image of a
 /// comparison).
 type Side = (usize, usize);
 
-impl Desk {
+impl RequestHandler {
     /// Creates a desk for these inputs and options. Nothing is loaded yet.
     ///
     /// # Errors
@@ -100,7 +100,7 @@ impl Desk {
         let backend_options = options.with_quantised(flag("storage").as_deref() == Some("16"));
         let sessions = Sessions::new(config.stdin.clone(), backend_options);
         let (sends_pixels, bytes) = (config.sends_pixels, Vec::new());
-        Ok(Self { fixed, initial, sessions, sends_pixels, bytes, shown_for: Vec::new() })
+        Ok(Self { fixed, initial, sessions, sends_pixels, bytes, shown_client_layer: Vec::new() })
     }
 
     /// Returns the first message to a page, with its options and initial state.
@@ -111,7 +111,7 @@ impl Desk {
     /// Answers a request of the client with the identifier `client`.
     pub(crate) fn answer(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         match request["do"].as_str() {
-            Some("draw") if request["moving"] == true => self.glance(client, request, progress),
+            Some("draw") if request["moving"] == true => self.draw_preview(client, request, progress),
             Some("draw") => self.draw(client, request, progress),
             Some("pick") => self.pick(request, progress),
             Some("copy") => self.copy(request, progress),
@@ -125,7 +125,7 @@ impl Desk {
     /// clients.
     fn show_for(&mut self, client: usize, asked: &Asked, progress: &dyn Progress) -> Result<(), String> {
         let side = (client, asked.layer);
-        match self.shown_for.iter().find(|(key, _)| *key == asked.key) {
+        match self.shown_client_layer.iter().find(|(key, _)| *key == asked.key) {
             Some((_, shown)) if *shown != Some(side) => {
                 self.show(asked, progress)?;
                 self.remember(asked, Some(side));
@@ -136,14 +136,14 @@ impl Desk {
     }
 
     fn remember(&mut self, asked: &Asked, side: Option<Side>) {
-        self.shown_for.retain(|(key, _)| *key != asked.key);
-        self.shown_for.insert(0, (asked.key.clone(), side));
-        self.shown_for.truncate(MAX_SESSIONS);
+        self.shown_client_layer.retain(|(key, _)| *key != asked.key);
+        self.shown_client_layer.insert(0, (asked.key.clone(), side));
+        self.shown_client_layer.truncate(MAX_SESSIONS);
     }
 
     /// Parses a page's request for an image, of at most [`MAX_PIXELS`] pixels.
     #[cfg(feature = "server")]
-    pub(crate) fn asked_by_page(&self, request: &Value) -> Result<Asked, String> {
+    pub(crate) fn page_image_request(&self, request: &Value) -> Result<Asked, String> {
         self.asked(request, MAX_PIXELS)
     }
 
@@ -157,10 +157,10 @@ impl Desk {
         }
         let empty = State::new();
         let state = request["state"].as_object().unwrap_or(&empty);
-        self.asked_of(request, state, size)
+        self.image_request(request, state, size)
     }
 
-    pub(crate) fn asked_of(&self, request: &Value, state: &State, size: [u32; 2]) -> Result<Asked, String> {
+    pub(crate) fn image_request(&self, request: &Value, state: &State, size: [u32; 2]) -> Result<Asked, String> {
         let mut fixed = self.fixed.clone();
         let mut state = state.clone();
         // If there are several inputs, the page may show one of them, given by its number.
@@ -241,7 +241,7 @@ impl Desk {
     }
 
     /// Draws a preview, faster and less accurate, while the camera moves.
-    fn glance(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
+    fn draw_preview(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let start = Instant::now();
         let asked = self.asked(request, MAX_PIXELS)?;
         let session = self.session(&asked.key)?;
@@ -250,7 +250,7 @@ impl Desk {
         }
         self.show_for(client, &asked, progress)?;
         let session = self.session(&asked.key)?;
-        let (camera, stats) = session.glance(&asked.options.render).map_err(|e| e.to_string())?;
+        let (camera, stats) = session.draw_preview(&asked.options.render).map_err(|e| e.to_string())?;
         let background = session.shown().map_or([0.0; 4], |shown| shown.file.background);
         let [r, g, b, _] = background.map(|c| c as f32);
         let mut bytes = std::mem::take(&mut self.bytes);
@@ -324,7 +324,7 @@ impl Desk {
         let first = self.asked(request, MAX_PIXELS)?;
         for side in ["a", "b"] {
             let state = request[side].as_object().ok_or("a, b: expected two states")?.clone();
-            let asked = self.asked_of(request, &state, first.size)?;
+            let asked = self.image_request(request, &state, first.size)?;
             self.show(&asked, progress)?;
             sides.push(draw_timed(self.session(&asked.key)?, &asked.options)?);
         }

@@ -2,7 +2,7 @@
 //! scene's file, or a folder of these for a web server.
 
 use crate::Config;
-use crate::desk::Desk;
+use crate::desk::RequestHandler;
 use crate::page;
 use data_encoding::BASE64;
 use flate2::Compression;
@@ -79,7 +79,7 @@ pub fn export_folder(config: &Config, folder: &Path, overwrite: bool) -> Result<
     let opened = RegularFile::open(input).map_err(|e| format!("{}: {e}", input.display()))?;
     let mut file = opened.ok_or_else(|| format!("{}: expected a regular file", input.display()))?;
     let is_copc = matches!(Copc::open(input), Ok(Some(_)));
-    let beside = Beside { name: name.to_owned(), file_bytes: file.file_bytes(), is_ranged: is_copc };
+    let beside = PageFile { name: name.to_owned(), file_bytes: file.file_bytes(), is_ranged: is_copc };
     let is_taken = |name: &&str| !overwrite && folder.join(name).exists();
     let names = MODULES.iter().map(|(name, _)| *name).chain([name, INDEX]);
     if let Some(taken) = names.clone().find(is_taken) {
@@ -123,8 +123,8 @@ fn checked(config: &Config) -> Result<&Path, String> {
 
 /// Draws the scene once, so that a scene that can't be drawn is refused now instead of in a browser.
 fn try_once(config: &Config) -> Result<(), String> {
-    let mut desk = Desk::new(config)?;
-    let asked = desk.asked_of(&json!(null), &desk.initial.clone(), TRIED_SIZE)?;
+    let mut desk = RequestHandler::new(config)?;
+    let asked = desk.image_request(&json!(null), &desk.initial.clone(), TRIED_SIZE)?;
     desk.show_once(&asked)?;
     if let Some(other) = desk.session(&asked.key)?.shown().and_then(|shown| shown.beside.first()) {
         return Err(format!(
@@ -138,7 +138,7 @@ fn try_once(config: &Config) -> Result<(), String> {
 }
 
 /// Input file that lies beside the page in an exported folder.
-struct Beside {
+struct PageFile {
     name: String,
     file_bytes: u64,
     /// True if the page reads only the ranges of the file that a view needs, false if it reads the whole file.
@@ -152,11 +152,11 @@ struct About {
     /// Names and texts of the options with which the page begins.
     flags: Vec<(String, String)>,
     /// Input file beside the page; `None` if the page contains it.
-    beside: Option<Beside>,
+    beside: Option<PageFile>,
 }
 
 impl About {
-    fn new(config: &Config, input: &Path, beside: Option<Beside>) -> Self {
+    fn new(config: &Config, input: &Path, beside: Option<PageFile>) -> Self {
         let is_for_page = |(name, _): &&(String, String)| !OF_MACHINE.contains(&name.as_str());
         let flags = config.flags.iter().filter(is_for_page).cloned().collect();
         Self { name: input.to_string_lossy().into_owned(), flags, beside }

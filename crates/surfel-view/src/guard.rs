@@ -24,7 +24,7 @@ impl Guard {
     }
 
     /// Returns the one-time token; `None` after it was used.
-    pub(crate) fn token_for_once(&self) -> Option<String> {
+    pub(crate) fn one_time_token(&self) -> Option<String> {
         self.once.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
@@ -135,9 +135,9 @@ mod tests {
     #[test]
     fn the_browser_s_token_opens_the_page_once() {
         let guard = Guard::new(1).unwrap();
-        let once = guard.token_for_once().unwrap();
+        let once = guard.one_time_token().unwrap();
         assert!(once != guard.token && !guard.is_token(&once) && !guard.uses_once("") && !guard.uses_once(&once[1..]));
         assert!(guard.uses_once(&once) && !guard.uses_once(&once));
-        assert_eq!(guard.token_for_once(), None);
+        assert_eq!(guard.one_time_token(), None);
     }
 }

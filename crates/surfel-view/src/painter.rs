@@ -1,7 +1,7 @@
 //! Drawing for a single page, without a server.
 
 use crate::Config;
-use crate::desk::{Answer, Desk};
+use crate::desk::{Answer, RequestHandler};
 use serde_json::{Value, json};
 use surfel_app::wording::as_flags;
 use surfel_sample::NoProgress;
@@ -29,7 +29,7 @@ pub enum Message {
 /// # Ok::<(), String>(())
 /// ```
 pub struct Painter {
-    desk: Desk,
+    desk: RequestHandler,
 }
 
 impl Painter {
@@ -38,7 +38,7 @@ impl Painter {
     /// # Errors
     /// A message that names a flag that isn't an option.
     pub fn new(config: &Config) -> Result<Self, String> {
-        Ok(Self { desk: Desk::new(config)? })
+        Ok(Self { desk: RequestHandler::new(config)? })
     }
 
     /// Returns the first message to the page: its options and the initial state.

@@ -57,13 +57,13 @@ impl Shared {
 }
 
 /// Rate limiter, which waits if there are more than `most` events in a second.
-struct Pace {
+struct RateLimiter {
     most: u32,
     count: u32,
     since: Instant,
 }
 
-impl Pace {
+impl RateLimiter {
     fn new(most: u32) -> Self {
         Self { most, count: 0, since: Instant::now() }
     }
@@ -81,7 +81,7 @@ impl Pace {
 
 /// Accepts connections until the listener fails. Each connection has its own thread.
 pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
-    let mut pace = Pace::new(MAX_ACCEPTED);
+    let mut pace = RateLimiter::new(MAX_ACCEPTED);
     loop {
         pace.wait();
         // An error here means that the client has given up, or that too many files are open.
@@ -214,7 +214,7 @@ impl Write for ReadHalf {
 /// Reads a client's messages until the client disconnects or breaks a rule.
 fn read(stream: TcpStream, rest: Vec<u8>, shared: &Shared, (id, outbox): (u64, &Outbox)) {
     let mut socket = WebSocket::from_partially_read(ReadHalf(stream), rest, Role::Server, Some(limits()));
-    let mut pace = Pace::new(MAX_MESSAGES);
+    let mut pace = RateLimiter::new(MAX_MESSAGES);
     loop {
         pace.wait();
         let refuse =
@@ -260,7 +260,7 @@ mod tests {
     #[test]
     fn paces_let_a_number_pass_at_once() {
         let start = Instant::now();
-        let mut pace = Pace::new(5);
+        let mut pace = RateLimiter::new(5);
         (0..5).for_each(|_| pace.wait());
         assert!(start.elapsed() < Duration::from_millis(500));
         pace.wait();

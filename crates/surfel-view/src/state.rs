@@ -8,7 +8,7 @@ use surfel_app::options::{Audience, Commands, Options, Row, Setter, table};
 pub(crate) type State = Map<String, Value>;
 
 /// Names of the options that a client may not set, because they open files, or lift limits that the server's owner set.
-const OWNERS: [&str; 8] =
+const OWNER_ONLY_OPTIONS: [&str; 8] =
     ["memory", "storage", "adapter", "no-metadata", "planes", "label", "columns", "allow-outside"];
 
 /// Inputs and options of a page that its clients can't change.
@@ -24,7 +24,7 @@ pub(crate) struct Fixed {
 
 /// True if clients may set an option.
 pub(crate) fn is_for_clients(row: &Row) -> bool {
-    (row.is_image || row.name == "backend") && !OWNERS.contains(&row.name) && row.name != "size"
+    (row.is_image || row.name == "backend") && !OWNER_ONLY_OPTIONS.contains(&row.name) && row.name != "size"
 }
 
 /// Returns the table's entry of an option, if clients may set the option to this value. Values that name a file of the

@@ -1,8 +1,8 @@
 //! Public entry point of the server: opens a port and serves pages.
 
 use crate::Config;
-use crate::artist::Artist;
-use crate::desk::Desk;
+use crate::artist::DrawingThread;
+use crate::desk::RequestHandler;
 use crate::guard::{self, Guard};
 use crate::hub::Hub;
 use crate::server::{self, Shared};
@@ -15,7 +15,7 @@ pub struct Viewer {
     listener: TcpListener,
     address: SocketAddr,
     guard: Guard,
-    desk: Desk,
+    desk: RequestHandler,
 }
 
 impl Viewer {
@@ -38,7 +38,7 @@ impl Viewer {
         };
         let listener = TcpListener::bind(wanted).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
-        let desk = Desk::new(&config)?;
+        let desk = RequestHandler::new(&config)?;
         let guard = Guard::new(address.port())?;
         Ok(Self { listener, address, guard, desk })
     }
@@ -51,7 +51,7 @@ impl Viewer {
     /// Returns an address that opens the page only once. It is meant for the browser's command line, which other users
     /// of this machine can read.
     pub fn url_for_once(&self) -> String {
-        self.address_with(&self.guard.token_for_once().unwrap_or_default())
+        self.address_with(&self.guard.one_time_token().unwrap_or_default())
     }
 
     fn address_with(&self, token: &str) -> String {
@@ -70,6 +70,6 @@ impl Viewer {
         let accepting = thread::Builder::new().name("server".to_owned());
         let started = accepting.spawn(move || server::accept(&listener, &shared));
         started.map_err(|e| format!("can't start the server's thread: {e}"))?;
-        Artist::new(hub, self.desk).run(note)
+        DrawingThread::new(hub, self.desk).run(note)
     }
 }

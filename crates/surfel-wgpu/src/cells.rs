@@ -7,7 +7,7 @@ use crate::queue::Queue;
 use crate::scene::{empty, filled};
 use std::collections::HashMap;
 use surfel_gpu::{
-    CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, CellTiles, binding_slots,
+    CellBinding, CellBuffer, CellCapacity, CellCounts, CellRound, CellStage, CellStep, CellTiles, binding_slots,
 };
 
 /// Buffers of the compute path, reused from frame to frame while they are large enough.
@@ -15,12 +15,12 @@ use surfel_gpu::{
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, wgpu::Buffer>,
     /// Capacity of the buffers; `None` before the first tile.
-    pub room: Option<CellRoom>,
+    pub room: Option<CellCapacity>,
 }
 
 impl CellBuffers {
     /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
-    pub(crate) fn prepare(&mut self, device: &wgpu::Device, tiles: &CellTiles, room: CellRoom) {
+    pub(crate) fn prepare(&mut self, device: &wgpu::Device, tiles: &CellTiles, room: CellCapacity) {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = tiles.bytes(buffer, room);
@@ -58,7 +58,7 @@ impl<'a> CellTile<'a> {
         inputs: &TileInputs<'a>,
         counts: &CellCounts,
         buffers: &CellBuffers,
-        room: CellRoom,
+        room: CellCapacity,
         stages: &'a [CellStage],
     ) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;

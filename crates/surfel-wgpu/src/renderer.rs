@@ -13,10 +13,10 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    CellBuffer, CellRoom, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    CellBuffer, CellCapacity, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
     FrameTiles, GpuPath, HostWork, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart,
     ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers,
-    layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
+    layers_remain, min_surface_count, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -311,7 +311,7 @@ impl Renderer {
                     return Some(tiles.grown(tried, counters, self.limits));
                 }
                 pass_record.add(costs, stats);
-                CellRoom::count(counters, stats);
+                CellCapacity::count(counters, stats);
                 let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
                 let planes = bytemuck::cast_slice(planes);
                 stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
@@ -331,7 +331,7 @@ impl Renderer {
 
     /// Records and submits the dispatches of a tile, and the copies that the host reads: planes, counters and costs.
     /// Returns `None` if a resource is missing.
-    fn record_cells(&mut self, job: &FrameJob<'_>, tiles: &CellTiles, room: CellRoom) -> Option<Readback> {
+    fn record_cells(&mut self, job: &FrameJob<'_>, tiles: &CellTiles, room: CellCapacity) -> Option<Readback> {
         let device = self.device.clone();
         let targets = self.targets.as_ref()?;
         let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
@@ -394,7 +394,7 @@ impl Renderer {
             }
             // The tile's splats were counted already, and are drawn again.
             stats.drawn = before;
-            let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
+            let least = || min_surface_count(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(failed)?;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());

@@ -206,7 +206,7 @@ impl Flight {
 
 /// Runs a flight with splats of at most 1 px; each selection is shared by `views` equal views.
 fn fly(path: &Path, rise: f64, views: usize) -> Flight {
-    let store = Arc::new(LevelStore::keeping_nodes());
+    let store = Arc::new(LevelStore::caching_nodes());
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();
     let first = flown(0, rise);
     let [all, start] =
@@ -308,7 +308,7 @@ fn levels_are_the_same_whether_nodes_are_kept() {
         }
     };
     for step in [0, STEPS / 3, STEPS] {
-        let [kept, read] = [LevelStore::keeping_nodes(), LevelStore::default()].map(|store| cloud(store, step));
+        let [kept, read] = [LevelStore::caching_nodes(), LevelStore::default()].map(|store| cloud(store, step));
         assert_eq!((kept.len(), &kept.data().centers), (read.len(), &read.data().centers));
         for i in 0..kept.len() {
             let [a, b] = [&kept, &read].map(|cloud| cloud.data().colors.as_ref().unwrap()[i]);

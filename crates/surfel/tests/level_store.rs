@@ -145,13 +145,13 @@ fn views_that_come_back_read_nothing() {
         assert!(cloud(&found) == cloud(&plain[eye].0), "{eye}");
         store.read_bytes()
     };
-    let store = Arc::new(LevelStore::keeping_nodes());
+    let store = Arc::new(LevelStore::caching_nodes());
     let read = [0, 1, 2].map(|eye| drawn(&store, "100M", eye));
     assert!(0 < read[0] && read[0] < read[1] && read[1] <= read[2], "{read:?}");
     assert_eq!([0, 1, 2, 0].map(|eye| drawn(&store, "100M", eye)), [read[2]; 4]);
     // The cache is limited to the memory that an image's points don't need. Without any, all nodes are read again.
     let needs = plain.iter().map(|(resolved, _)| cloud(resolved).len() as u64 * memory::KNOWN_BYTES).max().unwrap();
-    let store = Arc::new(LevelStore::keeping_nodes());
+    let store = Arc::new(LevelStore::caching_nodes());
     let first = drawn(&store, &needs.to_string(), 0);
     assert!(store.cached_bytes() <= needs);
     let second = drawn(&store, &needs.to_string(), 1);

@@ -62,7 +62,7 @@ fn images_equal_those_of_fresh_requests_whatever_came_before() {
             if glances && session.shown().is_some() {
                 let mut moved = options.clone();
                 (moved.eye, moved.view) = (Some([5.0, 5.0, 5.0]), None);
-                session.glance(&moved).unwrap();
+                session.draw_preview(&moved).unwrap();
             }
             session.show(&options, &NoProgress, &mut |_| ()).unwrap();
             session.draw(&options, Planes::COLOR).unwrap();
@@ -78,7 +78,7 @@ fn samples_give_way_to_all_points() {
     let mut session = Session::start(vec![path.clone()], None, "cpu", BackendOptions::default()).unwrap();
     // So few points have no sample. They are loaded once.
     assert!(session.show_coarse(&options(&[]), &NoProgress).unwrap().is_none());
-    assert!(session.glance(&options(&[])).is_err());
+    assert!(session.draw_preview(&options(&[])).is_err());
     std::fs::remove_file(&path).unwrap();
     session.show(&options(&[]), &NoProgress, &mut |_| ()).unwrap();
 
@@ -91,7 +91,7 @@ fn samples_give_way_to_all_points() {
     std::fs::write(&path, text).unwrap();
     let options = options(&[("view", "iso")]);
     let loader = session.show_coarse(&options, &NoProgress).unwrap().unwrap();
-    session.glance(&options).unwrap();
+    session.draw_preview(&options).unwrap();
     assert!(session.frame().color().iter().any(|pixel| pixel[0] < 0.9), "the sample is invisible");
     let loaded = loader.load(&NoProgress).unwrap();
     session.adopt(loaded);

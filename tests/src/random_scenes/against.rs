@@ -55,13 +55,13 @@ pub struct Tally {
 }
 
 /// Backends to be compared with the reference in random scenes.
-pub struct Against {
+pub struct ReferenceComparison {
     reference: Reference,
     sessions: Vec<(Session, Tally)>,
     keep: Option<PathBuf>,
 }
 
-impl Against {
+impl ReferenceComparison {
     /// Creates a comparison without backends. If `keep` is given, failing scenes are written to this folder, both as
     /// they are and shrunk.
     ///

@@ -1,7 +1,7 @@
 //! Report as an HTML page in one file, with embedded images.
 
 use super::{Entry, Sum, word};
-use crate::harness::{ABSOLUTE, Checked, FORGIVEN_SHARE, RELATIVE, Report, Truth, Verdict, pixel_errors};
+use crate::harness::{ABSOLUTE, Checked, MAX_FORGIVEN_FRACTION, RELATIVE, Report, Truth, Verdict, pixel_errors};
 use std::io;
 use surfel_bench::page::{Page, Table};
 use surfel_io::{PlanesView, PngOptions, write_png};
@@ -23,7 +23,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
          image), for at most {} % of an image. A difference shows the share of the tolerance in the plane that is \
          farthest off: black 0, white all of it, red more, blue more but within the margin. A backend's colours are \
          shown over grey.",
-        100.0 * FORGIVEN_SHARE
+        100.0 * MAX_FORGIVEN_FRACTION
     ));
     for entry in entries {
         let Entry::Ran(run) = entry else { continue };

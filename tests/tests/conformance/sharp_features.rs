@@ -4,7 +4,7 @@ use crate::validated_gpu;
 use glam::{DVec3, Vec3};
 use surfel_conformance::build::object;
 use surfel_conformance::polygons::{cube, sampled};
-use surfel_conformance::raycast::{Cast, Difference, compare};
+use surfel_conformance::raycast::{Difference, RayCaster, compare};
 use surfel_conformance::test_data;
 use surfel_math::V2;
 use surfel_model::{ClipMode, ClipPolicy, Column3, Cull, Mesh, Scene, Settings};
@@ -25,7 +25,7 @@ fn back_faces_stay_behind(mut renderer: impl Renderer, mesh: &Mesh, splats: usiz
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
     assert!(cloud.data().oriented);
     let mut object = object(cloud);
-    let cast = Cast::new(mesh);
+    let cast = RayCaster::new(mesh);
     let cameras = [0.038, 0.46, 0.74].map(|share| cast.camera_covering(VIEWS[0], share, size));
     let truths = cameras.each_ref().map(|camera| cast.image(camera));
     let mut shares = |oriented| {
@@ -84,7 +84,7 @@ fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference
     let mut object = object(cloud);
     object.material.cull = Cull::Back;
     let scene = Scene { ambient: [0.0; 3], objects: vec![object], ..Scene::default() };
-    let cast = Cast::new(mesh);
+    let cast = RayCaster::new(mesh);
     let mut reference = Reference::new(Default::default()).unwrap();
     let resident = reference.upload(&scene).unwrap();
     let settings = Settings::default().with_clip(policy);
@@ -191,7 +191,7 @@ fn shares_of_points(mesh: &Mesh, count: usize, noise: f64) -> [f64; 2] {
     let (plain, _) =
         splats_from_points(&sampled(mesh, count, noise, 5), &PointOptions::default(), &NoProgress).unwrap();
     let (sharp, report) = sharpen_points(&plain, 40.0, &NoProgress).unwrap();
-    let cast = Cast::new(mesh);
+    let cast = RayCaster::new(mesh);
     let camera = cast.camera_covering(VIEWS[0], 0.4, 400);
     let truth = cast.image(&camera);
     let mut reference = Reference::new(Default::default()).unwrap();

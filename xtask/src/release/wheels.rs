@@ -179,7 +179,7 @@ fn in_container(place: &Place, platform: &Platform, wheel: &Path) -> Result<(), 
 
 /// Makes the source distribution. Builds a wheel from it outside of the checkout, and tests the wheel.
 pub(super) fn source(place: &Place) -> Verdict {
-    let python = match python::environment(&place.root, &python::BUILT_BY) {
+    let python = match python::environment(&place.root, &python::BUILD_PACKAGES) {
         Ok(python) => python,
         Err(why) => return Verdict::Skipped(why),
     };

@@ -17,7 +17,7 @@ use surfel_sample::Progress;
 
 /// Fraction of the light that is ambient in panels coloured by values, so that colours can be compared with the colour
 /// bar. The rest depends on the surface's direction.
-const EVEN_LIGHT: f64 = 0.68;
+const AMBIENT_FRACTION: f64 = 0.68;
 /// Quantile of all distances at which the colour map of the error row ends. Its value is rounded up to a tick.
 const PERCENTILE: f64 = 0.98;
 /// Number of ticks of the error row's colour bar, to which the end of its range is rounded up.
@@ -151,7 +151,7 @@ pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f
 /// without a sky aren't changed.
 pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &View) {
     if let Some(sky) = &mut scene.sky {
-        sky.even = EVEN_LIGHT;
+        sky.even = AMBIENT_FRACTION;
         return;
     }
     if settings.shader == Shader::Unlit {
@@ -162,13 +162,13 @@ pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &V
     let along_view = || vec![Light::directional(view.forward().into())];
     let mut lights = scene.lights.take().filter(|lights| !lights.is_empty()).unwrap_or_else(along_view);
     let sum: f64 = lights.iter().map(|light| grey(light.color())).sum();
-    let scale = (1.0 - EVEN_LIGHT) / sum.max(f64::MIN_POSITIVE);
+    let scale = (1.0 - AMBIENT_FRACTION) / sum.max(f64::MIN_POSITIVE);
     for light in &mut lights {
         let level = grey(light.color()) * scale;
         light.set_color([level; 3]);
     }
     scene.lights = Some(lights);
-    scene.ambient = [EVEN_LIGHT; 3];
+    scene.ambient = [AMBIENT_FRACTION; 3];
     for object in &mut scene.objects {
         object.material = Material { ambient: 1.0, diffuse: 1.0, specular: 0.0, ..object.material };
     }

@@ -20,7 +20,7 @@ use surfel_model::{Camera, Projection};
 
 /// Shortest interval between two keys, as a fraction of the mean interval. Two keys at the same position get this
 /// interval, so that the camera hardly pauses there.
-const SHORTEST: f64 = 1e-3;
+const MIN_INTERVAL: f64 = 1e-3;
 
 /// A camera path through keys, prepared for sampling at any time.
 #[derive(Clone, Debug)]
@@ -275,7 +275,7 @@ fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     let mean = ways.iter().sum::<f64>() / ways.len().max(1) as f64;
     let mut times = vec![0.0];
     for way in ways {
-        let step = if mean > 0.0 { (way / mean).max(SHORTEST) } else { 1.0 };
+        let step = if mean > 0.0 { (way / mean).max(MIN_INTERVAL) } else { 1.0 };
         times.push(times.last().copied().unwrap_or_default() + step);
     }
     times

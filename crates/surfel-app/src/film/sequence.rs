@@ -31,7 +31,7 @@ use surfel_stage::auto_up;
 /// Largest number of files that are sampled to choose camera, light and colours for all frames.
 const SAMPLE: usize = 12;
 /// Largest number of splats of each sampled file that are kept in memory; larger files are thinned to it.
-const KEPT: usize = 100_000;
+const MAX_SPLATS_PER_FILE: usize = 100_000;
 /// Factor on the near distance of the camera that was framed on the sample, since surfaces of other files may be
 /// nearer.
 const NEAR: f64 = 0.1;
@@ -88,7 +88,7 @@ impl Sequence {
         survey.share_colors(&mut options, progress).into_iter().for_each(&mut *note);
         let Survey { loaded, spacings, weights, .. } = survey;
         let request = Request::new(Source::Geometry(sample.clone()), motion, &options)?;
-        let mut told = Told::new(&sample);
+        let mut told = UniqueNotes::new(&sample);
         let resolved = request.resolve(loaded, progress, &mut |text| told.once(text, note))?;
         options.splats.colorbar = bar;
         splats::write_color_bar(&options.splats, resolved.colorings.iter(), note)?;
@@ -274,10 +274,10 @@ fn are_alike(a: &str, b: &str) -> bool {
     words(a) == words(b)
 }
 
-/// Returns an object with at most [`KEPT`] splats, evenly selected. Other kinds of geometry are returned unchanged.
+/// Returns an object with at most [`MAX_SPLATS_PER_FILE`] splats, evenly selected. Other kinds of geometry are returned unchanged.
 fn thinned(object: Object) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object) };
-    let step = cloud.len().div_ceil(KEPT);
+    let step = cloud.len().div_ceil(MAX_SPLATS_PER_FILE);
     if step < 2 {
         return Ok(object);
     }
@@ -296,7 +296,8 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
     let mut object = ObjectFile { material: most_frequent(&materials).unwrap_or(first.material), ..first.clone() };
     splats::apply(&options.splats, &mut object.convert)?;
     spacings.sort_unstable_by(f64::total_cmp);
-    let radius = spacings.get(spacings.len() / 2).map(|spacing| PointRadius::World(points_as::OF_SPACING * spacing));
+    let radius =
+        spacings.get(spacings.len() / 2).map(|spacing| PointRadius::World(points_as::RADIUS_OF_SPACING * spacing));
     // The kind of splat is fixed for all frames, so that it isn't chosen for each file.
     object.convert.points_as = Some(match most_frequent(&kinds).flatten().unwrap_or(PointsAs::Surface) {
         PointsAs::Balls(None) => PointsAs::Balls(radius),
@@ -349,12 +350,12 @@ fn of_frame(options: &RenderOptions) -> RenderOptions {
 }
 
 /// Filter for notes about frames. It passes on each text once, ignoring the name of the file at its beginning.
-struct Told {
+struct UniqueNotes {
     names: Vec<String>,
     known: HashSet<String>,
 }
 
-impl Told {
+impl UniqueNotes {
     fn new(sample: &[PathBuf]) -> Self {
         let names = sample.iter().map(|path| format!("{}: ", display(path))).collect();
         Self { names, known: HashSet::new() }
@@ -390,7 +391,7 @@ mod tests {
 
     #[test]
     fn notes_are_told_once() {
-        let mut told = Told::new(&["a.ply".into(), "b.ply".into()]);
+        let mut told = UniqueNotes::new(&["a.ply".into(), "b.ply".into()]);
         let mut notes = Vec::new();
         for text in ["a.ply: no normals", "b.ply: no normals", "up is +z", "b.ply: other"] {
             told.once(text.to_owned(), &mut |note| notes.push(note));

@@ -1,7 +1,7 @@
 //! Builds the scene for files without a scene file: chooses up axis, view, camera, lights and settings.
 
 use super::{
-    Request, Resolved, absolute_paths, beside, cull, matcap, note_near, note_strays, of_gaussians, up_note,
+    Request, Resolved, absolute_paths, apply_gaussian_filter, beside, cull, matcap, note_near, note_strays, up_note,
     with_shadows,
 };
 use crate::camera::{self, Turntable};
@@ -30,7 +30,7 @@ impl Request {
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
-            settings = of_gaussians(over, options);
+            settings = apply_gaussian_filter(over, options);
             if options.composite.is_none() {
                 note(format!("{}: {}", about.path.shown(), about.text));
             }

@@ -264,7 +264,7 @@ fn passes(found: &Found<'_>) -> String {
         let work = pass.work.cloned().unwrap_or_default();
         let number = |value: f64| if value > 0.0 { format!("{:.2}", value * 1e-6) } else { "-".to_owned() };
         let (by, ms, over) = match &pass.bound {
-            Some(bound) => (bound.by.clone(), format!("{:.4}", bound.ms), format!("{:.1}", pass.times_over())),
+            Some(bound) => (bound.by.clone(), format!("{:.4}", bound.ms), format!("{:.1}", pass.ratio_to_bound())),
             None => ("-".to_owned(), "-".to_owned(), "-".to_owned()),
         };
         table.rows.push(vec![
@@ -304,7 +304,7 @@ fn passes(found: &Found<'_>) -> String {
                 pass.frame.row.size[0],
                 pass.frame.row.size[1],
                 pass.ms,
-                pass.times_over(),
+                pass.ratio_to_bound(),
                 bound.by
             );
         }

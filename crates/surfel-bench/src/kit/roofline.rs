@@ -24,7 +24,7 @@ pub(super) struct Bound {
 
 /// Pass of a frame, compared with its bound.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Judged<'a> {
+pub(super) struct PassComparison<'a> {
     pub frame: &'a Frame,
     pub name: &'a str,
     pub ms: f64,
@@ -33,9 +33,9 @@ pub(super) struct Judged<'a> {
     pub bound: Option<Bound>,
 }
 
-impl Judged<'_> {
+impl PassComparison<'_> {
     /// Returns the ratio of the measured time to the bound; 0 without a bound.
-    pub(super) fn times_over(&self) -> f64 {
+    pub(super) fn ratio_to_bound(&self) -> f64 {
         self.bound.as_ref().map_or(0.0, |bound| self.ms / bound.ms)
     }
 
@@ -56,10 +56,10 @@ impl<'a> Roofline<'a> {
     }
 
     /// Returns all passes of a frame, each compared with its bound.
-    pub(super) fn judge(&self, frame: &'a Frame) -> Vec<Judged<'a>> {
+    pub(super) fn judge(&self, frame: &'a Frame) -> Vec<PassComparison<'a>> {
         let passes = frame.row.stages_ms.iter().map(|(name, &ms)| {
             let work = frame.work.iter().find(|work| work.pass == *name);
-            Judged { frame, name, ms, work, bound: work.and_then(|work| self.bound(work)) }
+            PassComparison { frame, name, ms, work, bound: work.and_then(|work| self.bound(work)) }
         });
         passes.collect()
     }
@@ -84,11 +84,11 @@ impl<'a> Roofline<'a> {
 
 /// Returns the passes with the largest ratio of time to bound, each name once. Passes with a negligible fraction of
 /// their frame are ignored.
-pub(super) fn farthest<'a, 'b>(judged: &'b [Judged<'a>]) -> Vec<&'b Judged<'a>> {
-    let mut sorted: Vec<&Judged<'a>> =
+pub(super) fn farthest<'a, 'b>(judged: &'b [PassComparison<'a>]) -> Vec<&'b PassComparison<'a>> {
+    let mut sorted: Vec<&PassComparison<'a>> =
         judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= LEAST_SHARE).collect();
-    sorted.sort_by(|a, b| b.times_over().total_cmp(&a.times_over()));
-    let mut named: Vec<&Judged<'a>> = Vec::new();
+    sorted.sort_by(|a, b| b.ratio_to_bound().total_cmp(&a.ratio_to_bound()));
+    let mut named: Vec<&PassComparison<'a>> = Vec::new();
     for pass in sorted {
         if named.len() < NAMED && !named.iter().any(|other| other.name == pass.name) {
             named.push(pass);

@@ -15,7 +15,7 @@ use surfel_sample::{OctreeOptions, octree_from_mesh};
 use super::figures::Figures;
 use super::measure::{self, Backends};
 use super::subjects;
-use super::subjects::{Approximates, Subject};
+use super::subjects::{IdealImage, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
@@ -140,9 +140,9 @@ fn subject((name, about): (&'static str, &'static str), geometry: Geometry, came
         scene: Scene { objects: vec![object], lights, ..Scene::default() },
         camera: camera.clone(),
         settings: Settings::default().with_shader(Shader::Phong),
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     }
 }

@@ -8,7 +8,7 @@ use surfel_model::{Scene, Settings, SplatCloud};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
-use super::subjects::{self, Approximates, Subject};
+use super::subjects::{self, IdealImage, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
@@ -51,10 +51,10 @@ fn subject(scene: &Scene, settings: Settings, size: u32, samples: u32) -> Subjec
         scene: scene.clone(),
         camera: subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size),
         settings,
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     }
 }
 

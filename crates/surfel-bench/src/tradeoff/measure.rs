@@ -11,7 +11,7 @@ use surfel_model::{Cull, Geometry, Object, Shader};
 use surfel_render::{Frame, Planes, Preset, Renderer, Stats, View};
 
 use super::figures::{Error, Figures, Row, SubjectFacts};
-use super::subjects::{Approximates, Subject};
+use super::subjects::{IdealImage, Subject};
 use super::truth::Truth;
 use super::variants::{self, Only, Variant};
 use crate::Failure;
@@ -56,7 +56,7 @@ struct Ready {
 
 /// Draws a single geometry with back-face culling and without light. Returns the image and the median time of `runs`
 /// frames, in milliseconds.
-pub(super) fn draw_alone(
+pub(super) fn draw_single(
     backends: &mut Backends,
     geometry: &Geometry,
     camera: &Camera,
@@ -232,7 +232,7 @@ fn image(
 fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view: &View) -> Result<Truth, Failure> {
     let mut frame = Frame::default();
     match &subject.truth {
-        Approximates::Surface(truth) => {
+        IdealImage::Surface(truth) => {
             return Ok(Truth {
                 color: truth.color.clone(),
                 depth: truth.depth.clone(),
@@ -240,10 +240,10 @@ fn truth(subject: &Subject, reference: &mut Backend, exact: &BackendScene, view:
                 mask: truth.mask.clone(),
             });
         }
-        Approximates::Samples(n) => {
+        IdealImage::Samples(n) => {
             reference.render_sampled(exact, view, &subject.settings, Planes::ALL, Some(*n), &mut frame)?;
         }
-        Approximates::Drawn(settings) => {
+        IdealImage::Drawn(settings) => {
             reference.render_into(exact, view, settings, Planes::ALL, &mut frame)?;
         }
     }

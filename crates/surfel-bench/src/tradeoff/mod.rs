@@ -219,7 +219,7 @@ fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figu
     eprintln!("{} ({})", facts.name, facts.adapter);
     let pace = measure::Pace { runs: OTHERS_RUNS, quick: arguments.quick };
     let mut figures = Figures::new(Machine::this(), facts, [OTHERS_SIZE; 2], OTHERS_RUNS);
-    for subject in wanted(arguments, OTHERS_SIZE, true)?.wanted.iter().filter(|s| s.is_made) {
+    for subject in wanted(arguments, OTHERS_SIZE, true)?.wanted.iter().filter(|s| s.is_generated) {
         eprintln!("  {}", subject.name);
         measure::subject(subject, backends, pace, &mut figures)?;
     }

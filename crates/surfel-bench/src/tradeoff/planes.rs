@@ -12,7 +12,7 @@ use surfel_render::{Frame, Planes, Renderer, View};
 use super::costs;
 use super::features::{Case, gaussians};
 use super::measure::{Backends, angle_deg, median, relative_depth};
-use super::subjects::{self, Approximates};
+use super::subjects::{self, IdealImage};
 use super::truth::Truth;
 use crate::Failure;
 
@@ -92,7 +92,7 @@ fn all() -> Vec<Plane> {
             largest(mask, |i| relative(a.weight()[i], b.weight()[i]))
         }),
         Plane {
-            truth: Some(off_the_sphere),
+            truth: Some(sphere_distance),
             ..plane("position", color.with_position(true), 24, "of the radius", |a, b, mask| {
                 let apart = |i: usize| (vector(a.position()[i]) - vector(b.position()[i])).length();
                 largest(mask, |i| Some(apart(i)).filter(|d| d.is_finite()).unwrap_or(0.0))
@@ -120,7 +120,7 @@ fn all() -> Vec<Plane> {
 }
 
 /// Returns the RMS distance of positions from the unit sphere, in the pixels where the sphere is visible.
-fn off_the_sphere(frame: &Frame, truth: &Truth) -> Option<f64> {
+fn sphere_distance(frame: &Frame, truth: &Truth) -> Option<f64> {
     let there = frame.position().iter().zip(&truth.depth).filter(|(p, z)| z.is_finite() && p[0].is_finite());
     let (sum, n) = there.fold((0.0, 0.0), |(s, n), (p, _)| (s + (vector(*p).length() - 1.0).powi(2), n + 1.0));
     (n > 0.0).then(|| (sum / n).sqrt())
@@ -136,7 +136,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
             object.geometry = Geometry::Splats(Arc::new(SplatCloud::new(data, OnInvalid::Refuse)?.0));
         }
     }
-    let Approximates::Surface(truth) = &ball.truth else { return Err("the ball has no closed form".into()) };
+    let IdealImage::Surface(truth) = &ball.truth else { return Err("the ball has no closed form".into()) };
     let view = View::new(&ball.camera)?;
     let gaussians = gaussians()?;
     let settings = Settings::default();

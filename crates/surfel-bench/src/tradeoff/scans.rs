@@ -9,7 +9,7 @@ use surfel_model::{Column3, Geometry, PointCloud, Shader};
 use surfel_sample::NoProgress;
 use surfel_sample::{PointOptions, outliers, splats_from_points};
 
-use super::measure::{Backends, draw_alone};
+use super::measure::{Backends, draw_single};
 use super::{subjects, textures};
 use crate::{Failure, clouds};
 
@@ -56,7 +56,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     let shaders = [Shader::Unlit, Shader::Normal];
     let mut truths = Vec::new();
     for shader in shaders {
-        truths.push(draw_alone(backends, &mesh, &camera, shader, 0)?.0);
+        truths.push(draw_single(backends, &mesh, &camera, shader, 0)?.0);
     }
     let points = scan()?;
     for Row { option, share, radius_scale, drops } in ROWS {
@@ -67,7 +67,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
         let mut errors = Vec::new();
         let (mut frame_ms, mut holes) = (0.0, 0);
         for (shader, truth) in shaders.into_iter().zip(&truths) {
-            let (image, ms) = draw_alone(backends, &geometry, &camera, shader, runs)?;
+            let (image, ms) = draw_single(backends, &geometry, &camera, shader, runs)?;
             errors.push(textures::errors(&image, truth, size)?[0]);
             if shader == Shader::Unlit {
                 frame_ms = ms;

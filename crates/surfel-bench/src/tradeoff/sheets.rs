@@ -11,8 +11,8 @@ use surfel_sample::{MeshMethod, MeshOptions, splats_from_mesh};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
-use super::subjects::{self, Approximates, Subject};
-use super::truth::{self, Met};
+use super::subjects::{self, IdealImage, Subject};
+use super::truth::{self, SurfaceHit};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
@@ -52,13 +52,13 @@ pub(crate) fn all(
     let truth = truth::cast(&camera, &seen, false)?;
     let about =
         "a roof, 0.03 thick, over walls that end at its underside, seen from 25°: what grazing disks let through";
-    measure_sides(("thin roof", about), house, &camera, Approximates::Surface(truth), backends, runs, figures)?;
+    measure_sides(("thin roof", about), house, &camera, IdealImage::Surface(truth), backends, runs, figures)?;
     let camera = subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
     let mut ball = clouds::ball(if quick { 60_000 } else { 154_000 })?;
     ball.set_oriented(true);
     let about =
         "a bumpy closed surface with its back, which nothing shows: what the rule costs where there is no sheet";
-    let samples = Approximates::Samples(if quick { 4 } else { 8 });
+    let samples = IdealImage::Samples(if quick { 4 } else { 8 });
     measure_sides(("ball with back", about), ball, &camera, samples, backends, runs, figures)
 }
 
@@ -68,7 +68,7 @@ fn measure_sides(
     (name, about): (&'static str, &'static str),
     cloud: SplatCloud,
     camera: &Camera,
-    truth: Approximates,
+    truth: IdealImage,
     backends: &mut Backends,
     runs: usize,
     figures: &mut Figures,
@@ -90,10 +90,10 @@ fn measure_sides(
         truth,
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     };
     let level = |knob, value: &str, oriented, cull| {
-        (Variant::of_scene(knob, value.to_owned()), subject(oriented, cull, Approximates::Samples(1)))
+        (Variant::of_scene(knob, value.to_owned()), subject(oriented, cull, IdealImage::Samples(1)))
     };
     let levels = [
         level(DEFAULT, DEFAULT, true, Cull::None),
@@ -125,7 +125,7 @@ fn house() -> Mesh {
 }
 
 /// Returns the nearest intersection of a ray with the boxes; `None` if there is none.
-fn seen(eye: DVec3, ray: DVec3) -> Option<Met> {
+fn seen(eye: DVec3, ray: DVec3) -> Option<SurfaceHit> {
     let met = |(middle, half, color): &(DVec3, DVec3, [f64; 3])| {
         let (a, b) = ((*middle - *half - eye) / ray, (*middle + *half - eye) / ray);
         let (enter, leave) = (a.min(b), a.max(b).min_element());
@@ -133,7 +133,7 @@ fn seen(eye: DVec3, ray: DVec3) -> Option<Met> {
         let axis = enter.max_position();
         let mut normal = DVec3::ZERO;
         normal[axis] = -ray[axis].signum();
-        (first > 0.0 && first < leave).then(|| (first, Met { albedo: *color, point: eye + ray * first, normal }))
+        (first > 0.0 && first < leave).then(|| (first, SurfaceHit { albedo: *color, point: eye + ray * first, normal }))
     };
     BOXES.iter().filter_map(met).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, met)| met)
 }

@@ -24,17 +24,17 @@ pub(crate) struct Subject {
     pub camera: Camera,
     pub settings: Settings,
     /// Ideal image, against which model errors are measured.
-    pub truth: Approximates,
+    pub truth: IdealImage,
     /// True if splats have clips, so that variants for clips are measured.
     pub clips: bool,
     /// True if splats are transparent, so that variants for transparency are measured.
     pub transparent: bool,
     /// True if the subject is generated; false if it is read from a file.
-    pub is_made: bool,
+    pub is_generated: bool,
 }
 
 /// Ideal image that a subject's image approximates.
-pub(crate) enum Approximates {
+pub(crate) enum IdealImage {
     /// Surface in closed form, box-filtered over pixels.
     Surface(Truth),
     /// Supersampled image of the subject's splats without a filter. The number is that of samples along a pixel's side.
@@ -43,7 +43,7 @@ pub(crate) enum Approximates {
     Drawn(Settings),
 }
 
-impl Approximates {
+impl IdealImage {
     /// Returns a description of the ideal image.
     pub(crate) fn words(&self) -> String {
         match self {
@@ -175,10 +175,10 @@ fn horizon(size: u32) -> Result<Subject, Failure> {
         scene: scene(sheet(center, axes, 200, pattern)?),
         camera,
         settings: Settings::default(),
-        truth: Approximates::Surface(truth),
+        truth: IdealImage::Surface(truth),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -195,10 +195,10 @@ fn zone_plate(size: u32) -> Result<Subject, Failure> {
         scene: scene(sheet(center, axes, 300, pattern)?),
         camera,
         settings: Settings::default(),
-        truth: Approximates::Surface(truth),
+        truth: IdealImage::Surface(truth),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -225,10 +225,10 @@ pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
         scene,
         camera,
         settings: Settings::default(),
-        truth: Approximates::Surface(truth),
+        truth: IdealImage::Surface(truth),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -266,10 +266,10 @@ fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
         },
         camera: camera([0.0, 0.0, 3.2], [0.0; 3], 40.0, size),
         settings: Settings::default(),
-        truth: Approximates::Samples(2 * samples),
+        truth: IdealImage::Samples(2 * samples),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -285,10 +285,10 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
         scene,
         camera,
         settings: Settings::default().with_shader(Shader::Phong),
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: false,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -315,10 +315,10 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
         scene: scene(cloud),
         camera: camera([1.9, 1.7, 2.6], [0.0; 3], 38.0, size),
         settings: Settings::default().with_shader(Shader::Normal),
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: true,
         transparent: false,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -351,11 +351,11 @@ fn glass(size: u32) -> Result<Subject, Failure> {
         about: "27 transparent spheres, up to a dozen layers (G06, figure 6)",
         scene,
         camera: camera([2.0, 1.4, 4.5], [0.0; 3], 40.0, size),
-        truth: Approximates::Drawn(settings.with_transparency(Transparency::ABuffer { layers: 64 })),
+        truth: IdealImage::Drawn(settings.with_transparency(Transparency::ABuffer { layers: 64 })),
         settings,
         clips: false,
         transparent: true,
-        is_made: true,
+        is_generated: true,
     })
 }
 
@@ -377,10 +377,10 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
         scene,
         camera: Camera { size: [size; 2], ..opened.file.camera },
         settings: Settings::default().with_shader(Shader::Phong),
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: false,
         transparent: false,
-        is_made: false,
+        is_generated: false,
     })
 }
 
@@ -398,9 +398,9 @@ fn sharp_model(path: &Path, size: u32, samples: u32) -> Result<Subject, Failure>
         scene: scene(cloud),
         camera: Camera { size: [size; 2], ..opened.file.camera },
         settings: Settings::default().with_shader(Shader::Normal),
-        truth: Approximates::Samples(samples),
+        truth: IdealImage::Samples(samples),
         clips: true,
         transparent: false,
-        is_made: false,
+        is_generated: false,
     })
 }

@@ -11,7 +11,7 @@ use surfel_model::{Geometry, Mesh, Shader, TextureSampling};
 use surfel_sample::NoProgress;
 use surfel_sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
 
-use super::measure::{Backends, draw_alone};
+use super::measure::{Backends, draw_single};
 use super::subjects;
 use crate::{Failure, clouds};
 
@@ -69,8 +69,8 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
             let all = start.elapsed();
             let geometry = Geometry::from(cloud);
             let [rmse, flip] =
-                errors(&draw_alone(backends, &geometry, &close, Shader::Unlit, 0)?.0, &close_truth, size)?;
-            let [far, _] = errors(&draw_alone(backends, &geometry, &whole, Shader::Unlit, 0)?.0, &whole_truth, size)?;
+                errors(&draw_single(backends, &geometry, &close, Shader::Unlit, 0)?.0, &close_truth, size)?;
+            let [far, _] = errors(&draw_single(backends, &geometry, &whole, Shader::Unlit, 0)?.0, &whole_truth, size)?;
             table.rows.push(vec![
                 name.to_owned(),
                 sampling.name().to_owned(),
@@ -89,7 +89,7 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
 fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
     let [width, height] = camera.size;
     let fine = Camera { size: [width * SAMPLES, height * SAMPLES], ..camera.clone() };
-    let fine = draw_alone(backends, &Geometry::Mesh(Arc::new(mesh.clone())), &fine, Shader::Unlit, 0)?.0;
+    let fine = draw_single(backends, &Geometry::Mesh(Arc::new(mesh.clone())), &fine, Shader::Unlit, 0)?.0;
     let pixel = |i: u32| {
         let mut sum = [0.0; 4];
         for k in 0..SAMPLES * SAMPLES {

@@ -38,14 +38,14 @@ impl Truth {
 
 /// Intersection of a ray with a surface.
 #[derive(Clone, Copy)]
-pub(crate) struct Met {
+pub(crate) struct SurfaceHit {
     pub albedo: [f64; 3],
     pub point: DVec3,
     pub normal: DVec3,
 }
 
 /// Surface as a function from the origin and direction of a ray to the nearest intersection.
-pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<Met> + Sync;
+pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<SurfaceHit> + Sync;
 
 /// Renders the ideal image of a surface: box-filtered over pixels, on transparent black. With `whole`, partly covered
 /// pixels are excluded from the mask.
@@ -93,7 +93,7 @@ pub(crate) fn plane(
     center: DVec3,
     [across, away]: [DVec3; 2],
     pattern: impl Fn(f64, f64) -> [f64; 3] + Sync,
-) -> impl Fn(DVec3, DVec3) -> Option<Met> + Sync {
+) -> impl Fn(DVec3, DVec3) -> Option<SurfaceHit> + Sync {
     let normal = across.cross(away).normalize();
     move |eye, ray| {
         let t = normal.dot(center - eye) / normal.dot(ray);
@@ -102,18 +102,18 @@ pub(crate) fn plane(
         let (a, b) = (q.dot(across) / across.length_squared(), q.dot(away) / away.length_squared());
         let hit = t > 0.0 && a.abs() <= 1.0 && b.abs() <= 1.0;
         let facing = if normal.dot(ray) > 0.0 { -normal } else { normal };
-        hit.then(|| Met { albedo: pattern(a, b), point, normal: facing })
+        hit.then(|| SurfaceHit { albedo: pattern(a, b), point, normal: facing })
     }
 }
 
 /// Returns the unit sphere about the origin as a surface. `pattern` returns the albedo for a normal.
-pub(crate) fn sphere(pattern: impl Fn(DVec3) -> [f64; 3] + Sync) -> impl Fn(DVec3, DVec3) -> Option<Met> + Sync {
+pub(crate) fn sphere(pattern: impl Fn(DVec3) -> [f64; 3] + Sync) -> impl Fn(DVec3, DVec3) -> Option<SurfaceHit> + Sync {
     move |eye, ray| {
         let d = ray.normalize();
         let b = eye.dot(d);
         let discriminant = b * b - (eye.length_squared() - 1.0);
         let t = -b - discriminant.max(0.0).sqrt();
         let point = eye + d * t;
-        (discriminant >= 0.0 && t > 0.0).then(|| Met { albedo: pattern(point), point, normal: point })
+        (discriminant >= 0.0 && t > 0.0).then(|| SurfaceHit { albedo: pattern(point), point, normal: point })
     }
 }

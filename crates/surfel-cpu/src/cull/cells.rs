@@ -9,7 +9,7 @@ use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
 use crate::cull::object::{ObjectView, inside};
 use crate::scene::mesh::StoredMesh;
 use crate::tiles::grid::Grid;
-use surfel_render::{ChosenParts, Region, View};
+use surfel_render::{Region, SelectedParts, View};
 
 /// A cell of a view: a rectangle of whole tiles, clipped to the frame's region, that one thread sets up and draws
 /// alone.
@@ -43,11 +43,11 @@ const TILES_OF_GBUFFER: usize = 128;
 const LAYERS: f64 = 10.0;
 
 /// Smallest fraction of a cell's splats that must be behind the first layers for occlusion culling to pay.
-const WORTHWHILE: f64 = 0.3;
+const MIN_HIDDEN_FRACTION: f64 = 0.3;
 
 /// Smallest number of splats in a cell for which occlusion is tested, as a fraction of the largest number in a cell.
 /// Drawing fewer splats takes no longer than finding what they occlude.
-const ENOUGH: f64 = 0.5;
+const MIN_LOAD_FRACTION: f64 = 0.5;
 
 /// One element of a view's content that is assigned to cells.
 #[derive(Clone, Copy)]
@@ -110,7 +110,7 @@ pub(crate) struct CellLimits {
 #[derive(Clone, Copy)]
 pub(crate) struct OtherParts<'a> {
     pub meshes: &'a [StoredMesh],
-    pub octrees: &'a [ChosenParts],
+    pub octrees: &'a [SelectedParts],
     pub balls: &'a [BallView<'a>],
 }
 
@@ -236,7 +236,7 @@ fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     let splats = |chunk: &PartInView| chunk.splats * chunk.share(pixels);
     let behind: f64 = chunks[first..].iter().filter(|chunk| chunk.depths[0] > farthest).map(splats).sum();
     let total: f64 = chunks.iter().map(splats).sum();
-    if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { chunks.len() }
+    if total > MIN_LOAD_FRACTION * most && behind > MIN_HIDDEN_FRACTION * total { first } else { chunks.len() }
 }
 
 /// Returns the bounds of the pixels of a rectangle of tiles, clipped to the grid's region: minimum x and y, maximum x

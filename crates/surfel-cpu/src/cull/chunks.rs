@@ -6,7 +6,7 @@ use crate::scene::mesh::{Part, StoredMesh};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
-use surfel_render::{ChosenParts, View};
+use surfel_render::{SelectedParts, View};
 
 /// A chunk of splats that may be visible.
 #[derive(Clone, Copy)]
@@ -84,7 +84,7 @@ pub(crate) struct MeshPart {
 /// Bounds are minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
 pub(crate) fn mesh_parts<'a>(
     meshes: &'a [StoredMesh],
-    octrees: &'a [ChosenParts],
+    octrees: &'a [SelectedParts],
     view: &'a View,
 ) -> impl Iterator<Item = (MeshPart, [f64; 4])> + 'a {
     meshes.iter().enumerate().flat_map(move |(index, mesh)| {
@@ -92,7 +92,7 @@ pub(crate) fn mesh_parts<'a>(
         // The Frobenius norm bounds the largest singular value; the slack is far above rounding.
         let stretch = linear.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt() * (1.0 + 1e-9);
         let projection = &view.projection;
-        let selection = mesh.octree.and_then(|index| ChosenParts::of(octrees, index));
+        let selection = mesh.octree.and_then(|index| SelectedParts::of(octrees, index));
         mesh.parts.iter().enumerate().filter_map(move |(part, Part { bounds, .. })| {
             let first = mesh.part(part as u32).first()?;
             if selection.is_some_and(|selection| !selection.has_triangle(*first)) {

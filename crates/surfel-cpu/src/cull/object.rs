@@ -131,7 +131,7 @@ impl<'a> ObjectView<'a> {
     /// Returns the bounds of the pixels that a chunk may touch: minimum x and y, maximum x and y. The bounds are
     /// infinite if the chunk surrounds the eye. `center` is the view position of the chunk's origin.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
-        let half = self.half(chunk) * self.leaving();
+        let half = self.half(chunk) * self.extent_ratio();
         pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
     }
 
@@ -152,7 +152,7 @@ impl<'a> ObjectView<'a> {
 
     /// Returns the largest ratio of a drawn footprint's extent to its splat's own extent, both measured from the
     /// splat's centre.
-    fn leaving(&self) -> f64 {
+    fn extent_ratio(&self) -> f64 {
         // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
         // 3/2 on its far side). Three times the bounding sphere is ample.
         let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
@@ -173,7 +173,7 @@ impl<'a> ObjectView<'a> {
             slopes,
             lengths: slopes.map(|pair| pair.map(|slope| if perspective { slope.hypot(1.0) } else { 1.0 })),
             perspective,
-            reach: self.stretch * self.leaving(),
+            reach: self.stretch * self.extent_ratio(),
         }
     }
 

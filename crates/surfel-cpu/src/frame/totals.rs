@@ -120,7 +120,7 @@ impl Totals {
             ("clips", self.clips as f64),
             ("tile_pairs", self.tile_pairs as f64),
             ("block_pairs", self.counters.block_pairs as f64),
-            ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.spared) as f64),
+            ("fragments_tested", (16 * self.counters.block_pairs).saturating_sub(self.counters.skipped_pixels) as f64),
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.cell_bytes as f64),
             ("shadow_bytes", self.shadow_bytes as f64),

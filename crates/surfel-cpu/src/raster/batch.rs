@@ -39,7 +39,7 @@ pub(crate) trait Visit<S: Simd> {
 }
 
 /// Number of batches drawn between calls of [`Visit::farthest`], whose depth lets splats behind it be skipped.
-const ASKED: usize = 4;
+const BATCHES_PER_THRESHOLD_READ: usize = 4;
 
 /// Computes the fragments of a block's splats, in batches, and passes them to `visit`. Skips splats behind `farthest`,
 /// or behind the depth that `visit` returns later. Returns the number of splats computed.
@@ -77,7 +77,7 @@ pub(crate) fn for_each_batch<S: Simd>(
                 }
             }
         }
-        if number % ASKED == ASKED - 1
+        if number % BATCHES_PER_THRESHOLD_READ == BATCHES_PER_THRESHOLD_READ - 1
             && number + 1 < all.len()
             && let Some(depth) = visit.farthest()
         {

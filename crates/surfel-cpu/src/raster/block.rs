@@ -36,7 +36,7 @@ impl Default for BlockScratch {
 }
 
 /// State of the first loop over a block's splats, which finds the depth thresholds min(z + ε).
-struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
+struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const STORES: bool> {
     threshold: Lanes<S>,
     threshold_epsilon: Lanes<S>,
     /// Thresholds of the front- and the back-facing side, used in place of `threshold` if sides are kept apart.
@@ -49,12 +49,12 @@ struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, con
     scratch: &'b mut BlockScratch,
 }
 
-impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> Visit<S>
-    for FirstLoop<'_, '_, S, L, EPSILON, COUNT, REMEMBER>
+impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const STORES: bool> Visit<S>
+    for FirstLoop<'_, '_, S, L, EPSILON, COUNT, STORES>
 {
     #[inline(always)]
     fn begin(&mut self, number: usize) {
-        if REMEMBER && let Some(batch) = self.scratch.batches.get_mut(self.count) {
+        if STORES && let Some(batch) = self.scratch.batches.get_mut(self.count) {
             *batch = number as u32;
             self.count += 1;
         }
@@ -83,7 +83,7 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
             }
             self.threshold = self.threshold.min(value);
         }
-        if REMEMBER {
+        if STORES {
             // The index is always in range; a branch here would evict masks from their registers.
             let batch = &mut self.scratch.fragments[self.count.wrapping_sub(1) % (REMEMBERED / BATCH)];
             let [z, weight] = &mut batch[j % BATCH];
@@ -134,7 +134,7 @@ pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
 ///
 /// Not inlined: all callers of [`draw`] share the code.
 #[inline(never)]
-fn both_loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
+fn both_loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const STORES: bool>(
     simd: S,
     list: BlockList<'_, '_, Record>,
     first_px: (i32, i32),
@@ -145,12 +145,12 @@ fn both_loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: b
 ) {
     simd.vectorize(
         #[inline(always)]
-        || loops::<S, L, EPSILON, COUNT, REMEMBER>(simd, list, first_px, inputs, filter, scratch, sums),
+        || loops::<S, L, EPSILON, COUNT, STORES>(simd, list, first_px, inputs, filter, scratch, sums),
     );
 }
 
 #[inline(always)]
-fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
+fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const STORES: bool>(
     simd: S,
     list: BlockList<'_, '_, Record>,
     first_px: (i32, i32),
@@ -161,7 +161,7 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
 ) {
     let pixels = Pixels::new(simd, first_px);
     let (threshold, threshold_epsilon) = (Lanes::splat(simd, f32::INFINITY), Lanes::splat(simd, 0.0));
-    let mut first = FirstLoop::<_, _, EPSILON, COUNT, REMEMBER> {
+    let mut first = FirstLoop::<_, _, EPSILON, COUNT, STORES> {
         threshold,
         threshold_epsilon,
         sides: Sides::new(simd),
@@ -188,7 +188,7 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
     if L::TRACKS {
         filter.track(simd, list, &pixels, inputs, sums.threshold);
     }
-    if REMEMBER {
+    if STORES {
         let remembered = Remembered { list, scratch, count };
         let a = &inputs.frame.wanted.attributes;
         // Each copy of the loop has its sums fixed at compile time, so that they stay in registers.

@@ -16,7 +16,7 @@ const FAR: f32 = f32::INFINITY;
 /// The first four are added to a fragment's depth, and are 0, or +∞ to exclude the fragment. They apply to the front's
 /// threshold, the back's threshold, the front's nearest depth and the back's nearest depth. The fifth is the fraction
 /// of ε by which the fragment counts as farther when the sides are compared.
-const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
+const FACING_OFFSETS: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
 /// Fraction of ε by which back-facing fragments count as farther when the sides are compared.
 const LAG: f32 = BACK_FACING_LAG as f32;
 
@@ -55,7 +55,7 @@ impl<S: Simd> Side<S> {
 
 /// The side that each pixel of a block shows, and its depth threshold.
 #[derive(Clone, Copy)]
-pub(crate) struct Shown<S: Simd> {
+pub(crate) struct VisibleSide<S: Simd> {
     pub threshold: Lanes<S>,
     /// z + ε of the fragment that sets the threshold; larger than the threshold if the surface's other side limits it.
     pub writer_depth: Lanes<S>,
@@ -79,7 +79,7 @@ impl<S: Simd> Sides<S> {
     #[inline(always)]
     pub(crate) fn add<const EPSILON: bool>(&mut self, simd: S, record: &Record, z: Lanes<S>) {
         let k = |v: f32| Lanes::splat(simd, v);
-        let [front, back, nearest_front, nearest_back, lag] = OUT_OF[record.facing() as usize];
+        let [front, back, nearest_front, nearest_back, lag] = FACING_OFFSETS[record.facing() as usize];
         let (epsilon, value) = (k(record.epsilon()), z + k(record.epsilon()));
         let nearest = z + k(lag * record.epsilon());
         self.front.lower::<EPSILON>(value + k(front), epsilon, nearest + k(nearest_front));
@@ -103,7 +103,7 @@ impl<S: Simd> Sides<S> {
     }
 
     #[inline(always)]
-    pub(crate) fn shown(&self) -> Shown<S> {
+    pub(crate) fn shown(&self) -> VisibleSide<S> {
         let Self { front, back } = *self;
         let shows_back = back.nearest.lt(front.nearest);
         let choose = |if_back, if_front| Lanes::select(shows_back, if_back, if_front);
@@ -117,7 +117,7 @@ impl<S: Simd> Sides<S> {
         let other_epsilon = choose(front.nearest_epsilon, back.nearest_epsilon);
         let other_depth = choose(front.nearest, back.nearest)
             + other_epsilon * choose(far.constant(1.0), far.constant(1.0 - BACK_FACING_LAG));
-        Shown {
+        VisibleSide {
             threshold: limit.min(threshold),
             writer_depth: Lanes::select(is_limited, other_depth, threshold),
             epsilon: Lanes::select(is_limited, other_epsilon, epsilon),
@@ -129,7 +129,7 @@ impl<S: Simd> Sides<S> {
 /// A fragment filter that rejects fragments of the side that a pixel doesn't show, and then applies another filter.
 pub(crate) struct ByFacing<S: Simd, L> {
     other: L,
-    shown: Shown<S>,
+    shown: VisibleSide<S>,
 }
 
 impl<S: Simd, L> ByFacing<S, L> {
@@ -158,7 +158,7 @@ impl<S: Simd, L: FragmentFilter<S>> FragmentFilter<S> for ByFacing<S, L> {
     }
 
     #[inline(always)]
-    fn show(&mut self, shown: &Shown<S>) {
+    fn show(&mut self, shown: &VisibleSide<S>) {
         self.shown = *shown;
     }
 

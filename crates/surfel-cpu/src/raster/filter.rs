@@ -1,7 +1,7 @@
 //! Fragment filters, which decide which fragments of a block exist and which of them add their attributes.
 
 use crate::raster::batch::Pixels;
-use crate::raster::facing::Shown;
+use crate::raster::facing::VisibleSide;
 use crate::raster::inputs::RasterInputs;
 use crate::setup::record::Record;
 use crate::simd::lanes::Lanes;
@@ -50,7 +50,7 @@ pub(crate) trait FragmentFilter<S: Simd> {
 
     /// Receives the side, front or back, of oriented surfaces that each pixel of the block shows.
     #[inline(always)]
-    fn show(&mut self, _shown: &Shown<S>) {}
+    fn show(&mut self, _shown: &VisibleSide<S>) {}
 
     /// Returns a mask of those fragments of `mask` that add their attributes.
     #[inline(always)]

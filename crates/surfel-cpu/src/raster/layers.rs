@@ -137,13 +137,13 @@ impl<S: Simd> TransparentBlock<'_, S> {
                         _ => cheap_batch::<S, true>(simd, records, [at; BATCH], self.inputs),
                     };
                     for (j, f) in fragments.into_iter().enumerate() {
-                        self.remember(remembered, &mut count, BATCH * number + j, f, &mut gathered);
+                        self.store_fragments(remembered, &mut count, BATCH * number + j, f, &mut gathered);
                     }
                 }
                 _ => {
                     for (j, item) in items.iter().enumerate() {
                         let f = fragment(simd, item.record, at, self.at, self.inputs);
-                        self.remember(remembered, &mut count, BATCH * number + j, f, &mut gathered);
+                        self.store_fragments(remembered, &mut count, BATCH * number + j, f, &mut gathered);
                     }
                 }
             }
@@ -157,7 +157,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
     /// Stores the fragments of splat `i` of the block's list in the next free entry, and counts the entry if it has any
     /// fragments.
     #[inline(always)]
-    fn remember(
+    fn store_fragments(
         &self,
         remembered: &mut [Remembered],
         count: &mut usize,

@@ -2,7 +2,7 @@
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::block::{self, BlockScratch};
-use crate::raster::facing::{ByFacing, Shown};
+use crate::raster::facing::{ByFacing, VisibleSide};
 use crate::raster::filter::{FragmentFilter, MeshBlend};
 use crate::raster::inputs::RasterInputs;
 use crate::raster::sums::{Sums, number_of};
@@ -99,7 +99,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
     }
 
     #[inline(always)]
-    fn show(&mut self, shown: &Shown<S>) {
+    fn show(&mut self, shown: &VisibleSide<S>) {
         self.other.show(shown);
     }
 

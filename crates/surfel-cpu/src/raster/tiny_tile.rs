@@ -18,17 +18,17 @@ use crate::simd::lanes::{LANES, Lanes};
 use crate::tiles::bins::Kind;
 use crate::tiles::driver::Counters;
 use crate::tiles::grid::{BLOCK, Rect, TILE_BLOCKS};
-use crate::tiles::pool::emptied;
+use crate::tiles::pool::recycle_vec;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4};
 use surfel_math::Real;
 use surfel_render::Attributes;
 
 /// Largest distance, in pixels, by which a tiny splat that touches a tile may extend beyond it.
-const BEYOND: usize = 2;
+const TILE_MARGIN_PX: usize = 2;
 
-/// Number of pixels in a row of a tile's buffers: the tile's own, and a margin of [`BEYOND`] pixels on either side.
-const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
+/// Number of pixels in a row of a tile's buffers: the tile's own, and a margin of [`TILE_MARGIN_PX`] pixels on either side.
+const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * TILE_MARGIN_PX;
 
 /// Number of pixels in a tile's buffers: all rows, and four more, because fragments are read and written four at a
 /// time.
@@ -62,7 +62,7 @@ impl TinyScratch<'_> {
     /// Empties the buffers and returns their memory for splats of another lifetime.
     pub(crate) fn for_others<'b>(self) -> TinyScratch<'b> {
         let Self { thresholds, sums, counts, pairs, remembered } = self;
-        TinyScratch { thresholds, sums, counts, pairs: emptied(pairs), remembered }
+        TinyScratch { thresholds, sums, counts, pairs: recycle_vec(pairs), remembered }
     }
 }
 
@@ -95,8 +95,8 @@ impl<'a> TinyTile<'a, '_> {
     ) -> u64 {
         let tile = Tile { origin: self.listing.grid.block_px(self.number, 0), rect: self.rect };
         scratch.clear::<N>(tile, self.counts);
-        let touched = scratch.look_at_tiny(simd, self.listing, self.number, tile, counters);
-        scratch.look_at_pairs(simd, tile, self.inputs, counters);
+        let touched = scratch.lower_thresholds_by_tiny(simd, self.listing, self.number, tile, counters);
+        scratch.lower_thresholds_by_pairs(simd, tile, self.inputs, counters);
         scratch.add::<S, N>(simd, self, tile, counters);
         touched
     }
@@ -125,7 +125,7 @@ impl Tile {
     /// Returns the index of a pixel in the tile's buffers.
     #[inline(always)]
     fn index(&self, (x, y): (i32, i32)) -> usize {
-        let (x, y) = (x - self.origin.0 + BEYOND as i32, y - self.origin.1 + BEYOND as i32);
+        let (x, y) = (x - self.origin.0 + TILE_MARGIN_PX as i32, y - self.origin.1 + TILE_MARGIN_PX as i32);
         (y.max(0) as usize) * STRIDE + x.max(0) as usize
     }
 
@@ -164,7 +164,7 @@ impl<'a> TinyScratch<'a> {
     /// Runs the first loop over the tile's tiny splats, which lowers depth thresholds. Lists the pairs of blocks and
     /// splats that aren't tiny. Returns bits of the blocks touched.
     #[inline(always)]
-    fn look_at_tiny<S: Simd>(
+    fn lower_thresholds_by_tiny<S: Simd>(
         &mut self,
         simd: S,
         listing: &Listing<'a>,
@@ -193,7 +193,7 @@ impl<'a> TinyScratch<'a> {
                 let Some(thresholds) = own else { continue };
                 if entry.kind() == Kind::Tiny2 {
                     lower_thresholds(simd, fragments_of(simd, record, FORMS, FORMS + 4), record.epsilon(), thresholds);
-                    counters.spared += 12;
+                    counters.skipped_pixels += 12;
                 } else {
                     let epsilon = f32x4::splat(simd, record.epsilon());
                     for row in 0..3 {
@@ -202,7 +202,7 @@ impl<'a> TinyScratch<'a> {
                         let thresholds = &mut thresholds[STRIDE * row..STRIDE * row + 4];
                         values.min(f32x4::from_slice(simd, thresholds)).store_slice(thresholds);
                     }
-                    counters.spared += 7;
+                    counters.skipped_pixels += 7;
                 }
             }
         }
@@ -211,7 +211,13 @@ impl<'a> TinyScratch<'a> {
 
     /// Runs the first loop over the listed pairs, which lowers depth thresholds and stores the pairs' fragments.
     #[inline(always)]
-    fn look_at_pairs<S: Simd>(&mut self, simd: S, tile: Tile, inputs: &RasterInputs<'_>, counters: &mut Counters) {
+    fn lower_thresholds_by_pairs<S: Simd>(
+        &mut self,
+        simd: S,
+        tile: Tile,
+        inputs: &RasterInputs<'_>,
+        counters: &mut Counters,
+    ) {
         self.remembered.reserve(2 * LANES * self.pairs.len());
         let remembered = self.remembered.numbers();
         for (pairs, to) in self.pairs.chunks(4).zip(remembered.chunks_mut(8 * LANES)) {
@@ -231,7 +237,7 @@ impl<'a> TinyScratch<'a> {
                     let fragments = cheap_batch::<S, true>(simd, records, at, inputs);
                     for i in 0..4 {
                         counters.inside += inside(tile, at[i], &fragments[i]);
-                        take_in(simd, records[i], &fragments[i], &mut to[2 * LANES * i..], &mut values[i]);
+                        store_pair(simd, records[i], &fragments[i], &mut to[2 * LANES * i..], &mut values[i]);
                     }
                 }
                 _ => {
@@ -239,7 +245,7 @@ impl<'a> TinyScratch<'a> {
                         let at = Lanes::block_pixels(simd, pair.first_px);
                         let fragment = fragment::fragment(simd, pair.record, at, pair.first_px, inputs);
                         counters.inside += inside(tile, at, &fragment);
-                        take_in(simd, pair.record, &fragment, &mut to[2 * LANES * i..], values);
+                        store_pair(simd, pair.record, &fragment, &mut to[2 * LANES * i..], values);
                     }
                 }
             }
@@ -410,13 +416,13 @@ fn add_four<S: Simd, const N: usize>(
 /// Returns the number of a splat's fragments inside its filtered footprint, in the block's pixels that are drawn.
 #[inline(always)]
 fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>) -> u64 {
-    u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
+    u64::from((fragment.inside & tile.rect.contains_lanes(at)).to_bitmask().count_ones())
 }
 
-/// Stores the fragments of a splat in a block to `remembered`. Writes to `values` the depths z + ε to which they may
+/// Stores the fragments of a splat in a block to `stored_fragments`. Writes to `values` the depths z + ε to which they may
 /// lower the thresholds; +∞ for none.
 #[inline(always)]
-fn take_in<S: Simd>(
+fn store_pair<S: Simd>(
     simd: S,
     record: &Record,
     fragment: &Fragment<S>,

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use surfel_math::basis::{normal_matrix, unit};
-use surfel_model::{KnownMipmaps, Material, Mesh, Mipmaps, Object, Octree};
+use surfel_model::{Material, Mesh, MipmapCache, Mipmaps, Object, Octree};
 use surfel_render::View;
 
 /// The mesh of one object, as this backend stores it.
@@ -90,14 +90,14 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
 
 impl StoredMesh {
     /// Stores a mesh. Mip levels of a texture that is in `known`, because another object uses it too, are shared.
-    pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> Self {
+    pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, known: &mut MipmapCache) -> Self {
         let order = morton_order(mesh);
         let parts: Vec<Range<usize>> = cut(0..order.len()).collect();
         Self::in_parts(object, mesh, known, order, &parts)
     }
 
     /// Stores an octree's triangles, leaf by leaf.
-    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, known: &mut KnownMipmaps) -> Self {
+    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, known: &mut MipmapCache) -> Self {
         let mesh = octree.shared_mesh();
         let leaves = octree.nodes().iter().filter(|node| node.is_leaf());
         let parts: Vec<Range<usize>> =
@@ -109,7 +109,7 @@ impl StoredMesh {
     fn in_parts(
         object: &Object,
         mesh: &Arc<Mesh>,
-        known: &mut KnownMipmaps,
+        known: &mut MipmapCache,
         order: Vec<u32>,
         parts: &[Range<usize>],
     ) -> Self {

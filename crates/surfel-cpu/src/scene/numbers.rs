@@ -17,7 +17,7 @@ impl SplatNumbers {
     /// Bit that marks the number of a polygon; the other bits are the index of its mesh.
     pub(crate) const POLYGON: u32 = 1 << 31;
     /// Largest number of slots that can be numbered, because a record stores other bits next to the number.
-    pub(crate) const MOST: usize = 1 << 30;
+    pub(crate) const MAX_SLOTS: usize = 1 << 30;
 
     /// Numbers the slots of objects, each given by the rows of its slots in the input file.
     pub(crate) fn new(objects: impl Iterator<Item = Option<Arc<[u32]>>>) -> Self {

@@ -7,7 +7,7 @@ use crate::scene::numbers::SplatNumbers;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
-use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Object, Scene, Storage};
+use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, MipmapCache, NO_LABEL, Object, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneGeometry, SceneSummary};
 
 /// An object of trained Gaussians, as this backend stores it.
@@ -40,7 +40,7 @@ pub struct ResidentScene {
 impl ResidentScene {
     /// Stores a validated scene, on the current thread pool.
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
-        let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
+        let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), MipmapCache::new());
         // Among equally near polygons the first is visible; an octree's polygons follow all meshes.
         let (mut octrees, mut gaussians, mut balls) = (Vec::new(), Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {

@@ -17,7 +17,7 @@ use crate::screen::tile::{TileJob, TileScratch};
 use crate::setup::balls::BallSegment;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::triangles::TriangleSegment;
-use crate::shade::balls::{BallBlock, BallLook, Composited};
+use crate::shade::balls::{BallBlock, BallShading, Composited};
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
@@ -42,7 +42,7 @@ pub(crate) struct Extras<'a> {
     pub layers: Layers,
     pub balls: &'a BallSegment,
     /// Material factors and stored light of each object of balls.
-    pub ball_looks: &'a [BallLook<'a>],
+    pub ball_looks: &'a [BallShading<'a>],
 }
 
 /// Inputs for drawing a cell's tiles: opaque splats, and all other content.
@@ -55,7 +55,7 @@ pub(crate) struct CompositeJob<'a> {
 
 /// Depths up to which balls and transparent layers are visible in a block's pixels; +∞ where nothing hides them.
 #[derive(Clone, Copy)]
-pub(super) struct Ends<S: Simd> {
+pub(super) struct HiddenBeyond<S: Simd> {
     /// Depth of the visible surface, beyond which balls are hidden.
     pub front: Lanes<S>,
     /// Depth of the opaque surface, beyond which transparent layers are hidden; `None` if the block has no layers.
@@ -173,7 +173,7 @@ impl<'a> CompositeJob<'a> {
                     pixels = layers.over(&pixels);
                 } else {
                     let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
-                    let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                    let ends = HiddenBeyond { front: front.shaded.depth_or_infinite(), layers };
                     let outputs = BallOutputs { target: Some(&mut *target), steps: None, counters: &mut counters };
                     self.draw_balls(simd, place, ends, &mut pixels, outputs, scratch);
                 }
@@ -284,7 +284,7 @@ impl<'a> CompositeJob<'a> {
         &self,
         simd: S,
         (block_number, at): (u32, (i32, i32)),
-        ends: Ends<S>,
+        ends: HiddenBeyond<S>,
         pixels: &mut Pixels<S>,
         BallOutputs { target, steps, counters }: BallOutputs<'_, '_>,
         scratch: &mut TileScratch<'a>,
@@ -423,7 +423,7 @@ impl<'a> CompositeJob<'a> {
                 let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
                 let steps = layer_steps.as_deref_mut().map(|steps| (steps, tile));
                 let outputs = BallOutputs { target: Some(&mut *target), steps, counters: &mut counters };
-                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, outputs, scratch);
+                self.draw_balls(simd, (block, at), HiddenBeyond { front, layers }, &mut pixels, outputs, scratch);
                 let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
                 added += counts * target.rect.lanes_inside(simd, at);
                 target.put(at, &pixels);

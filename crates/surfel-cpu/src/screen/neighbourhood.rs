@@ -16,7 +16,7 @@ const ROWS_AROUND: usize = 2;
 const COLUMNS_AROUND: usize = 8;
 
 /// Number of blocks that sixteen pixels of a row span.
-const ABREAST: u32 = LANES as u32 / BLOCK;
+const BLOCKS_PER_LOAD: u32 = LANES as u32 / BLOCK;
 
 /// Values of a plane in a tile's pixels and in the pixels around it.
 #[repr(align(64))]
@@ -104,8 +104,8 @@ impl Neighbourhood {
     /// `steps` if its value in `own` is below the maximum of its 3×3 neighbourhood.
     #[inline(always)]
     pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
-        for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
-            let abreast = wanted >> first & ((1 << ABREAST) - 1);
+        for first in (0..BLOCKS as u32).step_by(BLOCKS_PER_LOAD as usize) {
+            let abreast = wanted >> first & ((1 << BLOCKS_PER_LOAD) - 1);
             if abreast == 0 {
                 continue;
             }
@@ -123,7 +123,7 @@ impl Neighbourhood {
                 if bits == 0 {
                     continue;
                 }
-                for block in 0..ABREAST {
+                for block in 0..BLOCKS_PER_LOAD {
                     let four = bits >> (BLOCK * block) & 0xf & (abreast >> block & 1).wrapping_neg();
                     steps[(first + block) as usize % BLOCKS] |= (four << (BLOCK as usize * j)) as u16;
                 }

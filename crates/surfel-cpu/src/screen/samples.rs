@@ -3,7 +3,7 @@
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;
-use crate::screen::composite::{BallOutputs, CompositeJob, Ends};
+use crate::screen::composite::{BallOutputs, CompositeJob, HiddenBeyond};
 use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::GBuffer;
 use crate::screen::neighbourhood::Neighbourhood;
@@ -47,7 +47,7 @@ impl<'a> SampleJob<'a, '_> {
         let mut counters = Counters::default();
         for (tile, wanted) in self.sampled.tiles() {
             let (x, y) = pixel_of(self.sampled.grid.block_px(tile, wanted.trailing_zeros()));
-            target.go_to(&self.grid, self.grid.tile_of(x, y));
+            target.select_tile(&self.grid, self.grid.tile_of(x, y));
             counters += self.draw_tile(instructions, (tile, wanted), target, scratch);
         }
         counters
@@ -96,7 +96,7 @@ impl<'a> SampleJob<'a, '_> {
             let mut samples = front.shaded.over_background(simd, background, front.sums.fragments);
             if balls >> block & 1 != 0 {
                 let layers = (transparent >> block & 1 != 0).then_some(front.opaque_depth);
-                let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                let ends = HiddenBeyond { front: front.shaded.depth_or_infinite(), layers };
                 let outputs = BallOutputs { target: None, steps: None, counters: &mut counters };
                 job.draw_balls(simd, (block, at), ends, &mut samples, outputs, scratch);
             } else if transparent >> block & 1 != 0 {

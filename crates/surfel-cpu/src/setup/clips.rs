@@ -138,15 +138,15 @@ impl ScreenClip<'_> {
     /// Returns masks of the pixels that the clip retains, for offsets in the unfiltered and the filtered footprint.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
-        let keeps = self.part_keeps(self.visible, visible);
+        let keeps = self.forms_contain(self.visible, visible);
         match self.filtered {
-            Some(forms) => [keeps, self.part_keeps(forms, filtered)],
+            Some(forms) => [keeps, self.forms_contain(forms, filtered)],
             None => [keeps, keeps],
         }
     }
 
     #[inline(always)]
-    fn part_keeps<S: Simd>(&self, forms: &[Linear<f32>], d: V2<Lanes<S>>) -> mask32x16<S> {
+    fn forms_contain<S: Simd>(&self, forms: &[Linear<f32>], d: V2<Lanes<S>>) -> mask32x16<S> {
         let zero = d.x.zero();
         let (lines, curve) = forms.split_at_checked(usize::from(self.head.lines)).unwrap_or_default();
         let lines_keep = match lines.split_first() {

@@ -138,7 +138,7 @@ impl CellSetup<'_> {
         segment.set_up_s = (after_setup - start).as_secs_f64();
         segment.sort_s = after_setup.elapsed().as_secs_f64();
         for segment in [&mut segment, &mut transparent.segment] {
-            segment.move_rare(&mut splats.near, &mut splats.clips);
+            segment.move_near_and_clips(&mut splats.near, &mut splats.clips);
         }
         splats.segments.push(segment);
         if has_transparent {

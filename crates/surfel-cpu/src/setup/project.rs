@@ -298,7 +298,7 @@ impl ObjectView<'_> {
         let is_clipped = self.clips().is_some();
         // If no splat of the group is small, the filter isn't computed.
         let acts = match settings.filter {
-            Filter::Principal => !filter::is_surely_wide(&projected, h) & keep,
+            Filter::Principal => !filter::is_unaffected_by_principal(&projected, h) & keep,
             _ => keep,
         };
         let mut filtered = match settings.filter {
@@ -353,8 +353,8 @@ impl ObjectView<'_> {
         }
         // A splat that several cells draw counts in the cell that contains its centre, clamped to the view.
         let (whole, counted) = (self.view.region, out.counted);
-        let here = moved_inside(base.x, (whole.x, whole.width), (counted.x, counted.width))
-            & moved_inside(base.y, (whole.y, whole.height), (counted.y, counted.height));
+        let here = is_inside_clamped(base.x, (whole.x, whole.width), (counted.x, counted.width))
+            & is_inside_clamped(base.y, (whole.y, whole.height), (counted.y, counted.height));
         out.segment.drawn += u64::from((here.bits() & keep).count_ones());
         Some(PixelBounds { inverse_z, base, fraction, ranges: [columns.0, columns.1, rows.0, rows.1], keep })
     }
@@ -766,7 +766,7 @@ impl Clips<'_> {
 /// Returns a mask of the pixels that are in the second range after they are clamped to the first. Ranges are (start,
 /// length), along one axis.
 #[inline(always)]
-fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
+fn is_inside_clamped<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
     let k = |v: u32| at.constant(f64::from(v));
     let at = at.max(k(first)).min(k((first + length).saturating_sub(1)));
     k(start).le(at) & at.lt(k(start + count))

@@ -37,7 +37,7 @@ impl Segment {
     }
 
     /// Moves the near splats and the clips, of which few frames have any, to the ends of the cell's lists.
-    pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut CellClips) {
+    pub(crate) fn move_near_and_clips(&mut self, near: &mut Vec<NearSplat>, clips: &mut CellClips) {
         clips.push(std::mem::take(&mut self.clips));
         if !self.near.is_empty() {
             self.records.iter_mut().for_each(|record| record.renumber(near.len()));

@@ -16,7 +16,7 @@ use surfel_model::{BallLight, Shader};
 
 /// Material factors and stored light of an object of balls, by which its balls are shaded.
 #[derive(Clone, Copy)]
-pub(crate) struct BallLook<'a> {
+pub(crate) struct BallShading<'a> {
     /// Ambient, diffuse, specular and shininess factors of the object's material.
     pub factors: [f32; 4],
     /// Stored light of a sky (rendering model §12), one per slot; `None` if the balls have none or the shader doesn't
@@ -30,7 +30,7 @@ pub(crate) struct BallBlock<'a, S: Simd> {
     pub list: BallList<'a>,
     pub lighting: &'a Lighting,
     /// Material factors and stored light of each object of balls.
-    pub looks: &'a [BallLook<'a>],
+    pub looks: &'a [BallShading<'a>],
     pub fragments: &'a mut BallFragments,
 }
 

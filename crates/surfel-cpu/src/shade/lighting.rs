@@ -44,7 +44,7 @@ pub(crate) struct Lighting {
     /// Colour of the ambient light, multiplied by the ambient factor if all objects share it.
     ambient: Vec3,
     /// True if all lights are directional and cast no shadow, so that positions of surfaces needn't be computed.
-    are_afar: bool,
+    are_directional: bool,
     /// Ambient, diffuse, specular and shininess factors of the first object's material, which all objects share unless
     /// these factors are accumulated per pixel.
     pub material: [f32; 4],
@@ -97,12 +97,12 @@ impl Lighting {
                 light.maps.push(shadow);
             }
         }
-        let is_afar = |l: &FrameLight| matches!(l.source, Source::Directional { .. }) && l.maps.is_empty();
+        let is_directional = |l: &FrameLight| matches!(l.source, Source::Directional { .. }) && l.maps.is_empty();
         Self {
             shader: plan.shader,
             planes: plan.planes,
             attributes: plan.attributes,
-            are_afar: lights.iter().all(is_afar),
+            are_directional: lights.iter().all(is_directional),
             lights: lights.into(),
             ambient: by(&ambient, factors[0]),
             material: material.map(|m| m as f32),
@@ -215,7 +215,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
     let ambient = vector(simd, lighting.ambient);
     let mut lit = Lit { normal, view_ray, along_ray: along + along, matte: ambient, gloss: none };
     let is_glossy = lighting.material[2] != 0.0;
-    if !TOON && lighting.are_afar && !lighting.attributes.material {
+    if !TOON && lighting.are_directional && !lighting.attributes.material {
         for light in lighting.lights.iter() {
             let Source::Directional { to_light } = light.source else { continue };
             let (cosine, mirrored) = lit.cosines(vector(simd, to_light));
@@ -228,7 +228,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
     } else {
         // A copy, since the argument of a call lives in memory.
         let own = *surface;
-        lit = nearby::<S, TOON>(simd, lighting, &own, place, lit);
+        lit = add_lights_of_any_kind::<S, TOON>(simd, lighting, &own, place, lit);
     }
     let Lit { matte, gloss, .. } = lit;
     let c = V3::new(
@@ -247,7 +247,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
 /// Adds lights of any kind, with their shadows. Not inlined, so that the code for directional lights, which are more
 /// frequent, keeps its operands in registers.
 #[inline(never)]
-fn nearby<S: Simd, const TOON: bool>(
+fn add_lights_of_any_kind<S: Simd, const TOON: bool>(
     simd: S,
     lighting: &Lighting,
     surface: &Surface<S>,
@@ -296,7 +296,7 @@ fn add_all<S: Simd, const TOON: bool>(
         let mask = faces & surface.covered;
         if !light.maps.is_empty() && mask.to_bitmask() != 0 {
             // Fraction of the light that reaches the surface.
-            let share = shadow_map::reaching(simd, &light.maps, position, lit.normal, mask);
+            let share = shadow_map::light_fraction(simd, &light.maps, position, lit.normal, mask);
             (matte, gloss) = (matte * share, gloss * share);
         }
         if TOON {

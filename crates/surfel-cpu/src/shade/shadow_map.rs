@@ -29,7 +29,7 @@ pub(crate) struct ShadowMap {
 /// whose axis a point is farthest is used. `position` is relative to the eye, `normal` a unit vector, both in world
 /// axes. Only the lanes of `wanted` are meaningful.
 #[inline(always)]
-pub(crate) fn reaching<S: Simd>(
+pub(crate) fn light_fraction<S: Simd>(
     simd: S,
     maps: &[ShadowMap],
     position: V3<Lanes<S>>,

@@ -52,7 +52,7 @@ pub(crate) struct Counters {
     /// Number of fragments inside the filtered footprints of these splats.
     pub inside: u64,
     /// Number of the pairs' pixels that needn't be computed, since the splat is tiny and has fewer pixels than a block.
-    pub spared: u64,
+    pub skipped_pixels: u64,
     /// Number of fragments that contributed to a pixel.
     pub contributing: u64,
     /// Number of edge pixels that were antialiased.
@@ -63,7 +63,7 @@ impl std::ops::AddAssign for Counters {
     fn add_assign(&mut self, o: Self) {
         self.block_pairs += o.block_pairs;
         self.inside += o.inside;
-        self.spared += o.spared;
+        self.skipped_pixels += o.skipped_pixels;
         self.contributing += o.contributing;
         self.edge_pixels += o.edge_pixels;
     }

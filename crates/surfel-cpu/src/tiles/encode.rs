@@ -23,7 +23,7 @@ const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
 
 /// Largest distance of the approximate level from a bound between two levels at which the exact tables decide instead.
 /// It is twice the sum of the polynomial's error and the errors of roots and sums in f32, which are 1e-4 together.
-const UNSURE: f64 = 5e-4;
+const ROUNDING_MARGIN: f64 = 5e-4;
 
 /// Encodes a block's linear premultiplied colours as sRGB with straight alpha, 8 bits each.
 #[inline(always)]
@@ -50,7 +50,7 @@ pub(super) fn rgba8<S: Simd>(color: [Lanes<S>; 4]) -> [[u8; 4]; LANES] {
         let level = Lanes::select(near_black, linear.mul_add(one.constant(12.92 * 255.0), one.constant(0.5)), level);
         let whole: i32x16<S> = level.0.to_int();
         let part = level - Lanes(whole.to_float());
-        unsure |= part.lt(part.constant(UNSURE)) | part.constant(1.0 - UNSURE).lt(part);
+        unsure |= part.lt(part.constant(ROUNDING_MARGIN)) | part.constant(1.0 - ROUNDING_MARGIN).lt(part);
         packed |= whole << shift;
     }
     let alpha = a.min(one) * one.constant(255.0) + one.constant(0.5);

@@ -125,7 +125,7 @@ impl Rect {
 
     /// Returns a mask of those pixels, given by columns and rows, that are inside the rectangle.
     #[inline(always)]
-    pub(crate) fn holds<S: Simd>(&self, (x, y): (Lanes<S>, Lanes<S>)) -> mask32x16<S> {
+    pub(crate) fn contains_lanes<S: Simd>(&self, (x, y): (Lanes<S>, Lanes<S>)) -> mask32x16<S> {
         let k = |v: i32| f64::from(v);
         let column = x.constant(k(self.x)).le(x) & x.lt(x.constant(k(self.end_x)));
         column & y.constant(k(self.y)).le(y) & y.lt(y.constant(k(self.end_y)))

@@ -2,7 +2,7 @@
 
 use crate::simd::compress::{self, BITS};
 use crate::tiles::bins::Entry;
-use crate::tiles::pool::emptied;
+use crate::tiles::pool::recycle_vec;
 use fearless_simd::Simd;
 
 /// Number of splats in a batch, whose fragments are computed together.
@@ -101,7 +101,7 @@ impl<'a, R: Listable> BlockLists<'a, R> {
     /// Empties the lists and returns their memory for splats of another lifetime.
     pub(crate) fn for_others<'b>(self) -> BlockLists<'b, R> {
         let Self { splats, words, order, .. } = self;
-        BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
+        BlockLists { splats: recycle_vec(splats), words, order, ..BlockLists::default() }
     }
 
     /// Appends the splats of a tile's entries to the lists of the blocks that they touch. Only blocks in `wanted` (one
@@ -224,7 +224,7 @@ impl<T: Copy> ItemLists<T> {
     /// Empties the lists and returns their memory for other items.
     pub(crate) fn for_others<U>(self) -> ItemLists<U> {
         let Self { items, words, list } = self;
-        ItemLists { items: emptied(items), words, list: emptied(list) }
+        ItemLists { items: recycle_vec(items), words, list: recycle_vec(list) }
     }
 
     /// Appends an item to the lists of the blocks whose bits are set in `blocks`.

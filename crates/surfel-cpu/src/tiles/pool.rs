@@ -93,7 +93,7 @@ impl<T> std::ops::DerefMut for Reused<T> {
 
 /// Empties a list and converts it to a list of another type. The memory is reused if items of both types have the same
 /// size and alignment.
-pub(crate) fn emptied<T, U>(mut list: Vec<T>) -> Vec<U> {
+pub(crate) fn recycle_vec<T, U>(mut list: Vec<T>) -> Vec<U> {
     list.clear();
     list.into_iter().filter_map(|_| None).collect()
 }
@@ -106,7 +106,7 @@ mod tests {
     fn lists_leave_their_memory_to_lists_of_other_things() {
         let list: Vec<&u32> = Vec::with_capacity(100);
         let (at, capacity) = (list.as_ptr() as usize, list.capacity());
-        let other: Vec<&f32> = emptied(list);
+        let other: Vec<&f32> = recycle_vec(list);
         assert_eq!((other.as_ptr() as usize, other.capacity()), (at, capacity));
     }
 }

@@ -217,7 +217,7 @@ impl<'a> Target<'a> {
     }
 
     /// Makes a tile of a grid the current one.
-    pub(crate) fn go_to(&mut self, grid: &Grid, tile: usize) {
+    pub(crate) fn select_tile(&mut self, grid: &Grid, tile: usize) {
         (self.tile, self.rect) = (tile, Rect::of_tile(grid, tile, grid.region).common(&self.color.rect));
         self.is_background = self.background.tile(&self.rect).is_some_and(|tile| tile.load(Ordering::Relaxed));
     }

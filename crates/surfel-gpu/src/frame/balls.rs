@@ -14,7 +14,7 @@ use surfel_render::{FramePlan, Pass, Region, View, ball_scale};
 use surfel_shaders::layout;
 
 /// Number of balls per task when balls are set up in parallel; results don't depend on it.
-const BALLS_A_TASK: usize = 1024;
+const BALLS_PER_TASK: usize = 1024;
 
 /// Smallest number of balls with which a tile is refused. Targets store indices of balls as f32, which is exact below
 /// 2²⁴.
@@ -53,10 +53,10 @@ impl TileBalls {
             let placed = BallView::new(balls, index as u32, view, plan, targets);
             let count = balls.cloud.len();
             let some = |first: usize| -> Vec<ScreenBall> {
-                (first..count.min(first + BALLS_A_TASK)).filter_map(|i| placed.ball(i)).collect()
+                (first..count.min(first + BALLS_PER_TASK)).filter_map(|i| placed.ball(i)).collect()
             };
             // The results are collected in order, whatever the number of threads.
-            (0..count).into_par_iter().step_by(BALLS_A_TASK).map(some).collect::<Vec<_>>()
+            (0..count).into_par_iter().step_by(BALLS_PER_TASK).map(some).collect::<Vec<_>>()
         };
         let all: Vec<ScreenBall> = balls.iter().enumerate().flat_map(of_object).flatten().collect();
         let columns = targets.width.max(1).div_ceil(layout::BALL_CELL);

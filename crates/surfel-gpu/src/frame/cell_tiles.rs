@@ -3,7 +3,7 @@
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
 use crate::passes::cell_stages::{CellStage, cell_stages, sample_stages};
-use crate::passes::cells::{CellBuffer, CellCounts, CellRoom};
+use crate::passes::cells::{CellBuffer, CellCapacity, CellCounts};
 use crate::scene::limits::Limits;
 use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
@@ -31,7 +31,7 @@ impl CellTiles {
             for (i, part) in (1..).zip(sampled_parts(pixels.tile)) {
                 let samples = part.of_samples();
                 let mut data = TileData::of_cells(scene, frame, &fine_view, &fine_plan, samples);
-                data.put_among(&pixels, samples);
+                data.attach_to_pixel_tile(&pixels, samples);
                 data.put_part(i);
                 tiles.push(data);
             }
@@ -53,28 +53,28 @@ impl CellTiles {
 
     /// Returns the capacity with which the tiles are first drawn: the capacity `before` of an earlier tile, or an
     /// estimate. `None` if neither is within the limits.
-    pub fn room(&self, before: Option<CellRoom>, limits: Limits) -> Option<CellRoom> {
-        CellRoom::start(before, &self.counts, limits)
+    pub fn room(&self, before: Option<CellCapacity>, limits: Limits) -> Option<CellCapacity> {
+        CellCapacity::start(before, &self.counts, limits)
     }
 
     /// Returns the capacity that the tiles need. `counters` are the words of [`CellBuffer::Counters`] after drawing.
     /// `None` if the capacity exceeds the limits.
-    pub fn grown(&self, room: CellRoom, counters: &[u32], limits: Limits) -> Option<CellRoom> {
+    pub fn grown(&self, room: CellCapacity, counters: &[u32], limits: Limits) -> Option<CellCapacity> {
         room.grown(counters, &self.counts, limits)
     }
 
     /// Writes the capacity of the buffers to the tiles' uniforms.
-    pub fn put_room(&mut self, room: CellRoom) {
+    pub fn put_room(&mut self, room: CellCapacity) {
         self.tiles.iter_mut().for_each(|tile| tile.put_room(room));
     }
 
     /// Returns a buffer's size in bytes.
-    pub fn bytes(&self, buffer: CellBuffer, room: CellRoom) -> u64 {
+    pub fn bytes(&self, buffer: CellBuffer, room: CellCapacity) -> u64 {
         buffer.bytes(&self.counts, room)
     }
 
     /// Returns the stages that draw each tile, in order.
-    pub fn stages(&self, plan: &FramePlan, room: CellRoom) -> Vec<Vec<CellStage>> {
+    pub fn stages(&self, plan: &FramePlan, room: CellCapacity) -> Vec<Vec<CellStage>> {
         let of_tile = |(tile, cells): (&TileData, &CellCounts)| {
             let size = [tile.tile.width, tile.tile.height];
             if cells.is_of_samples {

@@ -53,12 +53,12 @@ pub struct GaussianLists {
 }
 
 /// Maximum size in bytes of the waiting fragments of all pixels, unless the pixels of one cell need more.
-const ROOM_BYTES: u64 = 64 << 20;
+const MAX_WAITING_BYTES: u64 = 64 << 20;
 /// Size of a waiting fragment in bytes.
 const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
 /// Minimum and maximum number of waiting fragments per pixel. A list n times as long as this number is processed in
 /// about n passes; [`MOST_TURNS`] limits n.
-const ROOMS: [u64; 2] = [64, 1 << 15];
+const WAITING_RANGE: [u64; 2] = [64, 1 << 15];
 const MOST_TURNS: u64 = 64;
 /// Maximum number of dispatches between two checks for unfinished pixels.
 const MOST_DISPATCHES: u32 = 64;
@@ -80,15 +80,15 @@ impl GaussianLists {
 
 /// Sizes of the memory for the states and waiting fragments of a tile's pixels.
 #[derive(Clone, Copy, Default)]
-struct Rooms {
+struct WaitingMemory {
     state_words: u64,
     room: u64,
     bytes: u64,
 }
 
-impl Rooms {
+impl WaitingMemory {
     /// Computes the memory that `pixels` pixels need if the longest list has `longest` entries. The size exceeds
-    /// [`ROOM_BYTES`] if more than [`MOST_TURNS`] passes would be needed otherwise, but never `most_bytes`.
+    /// [`MAX_WAITING_BYTES`] if more than [`MOST_TURNS`] passes would be needed otherwise, but never `most_bytes`.
     fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
         if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
             return Self::default();
@@ -97,23 +97,24 @@ impl Rooms {
         if !by_pixel {
             return Self { state_words, ..Self::default() };
         }
-        let [least, most] = ROOMS;
+        let [least, most] = WAITING_RANGE;
         let within = |bytes: u64| 1 << (bytes / (pixels * WAITING_BYTES).max(1)).max(1).ilog2();
         let whole = longest.next_power_of_two().clamp(1, most);
         let needed = longest.div_ceil(MOST_TURNS).next_power_of_two().clamp(least, most);
-        let room = whole.min(needed.max(within(ROOM_BYTES))).min(within(most_bytes.saturating_sub(4 * state_words)));
+        let room =
+            whole.min(needed.max(within(MAX_WAITING_BYTES))).min(within(most_bytes.saturating_sub(4 * state_words)));
         Self { state_words, room, bytes: room * pixels * WAITING_BYTES }
     }
 }
 
 /// Error that the Gaussians of a tile exceed the memory limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct TooMany {
+pub(crate) struct TooManyGaussians {
     count: u64,
     bytes: u64,
 }
 
-impl TooMany {
+impl TooManyGaussians {
     /// Returns a message that states the cause and a remedy, for a tile that can't be split further.
     pub(crate) fn message(self, limits: Limits) -> String {
         let (count, bytes, most) = (self.count, self.bytes, limits.buffer_bytes.min(limits.memory_bytes));
@@ -160,7 +161,7 @@ impl ProjectedGaussians {
     }
 
     /// Returns the Gaussians that may touch a tile, listed by its cells.
-    pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooMany> {
+    pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooManyGaussians> {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;
         let touched: Vec<(&Projected, [Range<u32>; 2])> =
@@ -172,8 +173,8 @@ impl ProjectedGaussians {
         let check = |lists: u64, rooms: u64| {
             let (bytes, largest) = (records + lists + rooms, records.max(lists + rooms));
             let fits = largest <= limits.buffer_bytes.min(4 * u64::from(u32::MAX)) && bytes <= limits.memory_bytes;
-            let is_small = (bytes - rooms <= limits.record_bytes && rooms <= ROOM_BYTES) || cells == 1;
-            if fits && is_small { Ok(()) } else { Err(TooMany { count, bytes }) }
+            let is_small = (bytes - rooms <= limits.record_bytes && rooms <= MAX_WAITING_BYTES) || cells == 1;
+            if fits && is_small { Ok(()) } else { Err(TooManyGaussians { count, bytes }) }
         };
         check(lists, 0)?;
         // Gaussians are first sorted into rows of cells, so that one thread lists each row.
@@ -205,7 +206,8 @@ impl ProjectedGaussians {
         // A tile of one cell can't be split and may use all remaining memory.
         let left = limits.buffer_bytes.saturating_sub(lists).min(limits.memory_bytes.saturating_sub(records + lists));
         let most_bytes = if cells == 1 { left } else { u64::MAX };
-        let Rooms { state_words, room, bytes: room_bytes } = Rooms::new(self.by_pixel, longest, pixels, most_bytes);
+        let WaitingMemory { state_words, room, bytes: room_bytes } =
+            WaitingMemory::new(self.by_pixel, longest, pixels, most_bytes);
         check(lists + 4 * state_words, room_bytes)?;
         let states_at = (state_words > 0).then_some(words.len() as u32);
         words.resize(words.len() + state_words as usize, 0);
@@ -338,7 +340,7 @@ mod tests {
         let cell = Region { width: 16, height: 16, ..tile };
         assert!(all.lists(cell, Limits { record_bytes: 0, ..Limits::default() }).is_ok());
         let too_many = all.lists(cell, Limits { memory_bytes: 200, ..Limits::default() }).unwrap_err();
-        assert_eq!(too_many, TooMany { count: 2, bytes: 2 * layout::gaussian_record::SIZE as u64 + 4 * 4 });
+        assert_eq!(too_many, TooManyGaussians { count: 2, bytes: 2 * layout::gaussian_record::SIZE as u64 + 4 * 4 });
         // An empty tile still has a record, since buffers can't be empty.
         let nothing = ProjectedGaussians { all: Vec::new(), by_pixel: false }.lists(tile, Limits::default()).unwrap();
         assert_eq!((nothing.count, nothing.records.len(), nothing.lists), (0, RECORD_WORDS, vec![7; 7]));
@@ -359,15 +361,18 @@ mod tests {
 
     #[test]
     fn long_lists_get_rooms_that_few_turns_suffice_for() {
-        let room = |longest, pixels| Rooms::new(true, longest, pixels, u64::MAX).room;
+        let room = |longest, pixels| WaitingMemory::new(true, longest, pixels, u64::MAX).room;
         assert_eq!([room(0, 100), room(1, 100), room(5, 100), room(1000, 100)], [1, 1, 8, 1024]);
         // 64 MiB, shared by many pixels, are 85 fragments for each of 256×256.
         assert_eq!([room(1000, 65_536), room(4096, 65_536), room(5000, 65_536)], [64, 64, 128]);
         // A cell has 256 pixels.
         assert_eq!([room(20_000, 256), room(1 << 20, 256), room(u64::from(u32::MAX), 256)], [16_384, 16_384, 32_768]);
         // Of 64 KiB, states take 24; the rest is enough for 13 fragments a pixel.
-        assert_eq!([Rooms::new(true, 5000, 256, 64 << 10).room, Rooms::new(true, 5000, 256, 0).room], [8, 1]);
-        let by_center = |longest| Rooms::new(false, longest, 10, u64::MAX);
+        assert_eq!(
+            [WaitingMemory::new(true, 5000, 256, 64 << 10).room, WaitingMemory::new(true, 5000, 256, 0).room],
+            [8, 1]
+        );
+        let by_center = |longest| WaitingMemory::new(false, longest, 10, u64::MAX);
         assert_eq!(
             (by_center(32_768).state_words, by_center(32_769).state_words, by_center(99_999).bytes),
             (0, 240, 0)

@@ -30,7 +30,7 @@ pub struct PlaneLayout {
 }
 
 /// Minimum number of pixel rows that one task copies.
-const ROWS_OF_A_TASK: usize = 16;
+const MIN_ROWS_PER_TASK: usize = 16;
 
 /// Number of floats per pixel of the surfaces: a normal and a depth.
 const SURFACE_FLOATS: u32 = 4;
@@ -125,7 +125,7 @@ impl PlaneLayout {
         let copy = |from: Option<&[f32]>, channels: usize, to: &mut [f32]| {
             let to = to.par_chunks_exact_mut((width * channels).max(1)).skip(first_row);
             let from = from.unwrap_or_default().par_chunks_exact((columns * channels).max(1));
-            to.zip(from).with_min_len(ROWS_OF_A_TASK).for_each(|(line, values)| {
+            to.zip(from).with_min_len(MIN_ROWS_PER_TASK).for_each(|(line, values)| {
                 let start = left * channels;
                 if let Some(place) = line.get_mut(start..start + values.len()) {
                     place.copy_from_slice(values);
@@ -135,7 +135,7 @@ impl PlaneLayout {
         copy(part(self.color_at, 4), 4, frame.color_mut().as_flattened_mut());
         let encoded = frame.rgba8_mut().par_chunks_exact_mut(width.max(1)).skip(first_row);
         let colors = part(self.color_at, 4).unwrap_or_default().par_chunks_exact((4 * columns).max(1));
-        encoded.zip(colors).with_min_len(ROWS_OF_A_TASK).for_each(|(line, colors)| {
+        encoded.zip(colors).with_min_len(MIN_ROWS_PER_TASK).for_each(|(line, colors)| {
             for (place, color) in line.iter_mut().skip(left).zip(colors.as_chunks().0) {
                 *place = encode_rgba8(*color);
             }

@@ -10,11 +10,11 @@ use surfel_math::basis::unit;
 use surfel_math::triangle::{self, Triangle};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
-use surfel_render::{ChosenParts, Region, View};
+use surfel_render::{Region, SelectedParts, View};
 use surfel_shaders::layout;
 
 /// Number of triangles per task when triangles are set up in parallel; results don't depend on it.
-const TRIANGLES_A_TASK: usize = 1024;
+const TRIANGLES_PER_TASK: usize = 1024;
 
 /// Mesh in a view.
 struct MeshView<'a> {
@@ -30,7 +30,7 @@ struct MeshView<'a> {
 /// equal depth at a pixel, the first in this order is drawn.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
-    octrees: &[ChosenParts],
+    octrees: &[SelectedParts],
     view: &View,
     tile: Region,
     both_sides: bool,
@@ -39,14 +39,14 @@ pub(crate) fn polygon_words(
         let transform = ObjectTransform::new(&mesh.world_from_object, view);
         let seen = MeshView { mesh, transform, view, tile, both_sides };
         let count = mesh.mesh.triangles.len();
-        let selection = mesh.octree.and_then(|index| ChosenParts::of(octrees, index));
+        let selection = mesh.octree.and_then(|index| SelectedParts::of(octrees, index));
         let is_drawn = |k: &usize| selection.is_none_or(|selection| selection.has_triangle(*k as u32));
         let some = |first: usize| -> Vec<u32> {
-            let triangles = (first..count.min(first + TRIANGLES_A_TASK)).filter(is_drawn);
+            let triangles = (first..count.min(first + TRIANGLES_PER_TASK)).filter(is_drawn);
             triangles.filter_map(|k| seen.polygon(k)).flatten().collect()
         };
         // The results are collected in order, whatever the number of threads.
-        (0..count).into_par_iter().step_by(TRIANGLES_A_TASK).map(some).collect::<Vec<Vec<u32>>>().concat()
+        (0..count).into_par_iter().step_by(TRIANGLES_PER_TASK).map(some).collect::<Vec<Vec<u32>>>().concat()
     };
     meshes.iter().map(of_mesh).collect()
 }

@@ -36,7 +36,7 @@ impl SamplePart {
         let (fine_view, fine_plan) = (view.of_samples(), plan.of_samples());
         let part = |region: Region| {
             let mut data = TileData::new(scene, frame, &fine_view, &fine_plan, region);
-            data.put_among(pixels, region);
+            data.attach_to_pixel_tile(pixels, region);
             let steps = sample_schedule(plan, &data.visible(), shared_records);
             Self { data, steps }
         };

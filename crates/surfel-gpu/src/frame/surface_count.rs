@@ -38,7 +38,7 @@ struct Shape {
 
 /// Fragments of one pixel.
 #[derive(Clone, Default)]
-struct Pile {
+struct PixelFragments {
     /// Depths z and z + ε of each transparent fragment.
     fragments: Vec<[f64; 2]>,
     /// Smallest depth from which on an opaque splat may hide the pixel's fragments; `None` if no opaque splat covers
@@ -47,7 +47,7 @@ struct Pile {
 }
 
 /// Returns a lower bound of the largest number of surfaces in any pixel of a region; 0 if it can't be determined.
-pub fn least_surfaces(
+pub fn min_surface_count(
     scene: &UploadedScene,
     frame: &FrameScene,
     view: &View,
@@ -78,17 +78,17 @@ pub fn least_surfaces(
         None
     };
     let samples: Vec<V2<f64>> = (0..SAMPLES.min(total)).filter_map(sample).collect();
-    let none = || vec![Pile::default(); samples.len()];
-    let add = |mut piles: Vec<Pile>, segment: &Segment| {
+    let none = || vec![PixelFragments::default(); samples.len()];
+    let add = |mut piles: Vec<PixelFragments>, segment: &Segment| {
         add_segment(scene, frame, segment, (view, plan), &samples, &mut piles);
         piles
     };
-    let join = |mut all: Vec<Pile>, more: Vec<Pile>| {
+    let join = |mut all: Vec<PixelFragments>, more: Vec<PixelFragments>| {
         all.iter_mut().zip(more).for_each(|(pile, more)| pile.join(more));
         all
     };
     let piles = scene.segments.par_iter().fold(none, add).reduce(none, join);
-    piles.into_iter().map(Pile::surfaces).max().unwrap_or(0)
+    piles.into_iter().map(PixelFragments::surfaces).max().unwrap_or(0)
 }
 
 /// Adds the fragments of a segment at each sampled pixel.
@@ -98,7 +98,7 @@ fn add_segment(
     segment: &Segment,
     (view, plan): (&View, &FramePlan),
     samples: &[V2<f64>],
-    piles: &mut [Pile],
+    piles: &mut [PixelFragments],
 ) {
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else { return };
@@ -177,11 +177,11 @@ impl Shape {
     }
 }
 
-impl Pile {
+impl PixelFragments {
     fn add(&mut self, shape: &Shape, is_transparent: bool, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) {
         if !is_transparent {
             if shape.may_cover(pixel, (view, plan)) {
-                self.hide_from(shape.center.z - shape.extent);
+                self.add_occluder(shape.center.z - shape.extent);
             }
             return;
         }
@@ -192,13 +192,13 @@ impl Pile {
         }
     }
 
-    fn hide_from(&mut self, z: f64) {
+    fn add_occluder(&mut self, z: f64) {
         self.opaque = Some(self.opaque.map_or(z, |opaque| opaque.min(z)));
     }
 
     fn join(&mut self, more: Self) {
         self.fragments.extend(more.fragments);
-        more.opaque.into_iter().for_each(|z| self.hide_from(z));
+        more.opaque.into_iter().for_each(|z| self.add_occluder(z));
     }
 
     /// Returns the number of surfaces in the pixel. Fragments are merged in order of ascending depth. A fragment beyond
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn surfaces_are_counted_before_what_is_opaque_and_where_depths_are_surely_apart() {
-        let pile = |ends: &[[f64; 2]], opaque| Pile { fragments: ends.to_vec(), opaque }.surfaces();
+        let pile = |ends: &[[f64; 2]], opaque| PixelFragments { fragments: ends.to_vec(), opaque }.surfaces();
         let apart = [[3.0, 3.1], [1.0, 1.1], [2.0, 2.1]];
         assert_eq!([pile(&apart, None), pile(&apart, Some(2.5)), pile(&[], None)], [3, 2, 0]);
         // Depths within each other's tolerance, and nearly so, form one surface.

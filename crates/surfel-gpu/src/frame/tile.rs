@@ -10,7 +10,7 @@ use crate::frame::planes::PlaneLayout;
 use crate::frame::polygons::polygon_words;
 use crate::frame::tiling::targets_of;
 use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
-use crate::passes::cells::{CellCounts, CellRoom};
+use crate::passes::cells::{CellCapacity, CellCounts};
 use crate::passes::pass_list::is_of_shadow_map;
 use crate::passes::schedule::VisibleSegments;
 use crate::scene::chunk::Chunk;
@@ -177,7 +177,7 @@ impl TileData {
     }
 
     /// Writes the capacity of the compute path's buffers to the uniform.
-    pub(crate) fn put_room(&mut self, room: CellRoom) {
+    pub(crate) fn put_room(&mut self, room: CellCapacity) {
         use layout::frame as at;
         let Some(cells) = &self.cells else { return };
         let words = [
@@ -304,7 +304,7 @@ impl TileData {
 
     /// Makes this tile a tile of samples, which writes to the planes of the tile `pixels`. `samples` is the region of
     /// this tile in samples.
-    pub(crate) fn put_among(&mut self, pixels: &Self, samples: Region) {
+    pub(crate) fn attach_to_pixel_tile(&mut self, pixels: &Self, samples: Region) {
         use layout::frame as at;
         let (tile, targets) = (pixels.tile, pixels.targets);
         let first = [samples.x / SAMPLES_SIDE - targets.x, samples.y / SAMPLES_SIDE - targets.y];

@@ -1,6 +1,6 @@
 //! Dispatches of the compute path, in order.
 
-use crate::passes::cells::{CellCounts, CellRoom, CellRound};
+use crate::passes::cells::{CellCapacity, CellCounts, CellRound};
 use crate::passes::pass_list::distinct;
 use crate::passes::pixel_pass::EDGE_SAMPLES;
 use surfel_model::Shader;
@@ -119,7 +119,7 @@ fn blocks(count: u64) -> u64 {
     count.div_ceil(u64::from(layout::CELL_BLOCK))
 }
 
-fn begin(cells: &CellCounts, room: CellRoom) -> CellStep {
+fn begin(cells: &CellCounts, room: CellCapacity) -> CellStep {
     let elements = u64::from(cells.header(room)).max(1);
     CellStep::of("cell_begin", CellRound::Groups, elements.div_ceil(layout::CELL_WORKGROUP.into()))
 }
@@ -145,7 +145,7 @@ fn scan(round: CellRound, length: u64) -> [CellStep; 2] {
 }
 
 /// Returns the steps that emit pairs of a splat and a cell, and sort them by cell.
-fn sort(cells: &CellCounts, room: CellRoom) -> Vec<CellStep> {
+fn sort(cells: &CellCounts, room: CellCapacity) -> Vec<CellStep> {
     let groups = u64::from(cells.groups());
     let mut steps = scan(CellRound::Groups, groups).to_vec();
     steps.push(CellStep::of("cell_emit", CellRound::Groups, groups));
@@ -163,7 +163,12 @@ fn sort(cells: &CellCounts, room: CellRoom) -> Vec<CellStep> {
 
 /// Returns the stages that draw a tile of pixels, in order. `shaded` is the width and height of the tile's shaded part
 /// in pixels.
-pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, shaded: [u32; 2]) -> Vec<CellStage> {
+pub(crate) fn cell_stages(
+    plan: &FramePlan,
+    cells: &CellCounts,
+    room: CellCapacity,
+    shaded: [u32; 2],
+) -> Vec<CellStage> {
     let entries = RasterEntries::of(plan);
     let mut first = vec![begin(cells, room)];
     first.extend(setup(cells));
@@ -181,7 +186,7 @@ pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, 
         steps
     };
     stages.push(CellStage { name: "raster", steps: over(entries.cells, entries.of_parts) });
-    if looks_at_neighbours(plan) {
+    if has_neighbour_passes(plan) {
         let steps = vec![CellStep::over_pixels("cell_neighbours", shaded)];
         stages.push(CellStage { name: "shade", steps });
     }
@@ -193,7 +198,12 @@ pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, 
 
 /// Returns the stages that draw a tile of samples, in order. `pixels` is the width and height, in pixels, of the region
 /// that the samples belong to.
-pub(crate) fn sample_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, pixels: [u32; 2]) -> Vec<CellStage> {
+pub(crate) fn sample_stages(
+    plan: &FramePlan,
+    cells: &CellCounts,
+    room: CellCapacity,
+    pixels: [u32; 2],
+) -> Vec<CellStage> {
     let Some(samples) = RasterEntries::of(plan).samples else { return Vec::new() };
     let mut edges = vec![begin(cells, room), CellStep::over_pixels("cell_steps", pixels)];
     edges.extend(scan(CellRound::Active, u64::from(cells.cells()) + 1));
@@ -209,7 +219,7 @@ pub(crate) fn sample_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom
     stages
 }
 
-fn looks_at_neighbours(plan: &FramePlan) -> bool {
+fn has_neighbour_passes(plan: &FramePlan) -> bool {
     plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome))
 }
 
@@ -233,7 +243,7 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         "cell_find_ranges",
     ];
     let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
-    let neighbours = looks_at_neighbours(plan).then_some("cell_neighbours");
+    let neighbours = has_neighbour_passes(plan).then_some("cell_neighbours");
     let raster = [cells].into_iter().chain(of_parts.into_iter().flatten());
     distinct(before.into_iter().chain(raster).chain(neighbours).chain(edges.into_iter().flatten()).chain(of_samples))
 }
@@ -258,8 +268,8 @@ mod tests {
         CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, is_of_samples, has_places: false }
     }
 
-    fn room(pairs: u32) -> CellRoom {
-        CellRoom { records: 100, pairs, active: 9 }
+    fn room(pairs: u32) -> CellCapacity {
+        CellCapacity { records: 100, pairs, active: 9 }
     }
 
     fn names(stages: &[CellStage]) -> Vec<&str> {

@@ -74,7 +74,7 @@ pub enum CellBuffer {
     /// Groups of records, which are set up together: those of a chunk, or up to 256 splats at the near plane. They are
     /// the shaders' `cell_groups`.
     Groups,
-    /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellRoom::holds`].
+    /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellCapacity::holds`].
     Counters,
     /// Pairs of a splat and a cell: as emitted, and later fully sorted by cell.
     Pairs,
@@ -120,14 +120,14 @@ impl CellBuffer {
     }
 
     /// Returns the buffer's size in bytes for a tile of pixels and the tiles of its samples.
-    pub(crate) fn bytes(self, all: &[CellCounts], room: CellRoom) -> u64 {
+    pub(crate) fn bytes(self, all: &[CellCounts], room: CellCapacity) -> u64 {
         match self {
             Self::Counters => COUNTER_BYTES * all.len() as u64,
             _ => all.iter().map(|cells| self.bytes_of_one(cells, room)).max().unwrap_or(0),
         }
     }
 
-    fn bytes_of_one(self, cells: &CellCounts, room: CellRoom) -> u64 {
+    fn bytes_of_one(self, cells: &CellCounts, room: CellCapacity) -> u64 {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
         let digits = DIGITS * blocks(u64::from(room.pairs));
         match self {
@@ -205,7 +205,7 @@ impl CellRound {
     pub const ALL: [Self; 5] = [Self::Groups, Self::Active, Self::Low, Self::High, Self::Sorted];
 
     /// Returns the words of the shaders' `CellRound` for a tile.
-    pub fn words(self, cells: &CellCounts, room: CellRoom) -> Vec<u32> {
+    pub fn words(self, cells: &CellCounts, room: CellCapacity) -> Vec<u32> {
         let bits = u32::BITS - cells.sorted_cells(room).saturating_sub(1).leading_zeros();
         let low = bits.div_ceil(2);
         let (scanned, shift, digits) = match self {
@@ -263,13 +263,13 @@ impl CellCounts {
     }
 
     /// Returns the upper bound of the cell numbers by which pairs are sorted.
-    fn sorted_cells(&self, room: CellRoom) -> u32 {
+    fn sorted_cells(&self, room: CellCapacity) -> u32 {
         if self.is_of_samples { room.active } else { self.cells() }
     }
 
     /// Returns the number of header elements before the pairs in a buffer of pairs: one per cell, or two per active
     /// cell of samples.
-    pub(crate) fn header(&self, room: CellRoom) -> u32 {
+    pub(crate) fn header(&self, room: CellCapacity) -> u32 {
         if self.is_of_samples { 2 * room.active } else { self.cells() }
     }
 
@@ -281,7 +281,7 @@ impl CellCounts {
 
 /// Capacity of the compute path's buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CellRoom {
+pub struct CellCapacity {
     /// Maximum number of records.
     pub records: u32,
     /// Maximum number of pairs of a record and a cell.
@@ -290,7 +290,7 @@ pub struct CellRoom {
     pub active: u32,
 }
 
-/// Capacity that a tile requires of the buffers: numbers of records, pairs and active cells, as in [`CellRoom`].
+/// Capacity that a tile requires of the buffers: numbers of records, pairs and active cells, as in [`CellCapacity`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct CellNeeds {
     records: u64,
@@ -320,7 +320,7 @@ impl CellNeeds {
         }
     }
 
-    fn of_room(room: CellRoom) -> Self {
+    fn of_room(room: CellCapacity) -> Self {
         Self { records: room.records.into(), pairs: room.pairs.into(), active: room.active.into() }
     }
 }
@@ -334,7 +334,7 @@ fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
 /// has more.
 const FIRST_ACTIVE: u32 = 1 << 14;
 
-impl CellRoom {
+impl CellCapacity {
     /// Estimates the capacity for a tile before its first frame. Records are estimated as 3/5 of the splats, or all
     /// splats in a small tile. Pairs are estimated as two per record plus four per cell. `None` if the buffers would
     /// exceed the limits.
@@ -512,20 +512,20 @@ mod tests {
         };
         for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
             let counts = CellCounts { size, ..CellCounts::default() };
-            tell_apart(&counts, CellRoom { records: 1, pairs: 1, active: 0 }, counts.cells());
+            tell_apart(&counts, CellCapacity { records: 1, pairs: 1, active: 0 }, counts.cells());
         }
         assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
         // Only the active cells of samples are numbered.
         let samples = CellCounts { size: [256, 256], is_of_samples: true, ..CellCounts::default() };
         for active in [1, 100, 1 << 16] {
-            tell_apart(&samples, CellRoom { records: 1, pairs: 1, active }, active);
+            tell_apart(&samples, CellCapacity { records: 1, pairs: 1, active }, active);
         }
     }
 
     #[test]
     fn room_grows_to_what_is_needed_or_is_refused() {
         let (counts, all) = ([cells(&[4], 3)], Limits::default());
-        let room = CellRoom::start(None, &counts, all).unwrap();
+        let room = CellCapacity::start(None, &counts, all).unwrap();
         assert_eq!((room.records, room.active), (4 * 256 + 3, 0));
         let counters = |records, pairs, active| {
             let mut words = vec![0; layout::cell_counters::SIZE / 4];
@@ -540,11 +540,11 @@ mod tests {
         let grown = room.grown(&needed, &counts, all).unwrap();
         assert!(grown.holds(&needed) && grown.records >= room.records);
         // The capacity of the tile before is used while it is within the limits.
-        assert_eq!(CellRoom::start(Some(grown), &counts, all), Some(grown));
+        assert_eq!(CellCapacity::start(Some(grown), &counts, all), Some(grown));
         let little = Limits { cell_bytes: 1 << 20, ..all };
-        assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
+        assert_eq!(CellCapacity::start(Some(grown), &counts, little), Some(room));
         assert_eq!(room.grown(&needed, &counts, little), None);
-        assert_eq!(CellRoom::start(None, &counts, Limits { cell_bytes: 1000, ..all }), None);
+        assert_eq!(CellCapacity::start(None, &counts, Limits { cell_bytes: 1000, ..all }), None);
         // The count of pairs overflows.
         assert_eq!(room.grown(&counters(1, u32::MAX, 0), &counts, all), None);
         for buffer in CellBuffer::ALL {
@@ -554,14 +554,14 @@ mod tests {
         // Samples need room for active cells: at first for some, later for as many as there are.
         let samples = CellCounts { size: [256, 200], is_of_samples: true, ..cells(&[4], 3) };
         let counts = [cells(&[4], 3), samples];
-        let room = CellRoom::start(Some(grown), &counts, all).unwrap();
-        assert_eq!(room, CellRoom { active: FIRST_ACTIVE, ..grown });
+        let room = CellCapacity::start(Some(grown), &counts, all).unwrap();
+        assert_eq!(room, CellCapacity { active: FIRST_ACTIVE, ..grown });
         let needed = [counters(5, 6, 0), counters(7, 8, FIRST_ACTIVE + 1)].concat();
         assert!(!room.holds(&needed));
         let more = room.grown(&needed, &counts, all).unwrap();
         assert!(more.holds(&needed) && more.active <= 256 * 200);
         let mut stats = Stats::default();
-        CellRoom::count(&needed, &mut stats);
+        CellCapacity::count(&needed, &mut stats);
         let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
         assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
     }

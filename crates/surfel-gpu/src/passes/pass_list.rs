@@ -51,7 +51,7 @@ fn peeled_layers(plan: &FramePlan) -> usize {
 }
 
 /// Returns a copy of the plan that draws more layers of an A-buffer. `least` returns a lower bound of the number of
-/// surfaces in a pixel ([`crate::least_surfaces`]) and is called at most once.
+/// surfaces in a pixel ([`crate::min_surface_count`]) and is called at most once.
 ///
 /// # Errors
 /// A message that states the cause and a remedy, if the frame needs more layers than GPUs draw.

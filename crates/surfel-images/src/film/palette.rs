@@ -17,7 +17,7 @@ const COLORS: usize = 256;
 const BITS: u32 = 6;
 /// Factor f and summand s of the limit up to which the last palette is used for the next frame. Its mean squared error
 /// may be f times that of a new palette plus s, in squared 8-bit levels.
-const WORSE: (f32, f32) = (1.25, 0.5);
+const REUSE_LIMITS: (f32, f32) = (1.25, 0.5);
 /// Divisor of a frame's number of pixels. A colour that more pixels than the quotient have (1/50 of the frame) is in
 /// the palette exactly.
 const LARGE: usize = 50;
@@ -78,7 +78,7 @@ impl Quantiser {
     pub(super) fn indices(&mut self, pixels: &[[u8; 4]], width: usize) -> Vec<u8> {
         let samples = samples(pixels);
         let fresh = palette(&samples, &counted(pixels), pixels.len());
-        let limit = WORSE.0 * mean_error(&samples, &fresh) + WORSE.1;
+        let limit = REUSE_LIMITS.0 * mean_error(&samples, &fresh) + REUSE_LIMITS.1;
         if self.palette.is_empty() || mean_error(&samples, &self.palette) > limit {
             self.palette = fresh;
             self.known.clear();

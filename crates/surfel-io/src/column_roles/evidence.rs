@@ -9,7 +9,7 @@ pub(super) const RUN_ROWS: usize = 32;
 /// Number of runs of rows in the sample; each has [`RUN_ROWS`] rows.
 const RUNS: usize = 64;
 /// Number of distinct values at which counting stops, since larger numbers mean the same.
-const MOST_DISTINCT: usize = 1024;
+const MAX_DISTINCT: usize = 1024;
 /// Smallest number of rows from which the values of a column are taken as typical of its role.
 pub(super) const MANY_ROWS: usize = 8;
 
@@ -29,7 +29,7 @@ pub(super) struct Column {
     pub(super) is_sorted: bool,
     /// True if each value is greater than the one before.
     pub(super) is_increasing: bool,
-    /// Number of distinct values in the sample, at most [`MOST_DISTINCT`].
+    /// Number of distinct values in the sample, at most [`MAX_DISTINCT`].
     pub(super) distinct: usize,
     /// Values of the sampled rows, in runs of [`RUN_ROWS`] consecutive rows.
     pub(super) sample: Vec<f64>,
@@ -47,29 +47,29 @@ impl Column {
     }
 
     /// True if the column numbers all rows, from 0 or 1.
-    pub(super) fn numbers_rows(&self) -> bool {
+    pub(super) fn is_row_number(&self) -> bool {
         self.step == Some(1.0) && (self.least == 0.0 || self.least == 1.0)
     }
 
     /// True if the values are few distinct whole numbers without large gaps, as classes are.
     pub(super) fn is_dense_label(&self) -> bool {
         let span = self.most - self.least + 1.0;
-        self.is_few() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
+        self.has_few_values() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
     }
 
     /// True if the values are few distinct whole numbers in many rows, as instance ids are. They may have gaps.
     pub(super) fn is_sparse_label(&self) -> bool {
-        self.is_few() && self.sample.len() >= 512 && self.distinct <= 40
+        self.has_few_values() && self.sample.len() >= 512 && self.distinct <= 40
     }
 
-    fn is_few(&self) -> bool {
+    fn has_few_values(&self) -> bool {
         let is_repeated = self.distinct <= 64 && self.distinct * 3 <= self.sample.len();
         self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
     }
 
     /// True if no step between successive values is more than three times the mean step. Identifiers ascend in even
     /// steps, sorted coordinates in uneven ones.
-    pub(super) fn has_even_gaps(&self) -> bool {
+    pub(super) fn has_even_steps(&self) -> bool {
         let gaps: Vec<f64> = self.successive().map(|(before, after)| (after - before).abs()).collect();
         let usual = gaps.iter().sum::<f64>() / gaps.len().max(1) as f64;
         gaps.len() >= 2 * MANY_ROWS && gaps.iter().all(|gap| *gap <= 3.0 * usual)
@@ -193,7 +193,7 @@ fn distinct(sample: &[f64]) -> usize {
     let mut found = BTreeSet::new();
     for value in sample {
         found.insert(value.to_bits());
-        if found.len() == MOST_DISTINCT {
+        if found.len() == MAX_DISTINCT {
             break;
         }
     }

@@ -112,7 +112,7 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
     choice.score(State::default());
     let mut parts = choice.parts();
     // Columns that may be intensities count as unknown if any other column's role is unknown.
-    let is_unknown = |part: &Part| part.role == Role::Unknown && !choice.says_nothing(part.first);
+    let is_unknown = |part: &Part| part.role == Role::Unknown && !choice.is_uninformative(part.first);
     if parts.iter().any(is_unknown) {
         let intensity = parts.iter_mut().filter(|part| part.role == Role::Intensity);
         intensity.for_each(|part| part.role = Role::Unknown);
@@ -159,7 +159,7 @@ impl State {
 
 /// True if at least 99 % of the sampled pairs of x and y are distinct, as those of a raster's cells are. Whole numbers
 /// before columns of fractions are x and y only then.
-fn are_cells(x: &Column, y: &Column) -> bool {
+fn are_distinct_pairs(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
 }
@@ -172,18 +172,18 @@ struct Choice<'a> {
 }
 
 /// Score of a layout without a position, which is impossible.
-const NEVER: f64 = -1e9;
+const IMPOSSIBLE_SCORE: f64 = -1e9;
 
 impl Choice<'_> {
     /// Returns the largest sum of scores for the columns that follow a state.
     fn score(&mut self, state: State) -> f64 {
         if state.next == self.columns.len() {
-            return if state.has(Role::Position) { 0.0 } else { NEVER };
+            return if state.has(Role::Position) { 0.0 } else { IMPOSSIBLE_SCORE };
         }
         if let Some((score, _)) = self.best.get(&state) {
             return *score;
         }
-        let mut best = (2.0 * NEVER, Role::Unknown);
+        let mut best = (2.0 * IMPOSSIBLE_SCORE, Role::Unknown);
         for role in Role::ALL {
             let fits = state.next + role.names().len() <= self.columns.len() && !state.has(role);
             let Some(own) = fits.then(|| self.of_role(role, state)).flatten() else { continue };
@@ -214,7 +214,7 @@ impl Choice<'_> {
     }
 
     /// True if a column has the same value in all of many rows, so that it says nothing about its role.
-    fn says_nothing(&self, i: usize) -> bool {
+    fn is_uninformative(&self, i: usize) -> bool {
         self.rows() >= MANY_ROWS && self.columns[i].is_constant()
     }
 
@@ -253,7 +253,7 @@ impl Choice<'_> {
                 let is_last = i + 1 == self.columns.len();
                 let few = if rows < MANY_ROWS { 0.15 } else { 0.0 };
                 match state.before {
-                    _ if self.says_nothing(i) && i > 3 || column.numbers_rows() && rows >= MANY_ROWS => None,
+                    _ if self.is_uninformative(i) && i > 3 || column.is_row_number() && rows >= MANY_ROWS => None,
                     Some(Role::Position) => Some(1.05 + few),
                     Some(Role::Color | Role::Normal) if is_last => Some(1.0),
                     _ => None,
@@ -280,14 +280,14 @@ impl Choice<'_> {
             return None;
         }
         if !is_first {
-            return (column.numbers_rows() && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
+            return (column.is_row_number() && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
         }
         // A table that was saved twice with an index has two index columns.
         let is_twice = state.before.is_none() && self.columns[i + 1].counts() && column.counts();
         let next = self.columns.get(i + 1 + usize::from(is_twice)..i + 4 + usize::from(is_twice))?;
         let fractional = next.iter().filter(|c| !c.is_whole).count();
         if rows < MANY_ROWS {
-            return (column.numbers_rows() && fractional == 3).then_some(6.0);
+            return (column.is_row_number() && fractional == 3).then_some(6.0);
         }
         // If several columns count rows with the same step, none of them is an index.
         if next.iter().any(Column::counts) && next.iter().any(|c| c.step == column.step) {
@@ -296,7 +296,7 @@ impl Choice<'_> {
         if column.counts() {
             return Some(6.0);
         }
-        if column.is_increasing && (fractional > 0 || column.has_even_gaps()) {
+        if column.is_increasing && (fractional > 0 || column.has_even_steps()) {
             return Some(5.0);
         }
         let is_distinct = rows >= 2 * MANY_ROWS && column.distinct == rows.min(1024);
@@ -337,7 +337,7 @@ impl Choice<'_> {
         // Two columns of whole numbers before three of fractions aren't x and y, unless they are the cells of a raster.
         let next = self.columns.get(i + 3..i + 5).unwrap_or_default();
         let are_fractions_next = next.len() == 2 && next.iter().all(|c| !c.is_whole);
-        if x.is_whole && y.is_whole && !z.is_whole && are_fractions_next && !are_cells(x, y) {
+        if x.is_whole && y.is_whole && !z.is_whole && are_fractions_next && !are_distinct_pairs(x, y) {
             score -= 3.0;
         }
         if i > 0 && [x, y, z].iter().any(|c| c.counts()) {

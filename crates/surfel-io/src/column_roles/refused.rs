@@ -12,7 +12,7 @@ const ROUNDING: f64 = 2e-3;
 const IMAGE_SIDE: usize = 8;
 /// Smallest number of columns from which an array with similar columns counts as an image, however its values differ.
 #[cfg(feature = "npy")]
-const WIDE: usize = 20;
+const MIN_IMAGE_COLUMNS: usize = 20;
 
 /// Returns a problem if each row contains a camera pose: a matrix of 12 or 16 numbers.
 pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
@@ -115,5 +115,5 @@ pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let sampled = measured[0].sample.len();
     let difference = |pair: &[Column]| (0..sampled).map(|i| (pair[0].sample[i] - pair[1].sample[i]).abs()).sum::<f64>();
     let mean = measured.windows(2).map(difference).sum::<f64>() / (sampled * (width - 1)) as f64;
-    width >= WIDE || mean <= 0.15 * (most - least)
+    width >= MIN_IMAGE_COLUMNS || mean <= 0.15 * (most - least)
 }

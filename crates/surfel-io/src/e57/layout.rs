@@ -68,7 +68,7 @@ pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
 
 /// A column of a scan that is neither position, colour nor normal.
 #[derive(Clone, Debug)]
-pub(super) struct FurtherColumn {
+pub(super) struct OtherColumn {
     pub(super) name: String,
     /// Index of the column's record in a row of values.
     pub(super) record: usize,
@@ -88,7 +88,7 @@ pub(super) struct Layout<'a> {
     color_invalid: Option<usize>,
     pub(super) normal: Option<[usize; 3]>,
     /// Columns other than position, colour and normal.
-    pub(super) extras: Vec<FurtherColumn>,
+    pub(super) extras: Vec<OtherColumn>,
     rotation: DMat3,
     translation: DVec3,
 }
@@ -134,7 +134,7 @@ impl<'a> Layout<'a> {
                 RecordName::TimeStamp => at(&RecordName::IsTimeStampInvalid),
                 _ => None,
             };
-            extras.push(FurtherColumn { name, record: i, invalid });
+            extras.push(OtherColumn { name, record: i, invalid });
         }
         let pose = scan.transform.clone().unwrap_or_default();
         let (q, t) = (pose.rotation, pose.translation);
@@ -202,7 +202,7 @@ impl<'a> Layout<'a> {
     }
 
     /// Returns a point's value in a further column; 0 if it is missing or invalid.
-    pub(super) fn extra(&self, row: &[RecordValue], column: &FurtherColumn) -> f64 {
+    pub(super) fn extra(&self, row: &[RecordValue], column: &OtherColumn) -> f64 {
         if self.is_flagged(row, column.invalid) { 0.0 } else { self.value(row, column.record) }
     }
 

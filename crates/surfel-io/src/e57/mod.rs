@@ -13,13 +13,13 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::crs::Crs;
 use crate::error::{Fault, Problem, quote};
-use crate::rows::KeptRows;
+use crate::rows::RowNumbers;
 use crate::strided::NumberType;
-use crate::survey::{Scalar, Source, SparseColumn, extent_words, one_line};
+use crate::survey::{Scalar, Source, SparseColumn, format_extent, one_line};
 use crate::words::counted;
 use ::e57::{E57Reader, PointCloud as Scan, RecordDataType, RecordValue};
 use glam::{DVec3, Vec3};
-use layout::{FurtherColumn, Layout};
+use layout::{Layout, OtherColumn};
 use std::collections::{BTreeMap, HashMap};
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -38,7 +38,7 @@ const MAX_DECODED: (u64, u64) = (256 << 20, 256);
 const MAX_FIELDS: usize = 1000;
 /// Accuracy of positions that is always preserved, in metres; finer than that of any scanner. If f32 could round the
 /// farthest point by more than a quarter of it, the rounding errors are stored, too.
-const CERTAIN_M: f64 = 1e-4;
+const POSITION_ACCURACY_M: f64 = 1e-4;
 
 /// A reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. If a damaged file is
 /// repaired, the file ends for it with the last complete page.
@@ -141,7 +141,7 @@ struct Points {
     colors: Option<Vec<[f32; 3]>>,
     extras: BTreeMap<String, Typed>,
     scans: Option<SparseColumn<u32>>,
-    kept: KeptRows,
+    kept: RowNumbers,
     invalid: u64,
     colorless: u64,
 }
@@ -191,7 +191,7 @@ impl Points {
             if min.x <= max.x { Column3::origin_of(min, max) } else { DVec3::ZERO }
         });
         let finite = world.iter().map(|p| (*p - origin).abs().max_element()).filter(|d| d.is_finite());
-        if self.low.is_none() && finite.fold(0.0, f64::max) * 2f64.powi(-24) > CERTAIN_M / 4.0 {
+        if self.low.is_none() && finite.fold(0.0, f64::max) * 2f64.powi(-24) > POSITION_ACCURACY_M / 4.0 {
             self.low = Some(vec![Vec3::ZERO; self.high.len()]);
         }
         self.high.extend(world.iter().map(|p| (*p - origin).as_vec3()));
@@ -348,7 +348,7 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
-        for FurtherColumn { name, record, .. } in &layout.extras {
+        for OtherColumn { name, record, .. } in &layout.extras {
             let kind = match layout.scan.prototype[*record].data_type {
                 RecordDataType::Single { .. } => NumberType::F32,
                 RecordDataType::Integer { min: 0.., max: ..=255 } => NumberType::U8,
@@ -422,7 +422,7 @@ fn read_scans(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Cont
     cloud.comments = crs.comments();
     file.note_left_out(invalid, colorless, &mut notes);
     let by = file.reader.library_version().map(|v| format!(" by {}", quote(v))).unwrap_or_default();
-    let bounds = cloud.bounds().map_or_else(Default::default, |(lo, hi)| extent_words(hi - lo));
+    let bounds = cloud.bounds().map_or_else(Default::default, |(lo, hi)| format_extent(hi - lo));
     let scans = match layouts.len() {
         1 => "one scan".to_owned(),
         n => format!("{n} scans"),

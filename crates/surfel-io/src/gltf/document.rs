@@ -62,7 +62,7 @@ impl CheckedDocument {
     }
 
     /// Returns the names of a primitive's application-specific attributes, which begin with an underscore.
-    pub(super) fn own_attributes(&self, primitive: &Primitive<'_>, mesh: usize) -> impl Iterator<Item = &str> {
+    pub(super) fn custom_attributes(&self, primitive: &Primitive<'_>, mesh: usize) -> impl Iterator<Item = &str> {
         let attributes = self.primitive(primitive, mesh).and_then(|primitive| primitive.get("attributes")?.as_object());
         attributes.into_iter().flat_map(Map::keys).map(String::as_str).filter(|name| name.starts_with('_'))
     }

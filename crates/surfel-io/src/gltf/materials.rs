@@ -62,12 +62,12 @@ impl Materials {
     /// Reads all materials of a document. A texture that can't be read is dropped with a note.
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
-        let first_alike = first_alike(asset);
+        let first_with_same_data = first_with_same_data(asset);
         let primitives = asset.document.gltf.meshes().flat_map(|mesh| mesh.primitives());
         let used: BTreeSet<usize> = primitives.filter_map(|primitive| primitive.material().index()).collect();
         // Exporters that never state the flag leave all materials single-sided, whatever their surfaces are.
         let states_sides = used.iter().any(|material| is_double_sided(asset, *material));
-        let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_alike.len()];
+        let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_with_same_data.len()];
         for (number, material) in asset.document.gltf.materials().enumerate() {
             let pbr = material.pbr_metallic_roughness();
             let (mut factor, info) = match material.pbr_specular_glossiness() {
@@ -88,7 +88,7 @@ impl Materials {
             // Uses the first image that can be read: a texture may have a newer format with an older one as fallback.
             let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
                 images.into_iter().find_map(|image| {
-                    let image = *first_alike.get(image)?;
+                    let image = *first_with_same_data.get(image)?;
                     *of_image.get_mut(image)?.get_or_insert_with(|| {
                         let image = read_image(asset, image, context)?;
                         read.textures.push(Arc::new(image));
@@ -118,7 +118,7 @@ impl Materials {
                 let map =
                     asset.document.material(number).and_then(|m| MapTexture::of(asset, m.get("emissiveTexture")?));
                 if let Some(map) = map {
-                    if found.may_show(&map) {
+                    if found.shares_coordinates(&map) {
                         found.material.emission_map = read_first(map.images, context);
                     } else {
                         let what = "left out an emissive texture whose coordinates aren't the colours'";
@@ -131,7 +131,7 @@ impl Materials {
                 }
             }
             if let Some(normals) = asset.document.normal_texture(number).and_then(|v| MapTexture::of(asset, v)) {
-                if found.may_show(&normals) {
+                if found.shares_coordinates(&normals) {
                     let image = read_first(normals.images, context);
                     found.material.normal_map = image.map(|image| (image, normals.scale));
                 } else {
@@ -150,7 +150,7 @@ impl Materials {
 impl BaseColor {
     /// True if `map` uses the same texture coordinates as the material's other textures, as drawing requires. If there
     /// are no others yet, the material adopts the coordinates of `map`.
-    fn may_show(&mut self, map: &MapTexture) -> bool {
+    fn shares_coordinates(&mut self, map: &MapTexture) -> bool {
         if self.material.texture.is_none() && self.material.emission_map.is_none() {
             (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
         }
@@ -205,7 +205,7 @@ fn cutoff(material: &gltf::Material<'_>) -> f32 {
 
 /// Returns, for each image, the index of the first image with the same data, so that each is decoded once. Some
 /// exporters write one image per texture.
-fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
+fn first_with_same_data(asset: &Asset<'_>) -> Vec<usize> {
     let images = &asset.document.gltf.as_json().images;
     let mut known = HashMap::with_capacity(images.len());
     let all = images.iter().enumerate();

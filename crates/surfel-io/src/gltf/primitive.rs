@@ -13,7 +13,7 @@ use gltf::{Primitive, Semantic};
 use surfel_model::{ExtraColumn, ExtraValues};
 
 /// Maximum number of columns that are read from application-specific attributes.
-pub(super) const MOST_OWN_COLUMNS: usize = 64;
+pub(super) const MAX_CUSTOM_COLUMNS: usize = 64;
 
 /// Source of a primitive's attributes: its accessors, or a mesh decompressed from it.
 pub(super) struct Attributes<'a> {
@@ -61,8 +61,8 @@ impl Attributes<'_> {
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());
-        for (i, name) in document.own_attributes(self.primitive, self.mesh).enumerate() {
-            if i >= MOST_OWN_COLUMNS {
+        for (i, name) in document.custom_attributes(self.primitive, self.mesh).enumerate() {
+            if i >= MAX_CUSTOM_COLUMNS {
                 left_out.push(name.to_owned());
                 continue;
             }

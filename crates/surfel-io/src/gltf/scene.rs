@@ -6,7 +6,7 @@ use super::draco::{self, DracoMesh};
 use super::instances;
 use super::materials::Materials;
 use super::nodes::Nodes;
-use super::primitive::{Attributes, MOST_OWN_COLUMNS, Vertices, same_count, world_positions};
+use super::primitive::{Attributes, MAX_CUSTOM_COLUMNS, Vertices, same_count, world_positions};
 use super::rest_pose::{JointSet, Pose, SkinnedPose, joints};
 use super::splats::GatheredSplats;
 use super::wrap;
@@ -63,7 +63,7 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
     if !all.left_out.is_empty() {
         let names: Vec<&str> = all.left_out.iter().map(String::as_str).collect();
         context.note(format!(
-            "ignored the attributes {}: they aren't one number a vertex, or are more than {MOST_OWN_COLUMNS}",
+            "ignored the attributes {}: they aren't one number a vertex, or are more than {MAX_CUSTOM_COLUMNS}",
             list(&names)
         ));
     }
@@ -190,7 +190,7 @@ impl Gathered {
     }
 
     /// Returns the primitive's application-specific attributes as columns, without new ones beyond
-    /// [`MOST_OWN_COLUMNS`]. Their values count as vertices, including the values that fill a new column for earlier
+    /// [`MAX_CUSTOM_COLUMNS`]. Their values count as vertices, including the values that fill a new column for earlier
     /// primitives.
     fn own_columns(
         &mut self,
@@ -202,7 +202,7 @@ impl Gathered {
         self.left_out.extend(left_out);
         let before = self.columns.len();
         extras.retain(|extra| {
-            let is_kept = self.columns.contains(&extra.name) || self.columns.len() < MOST_OWN_COLUMNS;
+            let is_kept = self.columns.contains(&extra.name) || self.columns.len() < MAX_CUSTOM_COLUMNS;
             let names = if is_kept { &mut self.columns } else { &mut self.left_out };
             names.insert(extra.name.clone());
             is_kept

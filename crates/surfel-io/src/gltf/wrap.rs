@@ -11,9 +11,9 @@ use std::sync::Arc;
 use surfel_model::Texture;
 
 /// Maximum number of texels of a converted texture, per texel of the original.
-const MOST_TEXELS: usize = 4;
+const MAX_GROWTH: usize = 4;
 /// Number of texels that a converted texture may always have, however small the original is.
-const FEW_TEXELS: usize = 1 << 22;
+const ALWAYS_ALLOWED_TEXELS: usize = 1 << 22;
 
 /// Wrap mode of a texture: its continuation beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -65,7 +65,7 @@ impl Change {
         if wrap == Wrap::Mirror && (least < 0.0 || largest > 1.0) {
             return Some(Self::Mirrored);
         }
-        if least.abs().max(largest.abs()) * texels > FEW_TEXELS as f64 {
+        if least.abs().max(largest.abs()) * texels > ALWAYS_ALLOWED_TEXELS as f64 {
             return None;
         }
         // The range also spans a whole number of the other texture's texels, and has one more texel for interpolation.
@@ -132,7 +132,7 @@ pub(super) fn resolve(parts: &mut Parts, materials: &mut [BaseColor], textures: 
         let along = |k: usize| Change::new(base.wrap[k], range[k], own[k], other[k]);
         let is_small = |[u, v]: [Change; 2]| {
             let texels = |[width, height]: [usize; 2]| u.length(width).saturating_mul(v.length(height));
-            let most = |[width, height]: [usize; 2]| (MOST_TEXELS * width * height).max(FEW_TEXELS);
+            let most = |[width, height]: [usize; 2]| (MAX_GROWTH * width * height).max(ALWAYS_ALLOWED_TEXELS);
             texels(own) <= most(own) && texels(other) <= most(other)
         };
         let Some([u, v]) = along(0).zip(along(1)).map(<[Change; 2]>::from).filter(|both| is_small(*both)) else {

@@ -3,7 +3,7 @@
 
 use super::header::Header;
 use super::records::Columns;
-use super::{Sink, Told, field, read_records, tell};
+use super::{PointFacts, Sink, field, read_records, tell};
 use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use crate::context::Context;
 use crate::error::{Fault, Problem};
@@ -24,7 +24,7 @@ pub(crate) struct Blocks {
 
 struct BlockSink<'a> {
     header: Option<Header>,
-    told: Told,
+    told: PointFacts,
     /// Minimum and maximum 16-bit level of each colour channel over the points so far.
     levels: Option<([u16; 3], [u16; 3])>,
     each: &'a mut dyn FnMut(PointCloud),
@@ -39,7 +39,7 @@ impl Sink for BlockSink<'_> {
         let Some(header) = &self.header else { return Ok(()) };
         let count = records.len() / header.record_bytes;
         let mut columns = Columns::new(header, count);
-        let color_at = columns.leave_out_colors();
+        let color_at = columns.remove_colors();
         columns.append(records);
         self.told.withheld += columns.withheld;
         // `append` has moved the records that aren't withheld to the front.
@@ -73,7 +73,7 @@ pub(crate) fn read(
 ) -> Result<Blocks, Fault> {
     let file_bytes = source.seek(SeekFrom::End(0)).map_err(super::unreadable)?;
     let mut header = Header::read(source, file_bytes)?;
-    let mut sink = BlockSink { header: None, told: Told::default(), levels: None, each };
+    let mut sink = BlockSink { header: None, told: PointFacts::default(), levels: None, each };
     read_records(source, &mut header, file_bytes, context.options.repair, &mut sink)?;
     let BlockSink { mut told, levels, .. } = sink;
     // Same rule as for colours in memory: all black means no colours, and a maximum of 255 means 8 bits.

@@ -46,7 +46,7 @@ pub(super) fn read(
             let table = table_place(source, header, file_bytes)
                 .and_then(|place| read_table(source, header, &vlr, place, file_bytes));
             let chunks = match table {
-                Err(_) if repair && layered => whole_chunks(source, header, &vlr, file_bytes)?,
+                Err(_) if repair && layered => complete_chunks(source, header, &vlr, file_bytes)?,
                 Err(_) if repair && !vlr.uses_variable_size_chunks() => {
                     return read_without_table(source, header, vlr, file_bytes, sink);
                 }
@@ -330,7 +330,7 @@ const CUT_OFF: &str =
     "the table of its compressed chunks is missing, as of a file that is cut off: took the whole ones";
 
 /// Finds the complete layered chunks of a file that lacks the table of chunks, up to the header's count of points.
-fn whole_chunks(
+fn complete_chunks(
     source: &mut dyn Source,
     header: &mut Header,
     vlr: &LazVlr,
@@ -351,15 +351,15 @@ fn whole_chunks(
 }
 
 /// A source that refuses to seek, so that the crate `laz` reads no chunk table.
-struct Forward<'a>(BufReader<&'a mut dyn Source>);
+struct NonSeekable<'a>(BufReader<&'a mut dyn Source>);
 
-impl Read for Forward<'_> {
+impl Read for NonSeekable<'_> {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         self.0.read(bytes)
     }
 }
 
-impl Seek for Forward<'_> {
+impl Seek for NonSeekable<'_> {
     fn seek(&mut self, _: SeekFrom) -> io::Result<u64> {
         Err(io::ErrorKind::NotSeekable.into())
     }
@@ -378,7 +378,7 @@ fn read_without_table(
     let chunk = u64::from(vlr.chunk_size()).max(1);
     sink.start(header, 0);
     source.seek(SeekFrom::Start(header.start)).map_err(unreadable)?;
-    let mut decoder = LasZipDecompressor::new(Forward(BufReader::new(source)), vlr).map_err(|e| damaged(&e))?;
+    let mut decoder = LasZipDecompressor::new(NonSeekable(BufReader::new(source)), vlr).map_err(|e| damaged(&e))?;
     let mut bytes = Vec::new();
     let mut took = 0;
     while took < said {

@@ -21,7 +21,7 @@ use crate::crs::IN_DEGREES;
 use crate::error::{Fault, Problem};
 use crate::format::Format;
 use crate::point_count::PointCount;
-use crate::survey::{Source, extent_words};
+use crate::survey::{Source, format_extent};
 use crate::words::counted;
 use glam::DVec3;
 use header::Header;
@@ -132,7 +132,7 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<Poin
     let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
-    if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
+    if !matches!(Format::from_seekable_signature(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
         #[cfg(feature = "laz")]
         return crate::column_file::survey(path, columns).map(|survey| survey.count);
         #[cfg(not(feature = "laz"))]
@@ -193,13 +193,13 @@ fn finish(
     if bounds.is_some_and(|bounds| header.crs.degrees_note(bounds, Some(header.scale)).is_some()) {
         points.comments.push(IN_DEGREES.to_owned());
     }
-    tell(header, format, Told { count, of, withheld, bounds, has_colors, has_8_bit_colors }, context)?;
+    tell(header, format, PointFacts { count, of, withheld, bounds, has_colors, has_8_bit_colors }, context)?;
     context.points(points)
 }
 
 /// Properties of the points that were read, for the notes of [`tell`].
 #[derive(Default)]
-struct Told {
+struct PointFacts {
     count: usize,
     /// Number of points in the file, if only some were read.
     of: Option<u64>,
@@ -211,8 +211,8 @@ struct Told {
 }
 
 /// Adds notes about the points that were read; returns an error if there are none.
-fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_>) -> Result<(), Problem> {
-    let Told { count, of, withheld, bounds, has_colors, has_8_bit_colors } = told;
+fn tell(mut header: Header, format: Format, told: PointFacts, context: &mut Context<'_>) -> Result<(), Problem> {
+    let PointFacts { count, of, withheld, bounds, has_colors, has_8_bit_colors } = told;
     if count == 0 {
         let what = match withheld {
             0 => "holds no point".to_owned(),
@@ -250,7 +250,7 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
         "{version} of point format {}{by}: {count}{} points, {}, {}{colors}",
         header.format,
         of.map_or_else(String::new, |all| format!(" of {all}")),
-        extent_words(extent),
+        format_extent(extent),
         header.crs.words(),
     ));
     notes.into_iter().for_each(|note| context.note(note));

@@ -3,7 +3,7 @@
 
 use super::field;
 use super::header::{ExtraField, Header, POINT_BYTES};
-use crate::rows::KeptRows;
+use crate::rows::RowNumbers;
 use crate::survey::{Scalar, SparseColumn, WideColors, take_normals};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -52,7 +52,7 @@ pub(super) struct Columns {
     /// Bit of byte 15 of a record that flags the point as withheld; 0 if withheld points are read, too.
     withheld_bit: u8,
     pub(super) withheld: u64,
-    rows: KeptRows,
+    rows: RowNumbers,
     grid: Vec<[i32; 3]>,
     /// Byte offset of the colours in a record, and the colours read so far; `None` if the point format has none.
     colors: Option<(usize, WideColors)>,
@@ -93,7 +93,7 @@ impl Columns {
             withheld: 0,
             grid,
             colors,
-            rows: KeptRows::default(),
+            rows: RowNumbers::default(),
             extras: Vec::new(),
         };
         let after = POINT_BYTES[usize::from(format)];
@@ -243,7 +243,7 @@ impl Columns {
     }
 
     /// Removes the column of colours, so that colours aren't converted. Returns their byte offset in a record.
-    pub(super) fn leave_out_colors(&mut self) -> Option<usize> {
+    pub(super) fn remove_colors(&mut self) -> Option<usize> {
         self.colors.take().map(|(at, _)| at)
     }
 

@@ -14,7 +14,7 @@ use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
 use crate::materials::{Material, Parts};
 use crate::ply::colors::{ColorScale, ColorType, FloatColors};
-use crate::polygons::Cutter;
+use crate::polygons::Triangulator;
 use crate::words::counted;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -235,7 +235,7 @@ impl Obj {
         let has_uvs = self.corners.iter().any(|c| c[1] != NONE);
         let has_normals = self.corners.iter().any(|c| c[2] != NONE);
         if has_uvs {
-            self.leave_out_textures(&mut materials);
+            self.assign_untextured_materials(&mut materials);
         }
         // If there are no materials to distinguish, corners needn't be separate vertices.
         if materials.is_empty() {
@@ -254,7 +254,7 @@ impl Obj {
         } else {
             self.split(has_uvs, has_normals, &mut parts, &mut indices);
         }
-        let (mut rest, mut skipped, mut cutter) = (indices.as_slice(), 0, Cutter::default());
+        let (mut rest, mut skipped, mut cutter) = (indices.as_slice(), 0, Triangulator::default());
         for &count in &self.faces {
             let (face, after) = rest.split_at(rest.len().min(count as usize));
             rest = after;
@@ -269,7 +269,7 @@ impl Obj {
     }
 
     /// Assigns a copy of the material without textures to each face that has a corner without texture coordinate.
-    fn leave_out_textures(&mut self, materials: &mut Vec<Material>) {
+    fn assign_untextured_materials(&mut self, materials: &mut Vec<Material>) {
         let mut plain: HashMap<u32, u32> = HashMap::new();
         let mut rest = self.corners.as_mut_slice();
         for &count in &self.faces {

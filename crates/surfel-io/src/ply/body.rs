@@ -58,7 +58,7 @@ pub(crate) fn read<'a>(
         let mut table = Table::default();
         for (column, property) in columns.into_iter().zip(&element.properties) {
             match column {
-                Column::Scalar(values) => table.scalars.push((property.name.clone(), Numbers::Held(values))),
+                Column::Scalar(values) => table.scalars.push((property.name.clone(), Numbers::InMemory(values))),
                 Column::Stored(column) => table.scalars.push((property.name.clone(), Numbers::Stored(column))),
                 Column::List(lists) => table.lists.push((property.name.clone(), lists)),
                 Column::Coordinates(lists) => table.coordinates = Some(lists),
@@ -194,7 +194,7 @@ fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
 }
 
 fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(), Fault> {
-    let (rows, _) = backed_rows(cursor)?;
+    let (rows, _) = checked_row_count(cursor)?;
     for row in 0..rows {
         cursor.row = row;
         for (i, column) in columns.iter_mut().enumerate() {
@@ -258,7 +258,7 @@ fn to_f32<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> f32 {
 
 /// Returns the number of an element's rows, and the minimum number of bytes of a row: its scalars and the counts of its
 /// lists. Returns an error if fewer bytes remain than the rows need.
-fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
+fn checked_row_count(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     let properties = &cursor.element.properties;
     let least: usize = properties
         .iter()
@@ -281,7 +281,7 @@ fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
 
 /// Sets of three properties that together become one column of vectors or colours. They are read in place instead of
 /// copied.
-const TOGETHER: [[&str; 3]; 5] =
+const COMBINED_PROPERTIES: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
 /// Reads rows of fixed length, block by block, so that a block stays in the processor's cache while its columns are
@@ -293,7 +293,7 @@ fn read_rows<'a>(
     columns: &mut [Column<'a>],
 ) -> Result<(), Fault> {
     const BLOCK_BYTES: usize = 1 << 18;
-    let (rows, stride) = backed_rows(cursor)?;
+    let (rows, stride) = checked_row_count(cursor)?;
     let end = cursor.position + rows * stride;
     let data = bytes.part(cursor.position..end).ok_or_else(|| cursor.truncated(1))?;
     (cursor.position, cursor.row) = (end, rows);
@@ -305,7 +305,8 @@ fn read_rows<'a>(
     let mut offset = 0;
     for (column, property) in columns.iter_mut().zip(properties) {
         let Kind::Scalar(kind) = property.kind else { continue };
-        let together = TOGETHER.iter().any(|set| set.contains(&property.name.as_str()) && set.iter().all(&has));
+        let together =
+            COMBINED_PROPERTIES.iter().any(|set| set.contains(&property.name.as_str()) && set.iter().all(&has));
         if let Column::Scalar(values) = column {
             if let Some(stored) = Strided::new(data, offset, stride, rows, number_type(kind), big_endian)
                 && together

@@ -11,7 +11,7 @@ use surfel_model::ExtraValues;
 const RGB: [&str; 3] = ["red", "green", "blue"];
 /// Largest float colour up to which colours count as ranging to 1. Computations can raise light or displayed colours
 /// above 1. Larger floats are levels of the range to 255 or 65535.
-pub(crate) const BRIGHTEST: f64 = 8.0;
+pub(crate) const MAX_FLOAT_COLOR: f64 = 8.0;
 
 /// Encoding of colours that are stored as floats, which their number type doesn't determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,7 +68,7 @@ impl ColorScale {
             ColorType::Short | ColorType::Whole if largest <= 255.0 => Self::Encoded(255.0),
             ColorType::Short | ColorType::Whole => Self::Encoded(65_535.0),
             ColorType::Float if floats == FloatColors::Linear => Self::Linear,
-            ColorType::Float if largest <= 1.0 || largest <= BRIGHTEST && !whole => Self::Encoded(1.0),
+            ColorType::Float if largest <= 1.0 || largest <= MAX_FLOAT_COLOR && !whole => Self::Encoded(1.0),
             ColorType::Float => Self::Encoded(if largest <= 255.0 { 255.0 } else { 65_535.0 }),
         }
     }
@@ -133,7 +133,7 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
     };
     let is_whole = |row: [f64; 3]| row.iter().all(|c| !c.is_finite() || c.fract() == 0.0);
     // In other cases the largest value alone determines the scale.
-    let matters = kind == ColorType::Float && largest > 1.0 && largest <= BRIGHTEST;
+    let matters = kind == ColorType::Float && largest > 1.0 && largest <= MAX_FLOAT_COLOR;
     let scale = ColorScale::of(kind, largest, matters && combined(columns, is_whole).iter().all(|w| *w), floats);
     scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
     let linear = scale.linear();
@@ -181,7 +181,7 @@ fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
             packed.iter().map(|v| v.to_bits()).collect()
         }
         other => {
-            table.scalars.push((name.into(), Numbers::Held(other)));
+            table.scalars.push((name.into(), Numbers::InMemory(other)));
             return None;
         }
     };
@@ -210,7 +210,7 @@ pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut
         values @ (ExtraValues::F32(_) | ExtraValues::F64(_)) => {
             let mut v = to_f32(values);
             let largest = v.iter().copied().filter(|a| a.is_finite()).fold(0.0, f32::max);
-            if !is_profile && f64::from(largest) > BRIGHTEST {
+            if !is_profile && f64::from(largest) > MAX_FLOAT_COLOR {
                 let most = if largest <= 255.0 { 255.0 } else { 65_535.0 };
                 context.note(format!("took the alphas as counting to {most}"));
                 v.iter_mut().for_each(|a| *a = (f64::from(*a) / most) as f32);

@@ -10,7 +10,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, list};
 use crate::face_colors::{self, FaceColor};
-use crate::polygons::Cutter;
+use crate::polygons::Triangulator;
 use crate::texture;
 use crate::words::counted;
 use glam::DVec3;
@@ -133,7 +133,7 @@ pub(super) fn build(
     if let Some(of_triangle) = face_colors {
         face_colors::show(&mut mesh, &of_triangle, context);
     }
-    context.leave_out_black(&mut mesh.colors);
+    context.drop_black_colors(&mut mesh.colors);
     context.mesh(mesh)
 }
 
@@ -145,7 +145,7 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
 fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) -> Vec<u32> {
     // Every corner beyond a polygon's second makes a triangle, so this capacity is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
-    let (mut skipped, mut cutter) = (0, Cutter::default());
+    let (mut skipped, mut cutter) = (0, Triangulator::default());
     let mut face_of = Vec::with_capacity(triangles.capacity());
     for (face, polygon) in faces.iter().enumerate() {
         let cut = cutter.cut(polygon, |i| place(positions, i));

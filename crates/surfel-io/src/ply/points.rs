@@ -14,7 +14,7 @@ use std::io::Write;
 use surfel_model::Up;
 
 /// Properties by which vertices are splats, and aren't read as points.
-const OF_SPLATS: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
+const SPLAT_PROPERTIES: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
 
 /// The header of a PLY file of points, and the position of the vertices in the file.
 pub(crate) struct Vertices {
@@ -40,7 +40,7 @@ impl Vertices {
         let is_whole = |set: [&str; 3]| !set.iter().any(|name| has(name)) || set.iter().all(|name| has(name));
         let are_points = vertices.is_fixed()
             && !header.elements.iter().any(is_face)
-            && !OF_SPLATS.iter().any(|name| has(name))
+            && !SPLAT_PROPERTIES.iter().any(|name| has(name))
             && has("x")
             && [["x", "y", "z"], ["nx", "ny", "nz"], ["red", "green", "blue"]].into_iter().all(is_whole);
         let skipped = match header.encoding {

@@ -45,7 +45,7 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     let is_points = shape.is_none();
     let radii = table.take("radius").map(ExtraValues::from);
     let points_radii = radii.clone().filter(|_| is_points).map(columns::to_f32);
-    let radii = radii.map(|values| ("radius".to_owned(), Numbers::Held(values)));
+    let radii = radii.map(|values| ("radius".to_owned(), Numbers::InMemory(values)));
     table.scalars.extend(radii);
     let extras = table.scalars.into_iter().map(|(name, values)| ExtraColumn { name, values: values.into() }).collect();
     let Some(shape) = shape else {

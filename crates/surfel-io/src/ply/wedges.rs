@@ -2,7 +2,7 @@
 
 use super::mesh::place;
 use super::table::Lists;
-use crate::polygons::Cutter;
+use crate::polygons::Triangulator;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
@@ -24,7 +24,7 @@ impl Wedges {
         textures: Option<&[f64]>,
     ) -> Self {
         let mut wedges = Self { coordinates: Vec::new(), textures: Vec::new() };
-        let mut cutter = Cutter::default();
+        let mut cutter = Triangulator::default();
         for (face, (polygon, uvs)) in corners.iter().zip(coordinates.iter()).enumerate() {
             let is_whole = uvs.len() == 2 * polygon.len();
             let texture = textures.map_or(0.0, |all| all.get(face).copied().unwrap_or(-1.0));

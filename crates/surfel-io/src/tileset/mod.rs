@@ -65,7 +65,7 @@ struct Reference {
 
 /// Properties that every tileset has, by which a tileset is recognised.
 #[derive(Deserialize)]
-struct Sketch {
+struct TilesetProbe {
     #[serde(rename = "asset")]
     _asset: IgnoredAny,
     #[serde(rename = "geometricError")]
@@ -76,7 +76,7 @@ struct Sketch {
 
 /// True if the bytes are the JSON of a tileset.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
-    bytes.trim_ascii_start().starts_with(b"{") && serde_json::from_slice::<Sketch>(bytes).is_ok()
+    bytes.trim_ascii_start().starts_with(b"{") && serde_json::from_slice::<TilesetProbe>(bytes).is_ok()
 }
 
 /// Reads the points of a tileset's finest tiles.

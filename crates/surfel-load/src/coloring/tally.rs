@@ -15,7 +15,7 @@ const MOST_CATEGORIES: usize = 1 << 16;
 const PERCENTILES: [f64; 2] = [2.0, 98.0];
 /// Number of collected values at which they are condensed: each run of [`RUN`] sorted values is then replaced by its
 /// middle one.
-const HELD: usize = 1 << 24;
+const MAX_EXACT_VALUES: usize = 1 << 24;
 /// Number of sorted values that one representative replaces.
 const RUN: usize = 1 << 8;
 
@@ -28,7 +28,7 @@ pub(crate) struct Tally {
     /// Number of occurrences of each integer value, by the bits of its f64; empty if the values aren't categories.
     counts: HashMap<u64, usize>,
     are_categories: bool,
-    spread: Spread,
+    spread: PercentileValues,
     /// Number of values that aren't finite, which get no colour.
     pub(crate) missing: usize,
 }
@@ -48,13 +48,13 @@ impl Tally {
             is_intensity: name.to_ascii_lowercase().trim_start_matches("scalar_") == "intensity",
             counts: HashMap::new(),
             are_categories,
-            spread: Spread::default(),
+            spread: PercentileValues::default(),
             missing: 0,
         }
     }
 
     /// True if all integers are categories, however many there are, as for classes and named categories.
-    fn tells_all_apart(&self) -> bool {
+    fn has_unlimited_categories(&self) -> bool {
         match &self.colors.map {
             _ if self.colors.labels.is_some() => true,
             Some(map) => map.is_of_categories(),
@@ -63,7 +63,7 @@ impl Tally {
     }
 
     pub(crate) fn add(&mut self, values: impl Iterator<Item = f64>) {
-        let (all, needs_range) = (self.tells_all_apart(), self.colors.range.is_none());
+        let (all, needs_range) = (self.has_unlimited_categories(), self.colors.range.is_none());
         for value in values {
             if !value.is_finite() {
                 self.missing += 1;
@@ -107,7 +107,7 @@ impl Tally {
                 }
                 ColorScale::Categories(found)
             }
-            _ if self.are_categories && (self.tells_all_apart() || !self.counts.is_empty()) => {
+            _ if self.are_categories && (self.has_unlimited_categories() || !self.counts.is_empty()) => {
                 ColorScale::Categories(self.categories())
             }
             _ => {
@@ -177,19 +177,19 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
     note
 }
 
-/// Collected finite values, from which percentiles are computed. For up to [`HELD`] values, percentiles are exact. For
+/// Collected finite values, from which percentiles are computed. For up to [`MAX_EXACT_VALUES`] values, percentiles are exact. For
 /// more, their ranks are exact to within a fraction of 2⁻¹⁶ of the number of values.
 #[derive(Default)]
-struct Spread {
+struct PercentileValues {
     held: Vec<f64>,
     /// Representative values, each with the number of values that it stands for.
     runs: Vec<(f64, u64)>,
 }
 
-impl Spread {
+impl PercentileValues {
     fn push(&mut self, value: f64) {
         self.held.push(value);
-        if self.held.len() == HELD {
+        if self.held.len() == MAX_EXACT_VALUES {
             self.reduce();
         }
     }
@@ -254,7 +254,7 @@ mod tests {
         // Order that mixes large and small values.
         let count = 100_003_u64;
         let value = |i: u64| ((i * 48_271) % count) as f64;
-        let mut spread = Spread::default();
+        let mut spread = PercentileValues::default();
         for i in 0..count {
             spread.push(value(i));
             if i % 30_000 == 29_999 {

@@ -94,7 +94,7 @@ pub struct Member<'a> {
 }
 
 /// Report on a file that doesn't have the requested attribute. Its splats become grey.
-pub struct Lacking {
+pub struct MissingAttribute {
     /// Index of the file's [`Member`] in the list passed to the function.
     pub member: usize,
     /// Names of the attributes that the file has, for the message.
@@ -114,7 +114,7 @@ impl Colorings {
 
     /// Determines one scale per attribute, and colours the members. Scales from earlier calls are preserved, and new
     /// categories are added to them.
-    pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<Lacking>, ModelError> {
+    pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<MissingAttribute>, ModelError> {
         let mut tallies = Tallies { axis: self.axis, ..Tallies::default() };
         let lacking = tallies.add(members);
         self.axis = tallies.axis;
@@ -160,7 +160,7 @@ struct Entry {
 
 impl Tallies {
     /// Adds the values of splats that are drawn together. Returns the members whose files lack the attribute.
-    pub fn add(&mut self, members: &mut [Member<'_>]) -> Vec<Lacking> {
+    pub fn add(&mut self, members: &mut [Member<'_>]) -> Vec<MissingAttribute> {
         self.settle_axis(members);
         let mut lacking = Vec::new();
         for (i, member) in members.iter().enumerate() {
@@ -173,7 +173,7 @@ impl Tallies {
                 Err(mut known) => {
                     let others: Vec<String> = job.others.iter().filter(|name| !known.contains(name)).cloned().collect();
                     known.extend(others);
-                    lacking.push(Lacking { member: i, known });
+                    lacking.push(MissingAttribute { member: i, known });
                 }
             }
         }

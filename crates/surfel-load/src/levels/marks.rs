@@ -1,7 +1,7 @@
 //! Drawing parameters of points with levels of detail: splat sizes where finer points are missing or fade in, and radii
 //! stored in the file.
 
-use super::selection::{CLOSING, Selection};
+use super::selection::{COVERING_RADIUS, Selection};
 use glam::Vec3;
 use rayon::prelude::*;
 use surfel_io::copc::{Copc, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, RADIUS};
@@ -12,11 +12,11 @@ use surfel_sample::PointReport;
 /// Largest factor by which an estimated radius is enlarged so that a level's splats cover the surface. It applies where
 /// points are denser than the level's spacing suggests, so that the spacing is meaningless. Radii that the file states
 /// aren't limited, since they were estimated from all points.
-const MOST_GROWN: f32 = 4.0;
+const MAX_GROWTH: f32 = 4.0;
 
 /// Smallest radius of a splat that is fading in, as a fraction of its final radius. The splat then has 1/400 of its
 /// area.
-const LEAST_GROWN: f64 = 0.05;
+const MIN_FADE_RADIUS: f64 = 0.05;
 
 /// Name of the internal column with the point spacing of a point's level where finer points are missing, and 0
 /// elsewhere. The column is removed when splats are made.
@@ -62,7 +62,7 @@ pub(super) fn mark_of(
         Some(1) => 1.0 - fading,
         _ => 0.0,
     };
-    let growth = if is_new { fading.sqrt().max(LEAST_GROWN) } else { 1.0 };
+    let growth = if is_new { fading.sqrt().max(MIN_FADE_RADIUS) } else { 1.0 };
     let own = if is_missing { spacing(deepest) } else { 0.0 };
     let spacing = match deepest {
         0 => own,
@@ -179,7 +179,7 @@ impl Radii {
 
     /// True if the points have normals, and at least one radius is valid.
     pub(crate) fn are_known(&self, points: &PointCloud) -> bool {
-        points.normals.is_some() && self.0.iter().flatten().any(is_known)
+        points.normals.is_some() && self.0.iter().flatten().any(is_valid_radius)
     }
 
     /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Reuses the memory of the points.
@@ -189,11 +189,11 @@ impl Radii {
         scale: f64,
     ) -> Result<(SplatCloud, PointReport), surfel_model::ModelError> {
         let radii = self.0.unwrap_or_default();
-        let mut sorted: Vec<f32> = radii.iter().copied().filter(is_known).collect();
+        let mut sorted: Vec<f32> = radii.iter().copied().filter(is_valid_radius).collect();
         let middle = sorted.len().saturating_sub(1) / 2;
         let median = if sorted.is_empty() { 0.0 } else { *sorted.select_nth_unstable_by(middle, f32::total_cmp).1 };
         drop(sorted);
-        let radii = radii.into_iter().map(|r| if is_known(&r) { r } else { median } * scale as f32).collect();
+        let radii = radii.into_iter().map(|r| if is_valid_radius(&r) { r } else { median } * scale as f32).collect();
         let normals = points.normals.unwrap_or_default();
         let up = |n: Vec3| if n.is_finite() && n != Vec3::ZERO { n } else { Vec3::Z };
         let normals = Column3::from_f32((0..normals.len()).map(|i| up(normals.get(i).as_vec3())).collect());
@@ -221,7 +221,7 @@ impl Radii {
 }
 
 /// True if a stored radius is valid: positive and finite. Other values mean that the radius is unknown.
-pub(super) fn is_known(radius: &f32) -> bool {
+pub(super) fn is_valid_radius(radius: &f32) -> bool {
     *radius > 0.0 && radius.is_finite()
 }
 
@@ -245,8 +245,8 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<Sp
     let growth = take_f32(&mut data.extras, GROWTH).unwrap_or_default();
     let closing = |radius: f32, i: usize| {
         let radius = radius * growth.get(i).copied().unwrap_or(1.0);
-        let grown = CLOSING * spacing.get(i).copied().unwrap_or(0.0);
-        radius.max(if stated { grown } else { grown.min(MOST_GROWN * radius) })
+        let grown = COVERING_RADIUS * spacing.get(i).copied().unwrap_or(0.0);
+        radius.max(if stated { grown } else { grown.min(MAX_GROWTH * radius) })
     };
     match &mut data.shape {
         Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => {
@@ -344,7 +344,7 @@ mod tests {
             SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
         };
         // Radii stated for all points, and radii estimated from the points read.
-        for (stated, radius) in [(true, CLOSING), (false, MOST_GROWN * 0.1)] {
+        for (stated, radius) in [(true, COVERING_RADIUS), (false, MAX_GROWTH * 0.1)] {
             let closed = close(cloud(), false, stated).unwrap();
             assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.05]);
         }

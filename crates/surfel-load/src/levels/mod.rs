@@ -17,17 +17,17 @@ pub use write::{CopcRequest, is_copc, is_shard, resume_folder, save_copc, summar
 use crate::options::io_options;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, DVec3};
-use marks::{is_known, mark};
+use marks::{is_valid_radius, mark};
 pub(crate) use selection::chosen;
-use selection::{CLOSING, Selection, select, sight};
+use selection::{COVERING_RADIUS, Selection, select, sight};
 use std::path::Path;
 use surfel_io::copc::{Copc, Keeps, NodeColumns, NodePoints};
 use surfel_io::{Content, Loaded};
 use surfel_model::PointCloud;
-use surfel_render::{LevelEnd, View};
+use surfel_render::{StopReason, View};
 
 /// Default of the point limit: largest number of points that are read from a file for a view.
-pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
+pub const DEFAULT_POINT_BUDGET: u64 = 10_000_000;
 
 /// Statistics of the nodes that were read from a COPC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,7 +42,7 @@ pub struct LevelReport {
     /// an overview.
     pub error_px: f64,
     /// Limit that ended the selection of nodes.
-    pub end: LevelEnd,
+    pub end: StopReason,
 }
 
 impl LevelReport {
@@ -73,11 +73,11 @@ pub(crate) fn read(
     let opened = Copc::open(copc_path).or_else(|error| if is_file(copc_path) { Err(error) } else { Ok(None) });
     let Some(copc) = opened? else { return Ok(None) };
     // After a COPC copy was written, the allocator still retains memory.
-    let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.left_bytes());
+    let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.allocator_bytes());
     let budget = options.memory.or_else(memory::default_budget).map(|bytes| bytes.saturating_sub(left));
     let point_bytes = if copc.has_colors() { memory::KNOWN_COLORED_BYTES } else { memory::KNOWN_BYTES };
     let fitting = budget.map_or(u64::MAX, |bytes| bytes / point_bytes);
-    let most = options.max_points().map_or(DEFAULT_MOST_POINTS.min(fitting), |most| most as u64);
+    let most = options.max_points().map_or(DEFAULT_POINT_BUDGET.min(fitting), |most| most as u64);
     let selection = select(&copc, levels, options, most);
     let report = selection.report;
     memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
@@ -99,7 +99,7 @@ pub(crate) fn read(
     if is_partial {
         let limit = match options.max_points() {
             Some(_) => "`max_points` ends it",
-            None if most < DEFAULT_MOST_POINTS => "`memory` ends it",
+            None if most < DEFAULT_POINT_BUDGET => "`memory` ends it",
             None => "`max_points` raises the limit that ends it",
         };
         found.loaded.notes.push(note(&report, limit));
@@ -129,8 +129,8 @@ fn load_nodes(
     let sight = sight(levels, copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
     let shows = |level: u32, center: DVec3, radius: f64| {
         // If finer points are missing, the splat is enlarged to this radius.
-        let reach = (radius * options.radius_scale()).max(f64::from(CLOSING) * copc.spacing(level));
-        !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
+        let reach = (radius * options.radius_scale()).max(f64::from(COVERING_RADIUS) * copc.spacing(level));
+        !is_valid_radius(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
     let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
     Ok(copc.kept_points_of(&selection.nodes, (columns, keeps), io_options)?)
@@ -167,9 +167,9 @@ fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "`lod_error` draws finer ones");
     let why = match report.end {
-        LevelEnd::Points => format!("{limit} at splats of {error_px:.1} px"),
-        LevelEnd::Enough => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
-        LevelEnd::Error => format!("splats of {error_px:.2} px at most; {finer}"),
+        StopReason::Points => format!("{limit} at splats of {error_px:.1} px"),
+        StopReason::Enough => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
+        StopReason::Error => format!("splats of {error_px:.2} px at most; {finer}"),
     };
     format!(
         "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; `all_levels` draws all points)",

@@ -5,7 +5,7 @@ use crate::LoadOptions;
 use std::path::Path;
 use surfel_io::copc::{Copc, CopcNode, LevelValues};
 use surfel_model::{Outliers, PointColors};
-use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, select_levels};
+use surfel_render::{FADE_OCTAVES, LevelNode, Magnification, SplatVisibility, StopReason, select_levels};
 
 /// Largest number of points in an overview of a file: its coarsest levels, which are enough to place a camera.
 const OVERVIEW_POINTS: u64 = 100_000;
@@ -13,13 +13,13 @@ const OVERVIEW_POINTS: u64 = 100_000;
 /// Ratio of splat radius to point spacing at which the splats of a level cover the surface without gaps. The points of
 /// a level are those nearest to the centres of grid cells. So no position is farther from the nearest point than the
 /// diagonal of a cell's face.
-pub(super) const CLOSING: f32 = std::f32::consts::SQRT_2;
+pub(super) const COVERING_RADIUS: f32 = std::f32::consts::SQRT_2;
 
 /// Nodes selected from a COPC file, and how their points are drawn.
 pub(super) struct Selection {
     /// Indices of the selected nodes into the file's nodes.
     pub(super) nodes: Vec<u32>,
-    pub(super) cut: Cut,
+    pub(super) cut: NodeStates,
     /// Fading between levels; `None` for an overview and for several views, whose points don't fade.
     pub(super) fade: Option<Fade>,
     pub(super) report: LevelReport,
@@ -36,7 +36,7 @@ impl Selection {
 pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: u64) -> Selection {
     let mut fade = None;
     let (nodes, error_px, end) = match levels {
-        Levels::Overview => (overview(copc.nodes()), 0.0, LevelEnd::Error),
+        Levels::Overview => (overview(copc.nodes()), 0.0, StopReason::Error),
         Levels::Views { views, world_from_object, error_px, .. } => {
             let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(copc, node)).collect();
             // Levels fade in over an interval of errors whose geometric mean is `error_px`.
@@ -51,10 +51,10 @@ pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: 
         }
     };
     let cut = match levels {
-        Levels::Overview => Cut::default(),
+        Levels::Overview => NodeStates::default(),
         Levels::Views { .. } => {
-            let keeps = options.level_store.as_ref().is_some_and(|store| store.keeps_nodes());
-            Cut::new(copc, &nodes, fade.as_ref(), keeps)
+            let keeps = options.level_store.as_ref().is_some_and(|store| store.caches_nodes());
+            NodeStates::new(copc, &nodes, fade.as_ref(), keeps)
         }
     };
     let all = copc.nodes();
@@ -79,13 +79,13 @@ pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Le
 
 /// Returns the visibility test by which points outside of the frustum are skipped. Returns `None` if skipping points
 /// would change estimates for other points, or row numbers.
-pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
+pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<SplatVisibility<'a>> {
     let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
     let is_of_all =
         options.interior_weight || options.convert.sharp || options.convert.colors == Some(PointColors::Fit);
     let has_rows = options.rows || options.label.is_some() || options.chooses_points();
     let is_alone = copc.has_splats() && !is_of_all && !has_rows;
-    is_alone.then(|| Sight::new(world_from_object, views, *margin_px))
+    is_alone.then(|| SplatVisibility::new(world_from_object, views, *margin_px))
 }
 
 /// Selects whole levels from the root down, with at most [`OVERVIEW_POINTS`] points.
@@ -104,7 +104,7 @@ fn overview(nodes: &[CopcNode]) -> Vec<u32> {
 
 fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     let (center, half) = copc.cube(node);
-    let splat_radius = f64::from(CLOSING) * copc.spacing(node.level);
+    let splat_radius = f64::from(COVERING_RADIUS) * copc.spacing(node.level);
     LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
 }
 
@@ -124,7 +124,7 @@ impl Fade {
     /// Returns the projected radius of splats that cover a level with point spacing 1, as a multiple of the tolerated
     /// error. `pixels` is the magnification in pixels per unit of length.
     pub(super) fn errors(&self, pixels: f64) -> f64 {
-        f64::from(CLOSING) * pixels / self.error_px
+        f64::from(COVERING_RADIUS) * pixels / self.error_px
     }
 
     /// True if all points of a node have faded in, so that the level above no longer replaces them.
@@ -137,7 +137,7 @@ impl Fade {
 
 /// State of each node of the file relative to a selection. Each list has one entry per node of the file.
 #[derive(Default)]
-pub(super) struct Cut {
+pub(super) struct NodeStates {
     pub(super) is_chosen: Vec<bool>,
     /// Values that are read for each node's points: their own, averages over missing finer points, or both. Averages
     /// are needed where finer points are missing or fade in. Both kinds are needed if this holds in only some parts of
@@ -150,7 +150,7 @@ pub(super) struct Cut {
     fades: bool,
 }
 
-impl Cut {
+impl NodeStates {
     /// Computes the states of all nodes if the nodes `chosen` are selected. `keeps` is true if nodes are cached; they
     /// then get all values that later selections may need.
     fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {

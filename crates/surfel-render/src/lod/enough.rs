@@ -16,7 +16,7 @@ const MOST_ERRORS: f64 = 2.0;
 /// Largest fractions of the views' area in which points may be skipped. The first applies if splats there are
 /// [`MOST_ERRORS`] times as large as requested, the second if they are barely larger than requested. Elsewhere the
 /// image is as fine as requested, or as fine as the file.
-const LEFT_OUT: [f64; 2] = [0.25, 0.375];
+const MAX_SKIPPED_FRACTIONS: [f64; 2] = [0.25, 0.375];
 /// Number of cells along each side of an image. The fraction of cells with skipped nodes measures how much of the image
 /// lacks points.
 const CELLS: usize = 64;
@@ -31,7 +31,7 @@ const STEPS: i32 = 64;
 /// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
 /// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. Splats may be up to [`MOST_ERRORS`] times
 /// too large in at most a quarter of the views. If the fraction is larger, the allowed error decreases evenly
-/// ([`LEFT_OUT`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection,
+/// ([`MAX_SKIPPED_FRACTIONS`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection,
 /// levels fade in ([`FADE_OCTAVES`]). A node that has not faded in completely counts as skipped. The decision depends
 /// only on the nodes and the views, so an image is the same for any threads and caches. The constants are measured on
 /// land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
@@ -42,8 +42,8 @@ pub(super) struct Enough<'a> {
     /// splats drawn where the node isn't selected.
     wanted: &'a [(f64, &'a LevelNode)],
     /// Number of visible nodes that are skipped or have not completely faded in, per cell of each view.
-    left_out: Vec<u32>,
-    /// Number of cells in which such nodes are visible, that is, of nonzero elements of `left_out`.
+    skipped_per_cell: Vec<u32>,
+    /// Number of cells in which such nodes are visible, that is, of nonzero elements of `skipped_per_cell`.
     cells: usize,
 }
 
@@ -61,14 +61,14 @@ impl<'a> Enough<'a> {
         if all < least_points {
             return None;
         }
-        let mut enough = Self { eyes, wanted, left_out: vec![0; eyes.len() * CELLS * CELLS], cells: 0 };
+        let mut enough = Self { eyes, wanted, skipped_per_cell: vec![0; eyes.len() * CELLS * CELLS], cells: 0 };
         let (mut taken, mut in_place, mut points) = (0, 0, 0_u64);
         let is_above = |i: usize, size_px: f64| wanted.get(i).is_some_and(|(size, _)| *size > size_px);
         let most_px = MOST_ERRORS * error_px;
         while is_above(in_place, most_px * FADE_OCTAVES.exp2()) {
             in_place += 1;
         }
-        (in_place..wanted.len()).for_each(|i| enough.leave_out(i));
+        (in_place..wanted.len()).for_each(|i| enough.mark_skipped(i));
         for step in 0..STEPS {
             let size_px = most_px * (-f64::from(step) / f64::from(STEPS)).exp2();
             while is_above(in_place, size_px * FADE_OCTAVES.exp2()) {
@@ -92,24 +92,24 @@ impl<'a> Enough<'a> {
     /// Returns the largest ratio to the requested error that is allowed for the current number of cells with skipped
     /// nodes.
     fn most_errors(&self) -> f64 {
-        let share = self.cells as f64 / self.left_out.len() as f64;
-        let least = (LEFT_OUT[1] - share) / (LEFT_OUT[1] - LEFT_OUT[0]);
+        let share = self.cells as f64 / self.skipped_per_cell.len() as f64;
+        let least = (MAX_SKIPPED_FRACTIONS[1] - share) / (MAX_SKIPPED_FRACTIONS[1] - MAX_SKIPPED_FRACTIONS[0]);
         1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
     }
 
     /// Marks the node at this index of `wanted` as skipped, in the cells where it may be visible.
-    fn leave_out(&mut self, wanted: usize) {
+    fn mark_skipped(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
-            self.left_out[cell] += 1;
-            self.cells += usize::from(self.left_out[cell] == 1);
+            self.skipped_per_cell[cell] += 1;
+            self.cells += usize::from(self.skipped_per_cell[cell] == 1);
         }
     }
 
-    /// Removes the mark of [`Self::leave_out`] from the node at this index of `wanted`, because it is selected.
+    /// Removes the mark of [`Self::mark_skipped`] from the node at this index of `wanted`, because it is selected.
     fn put(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
-            self.left_out[cell] -= 1;
-            self.cells -= usize::from(self.left_out[cell] == 0);
+            self.skipped_per_cell[cell] -= 1;
+            self.cells -= usize::from(self.skipped_per_cell[cell] == 0);
         }
     }
 }
@@ -149,7 +149,7 @@ fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{LevelEnd, LevelSelection, select_levels};
+    use super::super::{LevelSelection, StopReason, select_levels};
     use super::*;
     use crate::View;
     use glam::DAffine3;
@@ -190,11 +190,11 @@ mod tests {
     fn slant_ends_early_within_twice_the_error() {
         let (nodes, view) = (plane(4096), slanted(30.0, 400));
         let found = chosen(&nodes, &view, 1.0);
-        assert!(found.end == LevelEnd::Enough && found.points >= 1_000_000, "{found:?}");
+        assert!(found.end == StopReason::Enough && found.points >= 1_000_000, "{found:?}");
         assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
         // With fewer points in the same nodes, none is skipped.
         let all = chosen(&plane(1024), &view, 1.0);
-        assert!(all.end == LevelEnd::Error && all.error_px <= 1.0 && all.nodes.len() > found.nodes.len());
+        assert!(all.end == StopReason::Error && all.error_px <= 1.0 && all.nodes.len() > found.nodes.len());
         assert!(found.nodes.iter().all(|i| all.nodes.contains(i)));
         // A larger image needs 5 points per pixel.
         let points = chosen(&nodes, &slanted(30.0, 700), 1.0).points;
@@ -208,7 +208,7 @@ mod tests {
         let view = View::new(&camera).unwrap();
         for error_px in [0.4, 0.6, 1.0, 1.5, 2.0] {
             let found = chosen(&plane(1 << 16), &view, error_px);
-            assert!(found.points > LEAST_POINTS && found.end == LevelEnd::Error, "{error_px}: {found:?}");
+            assert!(found.points > LEAST_POINTS && found.end == StopReason::Error, "{error_px}: {found:?}");
         }
     }
 
@@ -218,7 +218,7 @@ mod tests {
         let (mut last, mut ends, mut largest) = (None, [0; 2], 0.0_f64);
         for step in 0..400 {
             let found = chosen(&nodes, &slanted(600.0 * 0.99_f64.powi(step), 400), 1.0);
-            ends[usize::from(found.end == LevelEnd::Enough)] += 1;
+            ends[usize::from(found.end == StopReason::Enough)] += 1;
             let error_px = found.error_px.max(1.0);
             let change = last.map_or(0.0, |last: f64| (error_px / last).log2().abs());
             (last, largest) = (Some(error_px), largest.max(change));

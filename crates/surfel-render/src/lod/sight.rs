@@ -10,16 +10,16 @@ use surfel_model::{Cull, Settings};
 const REACH: f64 = 3.0;
 
 /// Test whether splats of an object may be visible in any of several views, by which loaders drop points.
-pub struct Sight<'a> {
+pub struct SplatVisibility<'a> {
     /// The views, relative to the object.
     eyes: Vec<Eye<'a>>,
     /// Largest distance, in pixels, of a filtered footprint from the splat's own extent.
     margin_px: f64,
 }
 
-impl<'a> Sight<'a> {
+impl<'a> SplatVisibility<'a> {
     /// Prepares the test for views in which drawn footprints extend up to `margin_px` pixels beyond their splats.
-    /// [`Sight::margin_px`] computes the number from settings.
+    /// [`SplatVisibility::margin_px`] computes the number from settings.
     pub fn new(world_from_object: &'a DAffine3, views: &'a [View], margin_px: f64) -> Self {
         let eyes = views.iter().map(|view| Eye::new(world_from_object, Cull::None, view)).collect();
         Self { eyes, margin_px }
@@ -34,7 +34,7 @@ impl<'a> Sight<'a> {
 
     /// True if a part of a splat may be visible in any of the views. Lengths are in object units.
     pub fn shows(&self, center: DVec3, radius: f64) -> bool {
-        self.eyes.iter().any(|eye| eye.sees_around((center, REACH * radius), self.margin_px, |_| 0.0))
+        self.eyes.iter().any(|eye| eye.may_be_visible_within((center, REACH * radius), self.margin_px, |_| 0.0))
     }
 }
 
@@ -61,7 +61,11 @@ mod tests {
             };
             let view = View::new(&camera).unwrap();
             let world_from_object = DAffine3::from_scale(DVec3::splat(next(0.5, 2.0)));
-            let sight = Sight::new(&world_from_object, std::slice::from_ref(&view), Sight::margin_px(&settings));
+            let sight = SplatVisibility::new(
+                &world_from_object,
+                std::slice::from_ref(&view),
+                SplatVisibility::margin_px(&settings),
+            );
             let (radius, projection) = (next(0.0, 0.5), &view.projection);
             let shows = (0..100).any(|_| {
                 let around = DVec3::from([(); 3].map(|()| next(-1.0, 1.0))).normalize_or_zero() * radius;

@@ -38,18 +38,18 @@ const NORMAL_CHANGE: f64 = 0.25;
 const BEYOND: f64 = 0.35;
 /// Smallest range of a channel's values under a splat at which the channel limits the overshoot ([`BEYOND`]): a quarter
 /// of 1/255 of linear light.
-const VARIES: f64 = 1e-3;
+const MIN_VARIATION: f64 = 1e-3;
 /// Stop criterion for fits of normals: no step turns a normal by a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
 /// Smallest error of blended normals at which they are fitted, as root mean square of their components: half a degree.
-const NORMALS_SHOW: f64 = 0.005;
+const MIN_NORMAL_ERROR: f64 = 0.005;
 
 /// Maximum number of splats in one fit; each needs about a kilobyte.
 const MOST_SPLATS: usize = 1 << 25;
 /// Largest mean number of splats that overlap at a place of the surface. The work grows with its square; splats with
 /// radii of twice the spacing have 13.
-const MOST_OVER_PLACE: usize = 200;
-/// Number of places at which overlapping splats are counted to check [`MOST_OVER_PLACE`].
+const MAX_MEAN_OVERLAP: usize = 200;
+/// Number of places at which overlapping splats are counted to check [`MAX_MEAN_OVERLAP`].
 const PROBES: usize = 1024;
 
 /// Report of a fit to a mesh.
@@ -201,7 +201,7 @@ impl Target<'_> {
         if colors < N {
             let off = mean(&before[colors..]);
             let mut after = off;
-            if off > NORMALS_SHOW {
+            if off > MIN_NORMAL_ERROR {
                 let bounds = |_: usize| [[-NORMAL_CHANGE, NORMAL_CHANGE]; 4];
                 let problem = Problem { gram: &system.gram, b: &system.lanes(colors), bounds: &bounds };
                 let solution = problem.minimise(NORMAL_STOP, &mut |_| true);
@@ -225,7 +225,7 @@ fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Res
     for sample in probes {
         (found, count) = (found + kernels.near(samples.point(sample), 0.0).len(), count + 1);
     }
-    let (found, limit) = (found / count.max(1), MOST_OVER_PLACE);
+    let (found, limit) = (found / count.max(1), MAX_MEAN_OVERLAP);
     let what = "splats over each other, whose colours are to be fitted,";
     if found > limit { Err(SampleError::TooMany { what, found, limit }) } else { Ok(()) }
 }
@@ -251,7 +251,7 @@ fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bou
 /// same fraction of their variation, because a channel limited on its own would change the hue.
 fn within<const N: usize>(range: &Bounds, local: &[[f32; 2]; N], present: &[f32; N]) -> Bounds {
     let local = |c: usize| local[c].map(f64::from);
-    let varies = (0..N.min(3)).filter(|&c| local(c)[1] - local(c)[0] > VARIES);
+    let varies = (0..N.min(3)).filter(|&c| local(c)[1] - local(c)[0] > MIN_VARIATION);
     let (mut below, mut above) = (BEYOND, BEYOND);
     for c in varies {
         let ([least, largest], [low, high]) = (local(c), range[c]);

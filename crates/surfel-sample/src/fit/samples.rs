@@ -11,12 +11,12 @@ use surfel_model::SplatCloud;
 
 /// Smallest and largest number of samples of a mesh per splat. With fewer, the fit's coefficients are random; more
 /// samples than texels only repeat each other.
-const A_SPLAT: [f64; 2] = [9.0, 36.0];
-/// Total number of samples above which the number per splat is reduced toward its minimum ([`A_SPLAT`]). A sample needs
+const SAMPLES_PER_SPLAT: [f64; 2] = [9.0, 36.0];
+/// Total number of samples above which the number per splat is reduced toward its minimum ([`SAMPLES_PER_SPLAT`]). A sample needs
 /// 32 to 44 bytes.
 const MANY: f64 = 16e6;
 /// Smallest mean number of samples per triangle, if there are at least as many splats as triangles.
-const A_TRIANGLE: f64 = 4.0;
+const SAMPLES_PER_TRIANGLE: f64 = 4.0;
 /// Number of texels per sample above which a sample's value is the mean of nine places around it.
 const FINE: f64 = 1.5;
 /// Maximum number of grid cells along the largest side of the samples' bounds, so that the three coordinates of a cell
@@ -172,17 +172,17 @@ impl Measure {
     fn new(geometry: &Geometry, splats: usize) -> Self {
         let (faces, area) = (geometry.areas.len(), geometry.total_area());
         let mean_area = area / splats.max(1) as f64;
-        let a_triangle = A_TRIANGLE * (splats as f64 / faces.max(1) as f64).min(1.0);
+        let a_triangle = SAMPLES_PER_TRIANGLE * (splats as f64 / faces.max(1) as f64).min(1.0);
         let texels = map_each(faces, &NoProgress, || (), |(), face| geometry.texels(face));
         let samples_at = |most: f64, face: usize| {
             let splats = geometry.areas[face] / mean_area;
-            let wanted = texels[face].clamp(A_SPLAT[0] * splats, most * splats).max(a_triangle);
+            let wanted = texels[face].clamp(SAMPLES_PER_SPLAT[0] * splats, most * splats).max(a_triangle);
             if geometry.areas[face] > 0.0 { wanted } else { 0.0 }
         };
         let total_at = |most: f64| (0..faces).map(|face| samples_at(most, face)).sum::<f64>();
-        let mut most = A_SPLAT[1];
-        while most > A_SPLAT[0] && total_at(most) > MANY {
-            most = (0.7 * most).max(A_SPLAT[0]);
+        let mut most = SAMPLES_PER_SPLAT[1];
+        while most > SAMPLES_PER_SPLAT[0] && total_at(most) > MANY {
+            most = (0.7 * most).max(SAMPLES_PER_SPLAT[0]);
         }
         let samples: Vec<f64> = (0..faces).map(|face| samples_at(most, face)).collect();
         let total: f64 = samples.iter().sum();

@@ -43,10 +43,10 @@ const LEAST_AT_OPEN_EDGES: f64 = 0.4;
 const LEAST_AT_CREASES: f64 = 1.1;
 /// Largest height by which splats may stand out from a bent surface, relative to the distance between them. It is a
 /// third of a pixel for a distance of two pixels.
-const STANDING_OUT: f64 = 0.15;
+const MAX_PROTRUSION: f64 = 0.15;
 /// Distance by which splats reach over an edge where the surface continues in another part of an octree, relative to
 /// their radius.
-const OVER_CUT: f64 = 0.2;
+const CUT_OVERHANG: f64 = 0.2;
 /// Smallest area of a face, relative to the area per splat, at which the face has splats of its own. Only then are its
 /// bends borders.
 const RESOLVED: f64 = 3.0;
@@ -88,7 +88,7 @@ struct PieceIndex {
 
 /// Visible part of a clipped splat: the clip lines and the remaining area of the unit disk, in (u, v).
 #[derive(Clone, Debug)]
-pub(crate) struct Kept {
+pub(crate) struct VisiblePart {
     lines: Vec<Line>,
     /// Area of the visible part, in (u, v); the whole disk has π.
     pub(crate) area: f64,
@@ -148,8 +148,8 @@ impl Borders {
                 let (is_first, is_last) = (part == 0, part + 1 == parts);
                 let spacing = scale * density.at(&Sample::at(geometry, face, 0.5 * (a + b)));
                 let overhang = match (kind, border.across) {
-                    (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
-                    (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
+                    (Kind::Bend, Some(other)) => MAX_PROTRUSION * spacing / normal.cross(normal_of(other)).length(),
+                    (Kind::Cut, _) => CUT_OVERHANG * radii::DENSITY * spacing,
                     _ => 0.0,
                 };
                 // The piece stays whole if the spacing is the same everywhere.
@@ -225,7 +225,7 @@ impl Borders {
 
     /// Returns the visible part of the splat at `p` on a face of `region`; `None` if no border clips it. `axes` are the
     /// half-axes (s, t), with s at least as long as t.
-    pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<Kept> {
+    pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<VisiblePart> {
         let segments = self.segments(p, axes, region, found);
         if segments.is_empty() {
             return None;
@@ -251,7 +251,7 @@ impl Borders {
             polygon = cut(&polygon, &line);
             lines.push(line);
         }
-        (!lines.is_empty()).then(|| Kept { area: area(&polygon), lines })
+        (!lines.is_empty()).then(|| VisiblePart { area: area(&polygon), lines })
     }
 
     /// Projects the pieces of a region near a splat into the splat's (u, v); returns them nearest first.
@@ -361,7 +361,7 @@ impl Segment {
     }
 }
 
-impl Kept {
+impl VisiblePart {
     /// Returns the smallest visible area, in (u, v), that the splat needs. With less, [`Self::widen`] moves the lines
     /// outward.
     pub(crate) fn least(&self) -> f64 {
@@ -402,11 +402,11 @@ impl Kept {
 }
 
 /// Builds the clip columns of a cloud from the visible parts of its splats; `None` if no splat is clipped.
-pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Clone) -> Option<ClipColumns> {
+pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a VisiblePart>> + Clone) -> Option<ClipColumns> {
     if kept.clone().all(|kept| kept.is_none()) {
         return None;
     }
-    let lines = kept.map(|kept| kept.map_or([NO_LINE; 4], Kept::clip_lines)).collect();
+    let lines = kept.map(|kept| kept.map_or([NO_LINE; 4], VisiblePart::clip_lines)).collect();
     Some(ClipColumns { lines: Some(lines), ..ClipColumns::default() })
 }
 
@@ -445,7 +445,7 @@ mod tests {
     }
 
     /// Returns the visible part of the splat at `p` on `face`, for splats whose density calls for radius 1.
-    fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<Kept> {
+    fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<VisiblePart> {
         let geometry = Geometry::new(mesh);
         let smooth = geometry.smooth();
         let density = Density::even(&geometry, 1.0 / radii::DENSITY);
@@ -454,7 +454,7 @@ mod tests {
         borders.keep(p, (u * radius, v * radius), smooth.regions[face], &mut Borders::nearest())
     }
 
-    fn keeps(kept: &Kept, q: DVec2) -> bool {
+    fn keeps(kept: &VisiblePart, q: DVec2) -> bool {
         kept.lines.iter().all(|line| line.normal.dot(q) <= line.offset)
     }
 
@@ -540,7 +540,7 @@ mod tests {
         let on_ridge = |degrees: f64| kept(&roof(0.5 * degrees), DVec3::ZERO, 3, 1.0);
         assert!(on_ridge(14.0).is_none(), "smooth enough");
         let bent = on_ridge(30.0).unwrap();
-        assert!((bent.lines[0].offset - STANDING_OUT / radii::DENSITY / 0.5).abs() < 1e-9, "{bent:?}");
+        assert!((bent.lines[0].offset - MAX_PROTRUSION / radii::DENSITY / 0.5).abs() < 1e-9, "{bent:?}");
         assert!(on_ridge(50.0).unwrap().lines[0].offset.abs() < 1e-9);
     }
 

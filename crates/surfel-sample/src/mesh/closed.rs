@@ -26,7 +26,7 @@ const MISWOUND: f64 = 0.01;
 /// has one triangle on either side, wound consistently, the enclosed volume is positive, and nothing is transparent.
 /// Vertices at the same position count as one (texture seams split them); triangles without area are ignored.
 pub fn is_closed(mesh: &Mesh) -> bool {
-    let walk = Walk::new(mesh);
+    let walk = EdgeBalance::new(mesh);
     !mesh.is_see_through() && walk.volume > 0.0 && walk.edges.values().all(|&sum| sum == 0)
 }
 
@@ -34,7 +34,7 @@ pub fn is_closed(mesh: &Mesh) -> bool {
 /// surface, open or watertight. At most one edge in a hundred may be an exception. Vertices at the same position count
 /// as one.
 pub fn is_oriented(mesh: &Mesh) -> bool {
-    let walk = Walk::new(mesh);
+    let walk = EdgeBalance::new(mesh);
     let miswound = walk.edges.values().filter(|sum| sum.abs() > 1).count();
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
 }
@@ -87,7 +87,7 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
 
 /// Sums over the edges and triangles of a mesh, which show whether it is watertight and consistently wound.
 #[derive(Default)]
-struct Walk {
+struct EdgeBalance {
     /// Balance of each edge, by its two vertices: +1 per triangle that runs along it one way, −1 for the other way. All
     /// sums are 0 on a watertight, consistently wound surface.
     edges: HashMap<(u32, u32), i32>,
@@ -95,7 +95,7 @@ struct Walk {
     volume: f64,
 }
 
-impl Walk {
+impl EdgeBalance {
     /// Traverses the triangles of a mesh; an invalid mesh counts as empty.
     fn new(mesh: &Mesh) -> Self {
         let mut walk = Self::default();

@@ -7,7 +7,7 @@ use super::gaps;
 use super::geometry::{Geometry, Kind, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::parts::Sample;
-use super::placed::{Bordered, Placed};
+use super::placed::{ClippedShape, Placed};
 use super::scatter::{PartPlace, Scatter, slender};
 use super::see_through;
 use crate::orient::Oriented;
@@ -33,7 +33,7 @@ const FLAT: f64 = 0.999_847_695;
 /// changes.
 const BESIDE: usize = 7;
 /// Largest factor by which a splat's radius grows because of coarser neighbours ([`BESIDE`]).
-const MOST_REACHING: f64 = 1.2;
+const MAX_GAP_GROWTH: f64 = 1.2;
 
 /// Makes `count` splats of a mesh, evenly spread.
 pub(crate) fn even_splats(
@@ -113,7 +113,7 @@ fn spread(
     if count <= MOST_ELIMINATED && radius_scale >= 1.0 {
         gaps::fill(&borders, &regions, &mut on, &mut kept);
     }
-    let Bordered { shape, clips } = on.bordered(&kept);
+    let ClippedShape { shape, clips } = on.bordered(&kept);
     let Placed { samples, positions, planes, .. } = on;
     let smooth = |i: usize| {
         let (face, b) = (samples[i].face as usize, samples[i].barycentric);
@@ -156,7 +156,7 @@ fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f
         |found, i| {
             tree.nearest(positions[i], found);
             let largest = found.items().iter().map(|(_, slot)| own[tree.index(*slot as usize)]).fold(own[i], f64::max);
-            largest.min(MOST_REACHING * own[i])
+            largest.min(MAX_GAP_GROWTH * own[i])
         },
     )
 }

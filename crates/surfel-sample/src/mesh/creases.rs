@@ -14,7 +14,7 @@ const LONG: f64 = 1.0 / 16.0;
 /// less.
 const CLEAR: f64 = 2.5;
 /// Fraction of the mesh's area above which two coplanar faces together count as a plane.
-const GOOD_SHARE: f64 = 1.0 / 200.0;
+const PLANE_AREA_FRACTION: f64 = 1.0 / 200.0;
 
 /// Properties of a mesh's vertices and faces by which edges are classified as creases.
 pub(super) struct Creases {
@@ -64,7 +64,7 @@ fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
 }
 
 /// Returns a flag per face, true if the face is part of a plane: it is coplanar with at least two connected faces. One
-/// suffices if both together exceed [`GOOD_SHARE`] of the area. Constructed shapes have such planes; normals shared
+/// suffices if both together exceed [`PLANE_AREA_FRACTION`] of the area. Constructed shapes have such planes; normals shared
 /// across the planes' edges would vary all over them.
 fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.areas.len() as u32).collect();
@@ -81,7 +81,7 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
         let (faces, sum) = &mut of[*root as usize];
         (*faces, *sum) = (*faces + 1, *sum + area);
     }
-    let large = GOOD_SHARE * geometry.total_area();
+    let large = PLANE_AREA_FRACTION * geometry.total_area();
     let is_plane = |(faces, area): (u32, f64)| faces > 2 || faces == 2 && area > large;
     root.into_iter().map(|root| is_plane(of[root as usize])).collect()
 }

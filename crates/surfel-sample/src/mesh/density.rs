@@ -89,7 +89,7 @@ impl Density {
     /// Computes a density from the curvature of the surface; the distance between splats is at most `coarsest`.
     /// `squares` is the squared curvature of each face. `asked` maps the mean of `squares` over neighbouring parts to a
     /// distance.
-    pub(crate) fn where_bent(
+    pub(crate) fn by_curvature(
         geometry: &Geometry,
         coarsest: f64,
         squares: &[f64],

@@ -29,7 +29,7 @@ const PLACES: usize = 2048;
 const ACROSS: i32 = 5;
 
 /// Number of splats with a density by colours, relative to an even density, below which the uneven density is used.
-const WORTH: f64 = 0.9;
+const MAX_UNEVEN_FRACTION: f64 = 0.9;
 /// Number of splats with an uneven density from which an even density is used instead. Beyond a million, samples aren't
 /// blue noise.
 const MOST_UNEVEN: f64 = 1e6;
@@ -63,7 +63,7 @@ impl Detail {
         if even > least {
             let density = Density::by_colors(geometry, (area / least).sqrt(), VARIATION);
             let splats = density.splats(geometry).iter().sum::<f64>().ceil();
-            if splats < (WORTH * even).min(MOST_UNEVEN) {
+            if splats < (MAX_UNEVEN_FRACTION * even).min(MOST_UNEVEN) {
                 return (Self { shape, colors, splats: splats as usize }, density);
             }
         }
@@ -88,7 +88,7 @@ pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (u
     let more = |face: usize| geometry.areas[face] * (asked(squares[face]).powi(-2) - spacing.powi(-2)).max(0.0);
     let more: f64 = (0..squares.len()).map(more).sum();
     if more > FEW_MORE * count as f64 {
-        let density = Density::where_bent(geometry, spacing, &squares, &asked);
+        let density = Density::by_curvature(geometry, spacing, &squares, &asked);
         let splats = density.splats(geometry).iter().sum::<f64>().ceil();
         if splats < MOST_UNEVEN {
             return (splats as usize, density);

@@ -4,7 +4,7 @@
 
 use super::borders::Borders;
 use super::parts::Sample;
-use super::placed::{EYES, Grown, Placed};
+use super::placed::{Grown, Placed, TEST_DIRECTIONS};
 use crate::NoProgress;
 use crate::parallel::map_each;
 use crate::radii;
@@ -22,7 +22,7 @@ const MOST_MOVED: usize = 64;
 const LEAST_MOVED: usize = 16;
 /// Smallest number of splats of the cloud per tested place along an edge. It limits the number of places, so that the
 /// tests don't cost more than the splats.
-const SPLATS_A_PLACE: f64 = 2.0;
+const SPLATS_PER_PLACE: f64 = 2.0;
 /// Distance between tested places along an edge, relative to the splats' median radius.
 const STEP: f64 = 0.2;
 /// Distances from an edge, toward the middle of the face, at which places are tested, relative to the splats' median
@@ -34,13 +34,13 @@ const APART: f64 = 0.5;
 const TILTS: [f64; 2] = [25.0, 50.0];
 /// Numbers of splats nearest to a place that are tested for covering it: in the first pass, and in the second pass for
 /// places that the first leaves uncovered.
-const ASKED: [usize; 2] = [6, 32];
+const TESTED_SPLATS: [usize; 2] = [6, 32];
 /// Number of consecutive splats of which the one with the nearest neighbour may be moved.
 const CHOICE: usize = 8;
 /// Number of nearest splats, including the splat itself, of which only one may be moved to a gap.
 const NEIGHBOURS: usize = 8;
 /// Smallest cosine (60°) between the normals of a moved splat and of the neighbour that replaces it.
-const ALIKE: f64 = 0.5;
+const MIN_NEIGHBOUR_COSINE: f64 = 0.5;
 
 /// Place on the surface that is tested for a gap, as a face and a position.
 type Place = (u32, DVec3);
@@ -49,12 +49,12 @@ type Place = (u32, DVec3);
 pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &mut [Option<Grown>]) {
     let Some(radius) = radii::median(&mut on.radii.clone()) else { return };
     let geometry = on.geometry;
-    let step = (STEP * radius).max(SPLATS_A_PLACE * borders.length() / kept.len() as f64);
+    let step = (STEP * radius).max(SPLATS_PER_PLACE * borders.length() / kept.len() as f64);
     let mut bare: Vec<Place> = INSETS.iter().flat_map(|inset| borders.places(geometry, step, inset * radius)).collect();
     // Only clipped splats can cover a place beside a border.
     let cut: Vec<usize> = (0..kept.len()).filter(|i| kept[*i].is_some()).collect();
     let of_cut = KdTree::new(&cut.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
-    for asked in ASKED {
+    for asked in TESTED_SPLATS {
         bare = uncovered(on, kept, &of_cut, &cut, asked, &bare);
     }
     if bare.is_empty() {
@@ -62,7 +62,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     }
     let most_moved = (kept.len() / MOST_MOVED).max(LEAST_MOVED);
     let wanted = (2 * apart(&bare, radius, regions).count()).min(ROUNDS * most_moved);
-    let mut spare = spared(on, kept, wanted).into_iter();
+    let mut spare = movable_splats(on, kept, wanted).into_iter();
     for _ in 0..ROUNDS {
         let places = apart(&bare, radius, regions).zip(spare.by_ref()).take(most_moved);
         let moved: Vec<usize> = places
@@ -79,7 +79,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
             return;
         }
         let of_moved = KdTree::new(&moved.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
-        bare = uncovered(on, kept, &of_moved, &moved, ASKED[1], &bare);
+        bare = uncovered(on, kept, &of_moved, &moved, TESTED_SPLATS[1], &bare);
     }
 }
 
@@ -110,12 +110,12 @@ fn uncovered(
         || Nearest::within(asked, reach),
         |found, at| {
             let (face, q) = places[at];
-            let eyes = seen_from(on.geometry.normals[face as usize]);
-            let mut bare = [true; EYES];
+            let eyes = test_directions(on.geometry.normals[face as usize]);
+            let mut bare = [true; TEST_DIRECTIONS];
             let mut cover = |found: &Nearest| {
                 found.items().iter().any(|(_, slot)| {
                     on.cover(splats[tree.index(*slot as usize)], kept, q, &eyes, &mut bare);
-                    bare == [false; EYES]
+                    bare == [false; TEST_DIRECTIONS]
                 })
             };
             // A splat that covers one place often covers the next one, too.
@@ -131,7 +131,7 @@ fn uncovered(
 
 /// Selects at most `most` splats that may be moved to gaps. No border clips them, and none of their neighbours is
 /// selected too. They are sorted by the distance of their nearest neighbour, relative to their radius.
-fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
+fn movable_splats(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let tree = KdTree::new(&on.positions);
     let whole: Vec<usize> = (0..tree.len()).filter(|slot| kept[tree.index(*slot)].is_none()).collect();
     // Choices are spread evenly over the tree, and thus over the surface. Twice as many are needed, because some
@@ -140,7 +140,7 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let nearest_of = |slot: usize, found: &mut Nearest| {
         tree.nearest(tree.point(slot), found);
         let normal = |slot: usize| on.planes[tree.index(slot)];
-        let is_other = |other: usize| other != slot && normal(other).dot(normal(slot)) > ALIKE;
+        let is_other = |other: usize| other != slot && normal(other).dot(normal(slot)) > MIN_NEIGHBOUR_COSINE;
         found
             .items()
             .iter()
@@ -168,7 +168,7 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
 
 /// Returns the directions from which places on a face must be covered, as unit vectors: along its normal, and tilted by
 /// [`TILTS`] to several sides.
-fn seen_from(normal: DVec3) -> [DVec3; EYES] {
+fn test_directions(normal: DVec3) -> [DVec3; TEST_DIRECTIONS] {
     let (u, v) = orthonormal(normal);
     let [(sin, cos), (far_sin, far_cos)] = TILTS.map(|degrees| degrees.to_radians().sin_cos());
     let [up, far_up] = [normal * cos, normal * far_cos];

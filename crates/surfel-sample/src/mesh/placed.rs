@@ -1,6 +1,6 @@
 //! Splats placed on a mesh, and their clipping at the mesh's borders.
 
-use super::borders::{Borders, FACING, FARTHEST, Kept, clip_columns};
+use super::borders::{Borders, FACING, FARTHEST, VisiblePart, clip_columns};
 use super::density::Density;
 use super::geometry::Geometry;
 use super::parts::Sample;
@@ -21,7 +21,7 @@ pub(super) const MOST_GROWN: f64 = 2.2;
 const IN_PLANE: f64 = 1e-3;
 
 /// Number of directions from which a place near a border must be covered.
-pub(super) const EYES: usize = 9;
+pub(super) const TEST_DIRECTIONS: usize = 9;
 
 /// Splats placed on a mesh, before they are clipped at its borders.
 pub(super) struct Placed<'a> {
@@ -38,10 +38,10 @@ pub(super) struct Placed<'a> {
 }
 
 /// Growth factor of a clipped splat's radius, and the visible part of the grown splat.
-pub(super) type Grown = (f64, Kept);
+pub(super) type Grown = (f64, VisiblePart);
 
 /// Shape and clip columns of splats that end at the borders of the surface.
-pub(super) struct Bordered {
+pub(super) struct ClippedShape {
     pub(super) shape: Shape,
     pub(super) clips: Option<ClipColumns>,
 }
@@ -97,8 +97,8 @@ impl Placed<'_> {
         i: usize,
         kept: &[Option<Grown>],
         place: DVec3,
-        eyes: &[DVec3; EYES],
-        bare: &mut [bool; EYES],
+        eyes: &[DVec3; TEST_DIRECTIONS],
+        bare: &mut [bool; TEST_DIRECTIONS],
     ) {
         let (reach, normal) = (self.reach(i, kept), self.planes[i]);
         let ((s, t), d) = (orthonormal(normal), place - self.positions[i]);
@@ -123,7 +123,7 @@ impl Placed<'_> {
     }
 
     /// Returns the splats' shape and clips: disks, or clipped ellipses if a border clips any splat.
-    pub(super) fn bordered(&self, kept: &[Option<Grown>]) -> Bordered {
+    pub(super) fn bordered(&self, kept: &[Option<Grown>]) -> ClippedShape {
         let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
         let shape = if clips.is_none() {
             Shape::Disks {
@@ -134,6 +134,6 @@ impl Placed<'_> {
             let scale = |i: usize| kept[i].as_ref().map_or(1.0, |(scale, _)| *scale);
             assemble::ellipses(&map_each(kept.len(), &crate::NoProgress, || (), |(), i| self.axes(i, scale(i))))
         };
-        Bordered { shape, clips }
+        ClippedShape { shape, clips }
     }
 }

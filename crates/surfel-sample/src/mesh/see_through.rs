@@ -20,7 +20,7 @@ const STEPS: usize = 6;
 /// disk's radius.
 const STRAIGHT: f64 = 0.1;
 /// Alpha below which a surface is invisible: half a step of 1/255.
-const NOTHING: f32 = 0.5 / 255.0;
+const INVISIBLE_ALPHA: f32 = 0.5 / 255.0;
 /// Radius, in disk radii, inside which everything must be invisible for a disk of a blended surface to be removed.
 /// Neighbouring splats reach that far into the disk, and average their alpha with the disk's. Without the disk, visible
 /// neighbours would stand out.
@@ -46,18 +46,18 @@ struct Piece {
     /// Size of the piece, relative to the original splat.
     scale: f64,
     color: [f32; 4],
-    fate: Fate,
+    fate: AlphaTest,
 }
 
 /// Result of the alpha test of a piece, which decides whether the piece is drawn, clipped, divided or removed.
 #[derive(Clone, Copy, Default)]
-enum Fate {
+enum AlphaTest {
     #[default]
     Whole,
     /// Clip by these lines, because the contour of the visible area crosses the piece.
     Clipped([ClipLine; 4]),
     /// Removal after division: an alpha mask cuts the centre of the piece away, but another part is visible.
-    Scraps,
+    MostlyCut,
     /// Division if possible, else no change: the piece is transparent on average, but a part of it is opaque.
     Mixed,
     Gone,
@@ -84,12 +84,14 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
         let [r, g, b] = data.colors.as_ref().map_or([1.0; 3], |colors| colors[i]);
         let opacity = data.alphas.as_ref().map_or(1.0, |alphas| alphas[i]);
         let piece = Piece { source: i as u32, scale: 1.0, color: [r, g, b, opacity], ..Piece::default() };
-        Piece { fate: disk(i).map_or(Fate::Whole, |disk| fate(&disk, &piece)), ..piece }
+        Piece { fate: disk(i).map_or(AlphaTest::Whole, |disk| fate(&disk, &piece)), ..piece }
     };
     let mut pieces = map_each(faces.len(), &crate::NoProgress, || (), |(), i| whole(i));
     // A clip curve can't be expressed in the coordinates of a part of the splat.
     let has_curve = |i: u32| data.clips.as_ref().is_some_and(|clips| clips.curve(i as usize).is_some());
-    let is_mixed = |p: &Piece| matches!(p.fate, Fate::Clipped(_) | Fate::Scraps | Fate::Mixed) && !has_curve(p.source);
+    let is_mixed = |p: &Piece| {
+        matches!(p.fate, AlphaTest::Clipped(_) | AlphaTest::MostlyCut | AlphaTest::Mixed) && !has_curve(p.source)
+    };
     let mut left = faces.len() + MOST_ADDED;
     for _ in 0..DIVISIONS {
         let mixed = pieces.iter().filter(|piece| is_mixed(piece)).count();
@@ -111,7 +113,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
         );
         pieces = divided.into_iter().flatten().collect();
     }
-    pieces.retain(|piece| !matches!(piece.fate, Fate::Gone | Fate::Scraps));
+    pieces.retain(|piece| !matches!(piece.fate, AlphaTest::Gone | AlphaTest::MostlyCut));
     let faces = pieces.iter().map(|piece| faces[piece.source as usize]).collect();
     (assembled(data, &axes, &pieces), faces)
 }
@@ -129,7 +131,7 @@ fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
 /// Builds the columns of a cloud from the tested pieces.
 fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> CloudData {
     let sources: Vec<u32> = pieces.iter().map(|piece| piece.source).collect();
-    let clipped = pieces.iter().any(|piece| matches!(piece.fate, Fate::Clipped(_)));
+    let clipped = pieces.iter().any(|piece| matches!(piece.fate, AlphaTest::Clipped(_)));
     let divided = pieces.iter().any(|piece| piece.scale < 1.0);
     let own_axes = |p: &Piece| {
         let (s, t) = axes[p.source as usize];
@@ -165,7 +167,7 @@ fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> Clou
             let given = had_lines.as_ref().map_or([NO_LINE; 4], |lines| lines[p.source as usize]);
             let mut lines = given.map(|line| in_part(line, p));
             let has_lines = lines.iter().any(|line| !line.a.is_nan());
-            if let Fate::Clipped(more) = &p.fate
+            if let AlphaTest::Clipped(more) = &p.fate
                 && !(has_lines && mode(p) == ClipMode::Or)
             {
                 let free = lines.iter_mut().filter(|line| line.a.is_nan());
@@ -201,19 +203,21 @@ fn axes_of(shape: &Shape, i: usize) -> (DVec3, DVec3) {
 }
 
 /// Tests a piece by the opacity of its colour and the alpha inside its disk.
-fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
+fn fate(disk: &Disk<'_>, piece: &Piece) -> AlphaTest {
     let alpha = |at: DVec2| disk.alpha(piece.at + at * piece.scale);
     let ring = |reach: f64| (0..DIRECTIONS).flat_map(move |k| [0.33, 0.66, 1.0].map(|r| direction(k) * (r * reach)));
     let opacity = piece.color[3];
     match disk.geometry.mesh.material(disk.face).alpha {
-        AlphaMode::Opaque => Fate::Whole,
+        AlphaMode::Opaque => AlphaTest::Whole,
         AlphaMode::Mask { cutoff } if opacity > 0.0 => contour(alpha, cutoff),
-        AlphaMode::Mask { cutoff } if ring(1.0).any(|at| alpha(at) >= cutoff) => Fate::Scraps,
-        AlphaMode::Mask { .. } => Fate::Gone,
-        AlphaMode::Blend if opacity >= assemble::SOLID => contour(alpha, assemble::SOLID),
-        AlphaMode::Blend if opacity < NOTHING && ring(REACH).all(|at| alpha(at) < NOTHING) => Fate::Gone,
-        AlphaMode::Blend if ring(1.0).any(|at| alpha(at) >= assemble::SOLID) => Fate::Mixed,
-        AlphaMode::Blend => Fate::Whole,
+        AlphaMode::Mask { cutoff } if ring(1.0).any(|at| alpha(at) >= cutoff) => AlphaTest::MostlyCut,
+        AlphaMode::Mask { .. } => AlphaTest::Gone,
+        AlphaMode::Blend if opacity >= assemble::OPAQUE_ALPHA => contour(alpha, assemble::OPAQUE_ALPHA),
+        AlphaMode::Blend if opacity < INVISIBLE_ALPHA && ring(REACH).all(|at| alpha(at) < INVISIBLE_ALPHA) => {
+            AlphaTest::Gone
+        }
+        AlphaMode::Blend if ring(1.0).any(|at| alpha(at) >= assemble::OPAQUE_ALPHA) => AlphaTest::Mixed,
+        AlphaMode::Blend => AlphaTest::Whole,
     }
 }
 
@@ -224,7 +228,7 @@ impl<'a> Disk<'a> {
         let textured = mesh.uvs.is_some() && mesh.material(face).texture.is_some();
         let one_alpha = mesh.alphas.as_ref().is_none_or(|a| {
             let [a, b, c] = mesh.triangles[face].map(|i| a[i as usize]);
-            a == b && b == c && a >= assemble::SOLID
+            a == b && b == c && a >= assemble::OPAQUE_ALPHA
         });
         if !textured && one_alpha {
             return None;
@@ -263,7 +267,7 @@ fn direction(k: usize) -> DVec2 {
 }
 
 /// Finds clip lines along the contour where alpha falls below `level`, searching from the opaque centre outward.
-fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
+fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> AlphaTest {
     let own = alpha(DVec2::ZERO);
     let crossing = |k: usize| {
         let mut before = own.max(level);
@@ -293,7 +297,7 @@ fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
             }
         }
     }
-    if lines[0].a.is_nan() { Fate::Whole } else { Fate::Clipped(lines) }
+    if lines[0].a.is_nan() { AlphaTest::Whole } else { AlphaTest::Clipped(lines) }
 }
 
 /// Fits a line to the `k`th contour point and as many points around it as are collinear. Returns the line's unit

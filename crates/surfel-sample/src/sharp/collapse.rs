@@ -22,7 +22,7 @@ const SLIVER: f64 = 0.1;
 const LONGEST: f64 = 2.2;
 /// Largest error of a collapse, relative to the longest edge allowed in that round, until the last round. Flat parts
 /// thus get longer edges before a curved part loses its shape.
-const DEAREST: f64 = 0.01;
+const MAX_RELATIVE_ERROR: f64 = 0.01;
 /// Maximum number of rounds in which all edges are tried.
 const ROUNDS: usize = 8;
 /// Largest distance of a ridge from its triangle's edge, relative to the triangle's height, at which a collapse is
@@ -154,7 +154,7 @@ impl Collapser<'_> {
         for round in 1..=ROUNDS {
             let before = left;
             self.offer_all();
-            let dearest = if round < ROUNDS { DEAREST * self.longest } else { f64::INFINITY };
+            let dearest = if round < ROUNDS { MAX_RELATIVE_ERROR * self.longest } else { f64::INFINITY };
             let (error, got_dear) = self.round(dearest, &mut left, progress);
             largest = largest.max(error);
             if left <= self.limits.faces {
@@ -415,7 +415,7 @@ impl Collapser<'_> {
                 self.alive[face as usize] = false;
                 removed += 1;
                 for v in *t {
-                    self.forget_face(v);
+                    self.decrement_valence(v);
                 }
             } else {
                 t.iter_mut().for_each(|v| *v = if *v == c.remove { c.keep } else { *v });
@@ -438,7 +438,7 @@ impl Collapser<'_> {
 
     /// Decrements the number of triangles at a vertex. Once most triangles in the vertex's list are removed ones, these
     /// are deleted from the list. Otherwise every search at the middle of a fan would visit them.
-    fn forget_face(&mut self, v: u32) {
+    fn decrement_valence(&mut self, v: u32) {
         let valence = &mut self.valences[v as usize];
         *valence = valence.saturating_sub(1);
         let faces = &mut self.around[v as usize];

@@ -117,7 +117,7 @@ impl Copc {
         let Some(mut file) = RegularFile::open(path).map_err(system)? else { return Ok(None) };
         let mut head = Vec::new();
         (&mut file).take(512).read_to_end(&mut head).map_err(system)?;
-        if Format::of_survey(&head) != Some(Format::Copc) {
+        if Format::from_seekable_signature(&head) != Some(Format::Copc) {
             return Ok(None);
         }
         let read = Self::read(path, &mut file);

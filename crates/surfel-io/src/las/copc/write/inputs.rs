@@ -147,7 +147,7 @@ fn is_las(path: &Path) -> Result<bool, Stop> {
     let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
     let mut head = Vec::new();
     File::open(path).map_err(system)?.take(512).read_to_end(&mut head).map_err(system)?;
-    Ok(matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)))
+    Ok(matches!(Format::from_seekable_signature(&head), Some(Format::Las | Format::Laz | Format::Copc)))
 }
 
 /// Opens an input with LAS records; returns it with the first 375 bytes of its header, and the file.

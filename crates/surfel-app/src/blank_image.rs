@@ -12,7 +12,7 @@ const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
 /// Largest difference from the background, in 8-bit sRGB levels, at which a pixel still counts as background. Single
 /// stray points in an otherwise white image differ by less.
-const UNSEEN: u8 = 8;
+const BACKGROUND_TOLERANCE: u8 = 8;
 
 /// Alpha below which a splat doesn't change any pixel of an 8-bit image.
 const LEAST_ALPHA: f32 = 0.5 / 255.0;
@@ -23,7 +23,7 @@ pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     let background = [r * a, g * a, b * a, a].map(|c| limit_color(c) as f32);
     let encoded = encode_rgba8(background);
     let some = !frame.color().is_empty() || !frame.rgba8().is_empty();
-    let alike = |color: [u8; 4]| color.iter().zip(encoded).all(|(c, b)| c.abs_diff(b) <= UNSEEN);
+    let alike = |color: [u8; 4]| color.iter().zip(encoded).all(|(c, b)| c.abs_diff(b) <= BACKGROUND_TOLERANCE);
     let same = |color: &[f32; 4]| *color == background || alike(encode_rgba8(*color));
     some && frame.color().iter().all(same) && frame.rgba8().iter().all(|color| alike(*color))
 }

@@ -21,14 +21,14 @@ const GREY: f64 = 0.18;
 
 /// Brightness statistics of objects.
 #[derive(Debug)]
-pub(crate) struct Whites {
+pub(crate) struct BrightnessStats {
     /// Largest linear albedo of the surfaces, over all colour channels and without stray highlights ([`HIGHLIGHTS`]).
     brightest: f64,
     /// Fraction of the surface that is white ([`WHITE`]). Surfaces without colours count as white.
     share: f64,
 }
 
-impl Whites {
+impl BrightnessStats {
     pub(crate) fn of(patches: Option<&Patches>) -> Self {
         let Some(patches) = patches else {
             return Self { brightest: 1.0, share: 0.0 };
