@@ -21,8 +21,8 @@ use std::ops::Range;
 /// points jut out by chance, cells close far outside the surface. The limit admits cells that reach halfway to the next
 /// scan line.
 const MAX_CLOSED_REACH: f32 = 0.75;
-/// Limit like [`MAX_CLOSED_REACH`] for cells bounded by the neighbours of a wider search, which reach farther relative to the
-/// spacing.
+/// Limit like [`MAX_CLOSED_REACH`] for cells bounded by the neighbours of a wider search, which reach farther relative
+/// to the spacing.
 const MAX_CLOSED_REACH_WIDE: f32 = 0.55;
 /// Smallest cosine (60°) between the normals of a point and of a neighbour that may bound the point's cell. Neighbours
 /// at larger angles belong to the back of a thin part, or to the far side of a crease.
@@ -31,9 +31,9 @@ pub(crate) const AGREE: f32 = 0.5;
 /// point's cell. Steeper neighbours belong to another surface.
 const MAX_NEIGHBOUR_SINE: f32 = 0.866;
 /// Smallest cosine (120°) between the normals of a point and of a neighbour in the second attempt to build the point's
-/// cell ([`NeighbourSet::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may continue
-/// around a crease or a limb, and points beyond the crease then bound the disk. Only neighbours on the back are
-/// excluded.
+/// cell ([`NeighbourSet::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may
+/// continue around a crease or a limb, and points beyond the crease then bound the disk. Only neighbours on the back
+/// are excluded.
 const MIN_COSINE_AROUND: f32 = -0.5;
 /// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
 const RING: usize = 6;

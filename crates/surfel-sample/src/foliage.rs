@@ -37,8 +37,8 @@ const FOREST_SAMPLE: usize = 4096;
 const STEEP: f64 = 0.5;
 /// Weight of the direction to the outside of the cloud in a foliage normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of a tangled point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius for the
-/// typical spacing.
+/// Largest radius of a tangled point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius for
+/// the typical spacing.
 const MOST: f64 = 1.3;
 /// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
 const LARGE: f64 = 2.0;

@@ -251,8 +251,8 @@ fn hides_back_faces<'s>(
 /// Returns an object's material for an automatic scene. Objects with colours are shown at their brightness times
 /// `exposure`. Objects without colours appear as light grey clay, which leaves a range for highlights.
 ///
-/// If `hides_back_faces`, back faces are culled: splats of a watertight object extend slightly beyond its silhouette, and
-/// their back faces would form a fringe. The caller passes false for watertight objects that have thin sheets over
+/// If `hides_back_faces`, back faces are culled: splats of a watertight object extend slightly beyond its silhouette,
+/// and their back faces would form a fringe. The caller passes false for watertight objects that have thin sheets over
 /// other surfaces, because these surfaces would otherwise shine through the sheets.
 fn material(facts: &ObjectFacts, hides_back_faces: bool, exposure: f64) -> Material {
     let cull = if hides_back_faces { Cull::Back } else { Cull::None };

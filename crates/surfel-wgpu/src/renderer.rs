@@ -153,8 +153,8 @@ impl Renderer {
             return Ok(());
         }
         Err(failed(format!(
-            "the frame binds {needed} storage buffers in a shader stage, but the device was opened with at most {most}: \
-             raise `max_storage_buffers_per_shader_stage`"
+            "the frame binds {needed} storage buffers in a shader stage, but the device was opened with at most \
+             {most}: raise `max_storage_buffers_per_shader_stage`"
         )))
     }
 

@@ -118,8 +118,8 @@ fn view() -> View {
 }
 
 /// Compares two frames. The two differ by the rounding of centres to f32, about the chunk or about the object: 2⁻²⁴ of
-/// the extent, which is 1e-6 of a radius and changes weights by a few times as much. A fragment at the rim of a splat or
-/// at the depth tolerance may be on the other side in some pixel.
+/// the extent, which is 1e-6 of a radius and changes weights by a few times as much. A fragment at the rim of a splat
+/// or at the depth tolerance may be on the other side in some pixel.
 fn compare(got: &Frame, want: &Frame, what: &str) {
     let mut flipped = 0;
     let mut covered = 0;

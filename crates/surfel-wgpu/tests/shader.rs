@@ -48,7 +48,8 @@ fn packed(v: vec3f) -> vec3f {
 
 fn host_color(surface: HostSurface) -> vec3f {
     let forward = dot(surface.position, surface.to_eye) / length(surface.position);
-    return packed(surface.normal) + vec3f(surface.depth, surface.albedo.g, -forward) + surface.position + surface.material.xyz;
+    let rest = vec3f(surface.depth, surface.albedo.g, -forward);
+    return packed(surface.normal) + rest + surface.position + surface.material.xyz;
 }
 ";
 

@@ -159,8 +159,8 @@ impl<'a> Panels<'a> {
         self.figure.rows.iter_mut().flat_map(|row| &mut row.panels).flatten().for_each(|panel| panel.size = size);
     }
 
-    /// Crops the panels of each subject to the rows of pixels in which one of them shows something, if there are several
-    /// subjects. Objects of different proportions then don't leave white bands between the rows.
+    /// Crops the panels of each subject to the rows of pixels in which one of them shows something, if there are
+    /// several subjects. Objects of different proportions then don't leave white bands between the rows.
     pub(super) fn crop(&mut self, subjects: usize) {
         if subjects < 2 {
             return;

@@ -274,7 +274,8 @@ fn are_alike(a: &str, b: &str) -> bool {
     words(a) == words(b)
 }
 
-/// Returns an object with at most [`MAX_SPLATS_PER_FILE`] splats, evenly selected. Other kinds of geometry are returned unchanged.
+/// Returns an object with at most [`MAX_SPLATS_PER_FILE`] splats, evenly selected. Other kinds of geometry are returned
+/// unchanged.
 fn thinned(object: Object) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object) };
     let step = cloud.len().div_ceil(MAX_SPLATS_PER_FILE);

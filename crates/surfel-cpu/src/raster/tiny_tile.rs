@@ -27,7 +27,8 @@ use surfel_render::Attributes;
 /// Largest distance, in pixels, by which a tiny splat that touches a tile may extend beyond it.
 const TILE_MARGIN_PX: usize = 2;
 
-/// Number of pixels in a row of a tile's buffers: the tile's own, and a margin of [`TILE_MARGIN_PX`] pixels on either side.
+/// Number of pixels in a row of a tile's buffers: the tile's own, and a margin of [`TILE_MARGIN_PX`] pixels on either
+/// side.
 const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * TILE_MARGIN_PX;
 
 /// Number of pixels in a tile's buffers: all rows, and four more, because fragments are read and written four at a
@@ -419,8 +420,8 @@ fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>)
     u64::from((fragment.inside & tile.rect.contains_lanes(at)).to_bitmask().count_ones())
 }
 
-/// Stores the fragments of a splat in a block to `stored_fragments`. Writes to `values` the depths z + ε to which they may
-/// lower the thresholds; +∞ for none.
+/// Stores the fragments of a splat in a block to `stored_fragments`. Writes to `values` the depths z + ε to which they
+/// may lower the thresholds; +∞ for none.
 #[inline(always)]
 fn store_pair<S: Simd>(
     simd: S,

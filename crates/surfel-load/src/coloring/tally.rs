@@ -177,8 +177,8 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
     note
 }
 
-/// Collected finite values, from which percentiles are computed. For up to [`MAX_EXACT_VALUES`] values, percentiles are exact. For
-/// more, their ranks are exact to within a fraction of 2⁻¹⁶ of the number of values.
+/// Collected finite values, from which percentiles are computed. For up to [`MAX_EXACT_VALUES`] values, percentiles are
+/// exact. For more, their ranks are exact to within a fraction of 2⁻¹⁶ of the number of values.
 #[derive(Default)]
 struct PercentileValues {
     held: Vec<f64>,

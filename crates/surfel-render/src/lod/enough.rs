@@ -31,10 +31,10 @@ const STEPS: i32 = 64;
 /// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
 /// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. Splats may be up to [`MOST_ERRORS`] times
 /// too large in at most a quarter of the views. If the fraction is larger, the allowed error decreases evenly
-/// ([`MAX_SKIPPED_FRACTIONS`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection,
-/// levels fade in ([`FADE_OCTAVES`]). A node that has not faded in completely counts as skipped. The decision depends
-/// only on the nodes and the views, so an image is the same for any threads and caches. The constants are measured on
-/// land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
+/// ([`MAX_SKIPPED_FRACTIONS`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of
+/// a selection, levels fade in ([`FADE_OCTAVES`]). A node that has not faded in completely counts as skipped. The
+/// decision depends only on the nodes and the views, so an image is the same for any threads and caches. The constants
+/// are measured on land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
 pub(super) struct Enough<'a> {
     /// The views that the selection is for, relative to the object.
     eyes: &'a [Eye<'a>],

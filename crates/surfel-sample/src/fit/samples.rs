@@ -12,8 +12,8 @@ use surfel_model::SplatCloud;
 /// Smallest and largest number of samples of a mesh per splat. With fewer, the fit's coefficients are random; more
 /// samples than texels only repeat each other.
 const SAMPLES_PER_SPLAT: [f64; 2] = [9.0, 36.0];
-/// Total number of samples above which the number per splat is reduced toward its minimum ([`SAMPLES_PER_SPLAT`]). A sample needs
-/// 32 to 44 bytes.
+/// Total number of samples above which the number per splat is reduced toward its minimum ([`SAMPLES_PER_SPLAT`]). A
+/// sample needs 32 to 44 bytes.
 const MANY: f64 = 16e6;
 /// Smallest mean number of samples per triangle, if there are at least as many splats as triangles.
 const SAMPLES_PER_TRIANGLE: f64 = 4.0;

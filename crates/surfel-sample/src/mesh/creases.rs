@@ -64,8 +64,8 @@ fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
 }
 
 /// Returns a flag per face, true if the face is part of a plane: it is coplanar with at least two connected faces. One
-/// suffices if both together exceed [`PLANE_AREA_FRACTION`] of the area. Constructed shapes have such planes; normals shared
-/// across the planes' edges would vary all over them.
+/// suffices if both together exceed [`PLANE_AREA_FRACTION`] of the area. Constructed shapes have such planes; normals
+/// shared across the planes' edges would vary all over them.
 fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.areas.len() as u32).collect();
     for edge in edges(sides) {

@@ -1,7 +1,7 @@
 //! Kernels of balls and dots.
 
-use crate::inputs::{Random, f32s};
-use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2};
+use super::inputs::{Random, f32s};
+use super::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2};
 use surfel_math::Real;
 use surfel_math::ball::{BallHit, Outline, Rounded, segment};
 

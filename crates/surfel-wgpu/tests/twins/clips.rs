@@ -1,7 +1,7 @@
 //! Kernels of clips, and of the rotations that filters apply to them.
 
-use crate::inputs::{self, Random, f32s};
-use crate::kernels::{Kernel, coefficients, flag, splat, sum, v2, v3};
+use super::inputs::{self, Random, f32s};
+use super::kernels::{Kernel, coefficients, flag, splat, sum, v2, v3};
 use surfel_math::clip::{Clip, Curve, Turn};
 use surfel_math::mapping::Linear;
 use surfel_math::{Real, V2, filter};

@@ -1,7 +1,7 @@
 //! Runs kernels on the first available adapter.
 
-use crate::all;
-use crate::kernels::Kernel;
+use super::all;
+use super::kernels::Kernel;
 use std::fmt::Write;
 use surfel_shaders::WGSL;
 

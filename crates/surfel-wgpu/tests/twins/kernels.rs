@@ -1,6 +1,6 @@
 //! Formulas as functions of plain numbers, in WGSL and over `Real`.
 
-use crate::inputs::{self, Random, f32s};
+use super::inputs::{self, Random, f32s};
 use surfel_math::clip::Turn;
 use surfel_math::depth::{DepthForm, DepthPlane, Tolerance, tolerance as epsilon};
 use surfel_math::filter::{self, Filtered};

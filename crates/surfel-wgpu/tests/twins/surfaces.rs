@@ -1,7 +1,7 @@
 //! Kernels of triangles, slopes of planes, the shaders `toon`, `matcap` and `edl`, and trained Gaussians.
 
-use crate::inputs::{self, Random, f32s};
-use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
+use super::inputs::{self, Random, f32s};
+use super::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
 use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
 use surfel_math::{Real, V2, V3, depth, eye_dome, facing, gaussian, matcap, shadow, srgb, toon, triangle};
