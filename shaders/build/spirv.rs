@@ -9,22 +9,57 @@ use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
+/// Code that naga adds to a shader so that no access is out of bounds, no loop runs forever and no workgroup memory is
+/// read before it is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct AddedChecks {
+    /// Policy for indices of arrays in workgroups' and functions' memory.
+    pub index: BoundsCheckPolicy,
+    /// Policy for indices of arrays in buffers, and for texels.
+    pub buffer: BoundsCheckPolicy,
+    /// True if every loop counts its iterations.
+    pub bounds_loops: bool,
+    /// True if workgroup memory is zeroed.
+    pub zeroes_workgroup: bool,
+}
+
+impl AddedChecks {
+    /// Returns the checks with which an entry point is built.
+    pub(crate) fn of(entry: &str) -> Self {
+        // The compute path bounds its loops and indices by its own counts, and it has the tightest loops.
+        let is_bounded = entry.starts_with("cell_");
+        Self {
+            index: if is_bounded { BoundsCheckPolicy::Unchecked } else { BoundsCheckPolicy::Restrict },
+            // An out-of-bounds access reads some valid element, whether or not the device has robustness. An image that
+            // a frame doesn't need has one pixel.
+            buffer: BoundsCheckPolicy::Restrict,
+            bounds_loops: !is_bounded,
+            // Shaders write workgroup memory before they read it.
+            zeroes_workgroup: false,
+        }
+    }
+}
+
 /// Returns the Rust text of a slice of entry points: each name with the words of its SPIR-V module.
 pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
-    let one = |entry: &naga::EntryPoint| Ok(format!("    ({:?}, &{:?}),\n", entry.name, words(module, &entry.name)?));
+    let one = |entry: &naga::EntryPoint| {
+        Ok(format!("    ({:?}, &{:?}),\n", entry.name, words(module, &entry.name, AddedChecks::of(&entry.name))?))
+    };
     let all: Result<String, Box<dyn Error>> = module.entry_points.iter().map(one).collect();
     Ok(format!("&[\n{}]", all?))
 }
 
 /// Returns the words of a SPIR-V module with one entry point and the code that it uses. Some drivers expect a
 /// descriptor for every binding that a module declares.
-fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
+pub(crate) fn words(module: &Module, entry: &str, checks: AddedChecks) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);
     compact(&mut module, KeepUnused::No);
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module)?;
-    // The compute path bounds its loops and indices itself, and its loops dominate the time.
-    let is_bounded = entry.starts_with("cell_");
+    let zeroes = match checks.zeroes_workgroup {
+        true => ZeroInitializeWorkgroupMemoryMode::Polyfill,
+        false => ZeroInitializeWorkgroupMemoryMode::None,
+    };
     let options = Options {
         // The newest version that Vulkan 1.1 accepts.
         lang_version: (1, 3),
@@ -35,17 +70,14 @@ fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
         fake_missing_bindings: false,
         binding_map: bindings(&module),
         capabilities: None,
-        // An out-of-bounds access reads some valid element, whether or not the device has robustness. An image that a
-        // frame doesn't need has one pixel.
         bounds_check_policies: BoundsCheckPolicies {
-            index: if is_bounded { BoundsCheckPolicy::Unchecked } else { BoundsCheckPolicy::Restrict },
-            buffer: BoundsCheckPolicy::Restrict,
-            image_load: BoundsCheckPolicy::Restrict,
+            index: checks.index,
+            buffer: checks.buffer,
+            image_load: checks.buffer,
             binding_array: BoundsCheckPolicy::Unchecked,
         },
-        // Shaders write workgroup memory before they read it.
-        zero_initialize_workgroup_memory: ZeroInitializeWorkgroupMemoryMode::None,
-        force_loop_bounding: !is_bounded,
+        zero_initialize_workgroup_memory: zeroes,
+        force_loop_bounding: checks.bounds_loops,
         ray_query_initialization_tracking: false,
         trace_ray_argument_validation: false,
         use_storage_input_output_16: false,

@@ -80,6 +80,9 @@ Commands:
           nothing but a graphics driver: copy it there, and run ./run.sh OUT
   gpu-report OUT
           Write docs/data/gpu.md of what the kit measured
+  shader-stats
+          Print a table of the shaders' SPIR-V: bytes, instructions, loops, barriers and workgroup
+          memory of each entry point, and what naga's checks add
   licences
           Write the licences of all dependencies to THIRD-PARTY.txt and the bill of materials (SBOM)
           to packaging/surfel.cdx.json
@@ -118,6 +121,7 @@ fn main() -> ExitCode {
         ["bench", ref rest @ ..] => bench::run(&root, rest),
         ["gpu-kit"] => gpu_kit::run(&root),
         ["gpu-report", out] => gpu_kit::report_page(&root, out),
+        ["shader-stats"] => shader_stats(&root),
         ["growth", ref rest @ ..] => growth::run(&root, rest),
         ["scaling", ref rest @ ..] => scaling::run(&root, rest),
         ["licences"] => licences::run(&root),
@@ -139,6 +143,13 @@ fn main() -> ExitCode {
         }
     };
     if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Prints the statistics of the shaders, by a program of their package.
+fn shader_stats(root: &Path) -> bool {
+    let mut command = cargo(root);
+    command.args(["run", "--quiet", "--package", "surfel-shaders", "--example", "shader_stats"]);
+    command.status().is_ok_and(|status| status.success())
 }
 
 /// Returns the folder of the workspace, which is the parent of this package's folder.

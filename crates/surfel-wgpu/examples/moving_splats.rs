@@ -71,6 +71,9 @@ fn triangle_fragment() -> @location(0) vec4f {
 }
 ";
 
+/// Pixels of the last frame, and the costs of each frame.
+pub(crate) type Drawn = (Vec<[f32; 4]>, Vec<FrameCost>);
+
 /// Costs of a frame on the CPU's side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameCost {
@@ -101,7 +104,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Draws frames of a sheet of `side`×`side` splats. Returns the pixels of the last frame, and the costs of each.
-pub(crate) fn run(side: u32, frames: u32) -> Result<(Vec<[f32; 4]>, Vec<FrameCost>), Box<dyn Error>> {
+pub(crate) fn run(side: u32, frames: u32) -> Result<Drawn, Box<dyn Error>> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default()))?;
     let required_features = adapter.features() & wgpu::Features::FLOAT32_BLENDABLE;

@@ -225,7 +225,7 @@ fn edges_by_samples_and_balls_equal_those_of_a_frame_over_the_host_s_colours() {
     let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
     let view = view(Projection::Perspective { fov_y_deg: 60.0 });
     let samples = Settings::default().with_edge_aa(EdgeAa::Samples);
-    let peeled = samples.clone().with_transparency("peel:4".parse().unwrap());
+    let peeled = samples.with_transparency("peel:4".parse().unwrap());
     let layers = panes(&[(2.0, 0.5), (2.5, 0.25), (2.7, 1.0)]);
     let frames = [(scene(), &samples), (balls(), &Settings::default()), (balls(), &samples), (layers, &peeled)];
     for (scene, settings) in frames {

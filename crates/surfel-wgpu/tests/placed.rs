@@ -288,7 +288,6 @@ fn host_s_mistakes_are_refused_in_words() {
     refused(HostLayout { stride: 30, ..layout(100) }, 0, &host, "the stride is 30 bytes");
     refused(HostLayout { count: 101, ..layout(100) }, 0, &host, "but the buffer has 4000");
     refused(layout(100), 1, &host, "no splats of object 1");
-    drop(refused);
     let descriptor = wgpu::BufferDescriptor {
         label: None,
         size: 4000,

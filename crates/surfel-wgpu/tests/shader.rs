@@ -38,7 +38,7 @@ fn drawn(renderer: &mut Renderer, scene: &Scene, settings: &Settings) -> Frame {
     frame
 }
 
-/// A shader that shows each attribute in turn, by the mean of those that `want` computes from the planes.
+/// A shader whose colour is a sum of all attributes, which the test computes from the planes, too.
 const ATTRIBUTES: &str = "
 const SCALE = 0.25;
 
@@ -115,9 +115,9 @@ fn function_of_a_host_colours_edges_layers_and_shadows() {
     let mut transparent = Scene::from(transparent);
     transparent.lights = scene().lights;
     let cases = [
-        (scene(), phong.clone().with_edge_aa(EdgeAa::Samples)),
-        (shadowed, phong.clone()),
-        (transparent, phong.clone().with_transparency("peel:2".parse().unwrap())),
+        (scene(), phong.with_edge_aa(EdgeAa::Samples)),
+        (shadowed, phong),
+        (transparent, phong.with_transparency("peel:2".parse().unwrap())),
     ];
     let plain: Vec<Frame> = cases.iter().map(|(scene, settings)| drawn(&mut renderer, scene, settings)).collect();
     let lit = "fn host_color(surface: HostSurface) -> vec3f { return 0.5 * surface.lit; }";
