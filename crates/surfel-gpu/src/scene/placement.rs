@@ -85,16 +85,16 @@ impl HostLayout {
         for (name, attribute) in named {
             let Some(HostAttribute { offset, format }) = attribute else { continue };
             if !offset.is_multiple_of(4) {
-                return Err(format!("the offset of `{name}` is {offset} bytes, expected a multiple of 4"));
+                return Err(format!("the offset of the {name} is {offset} bytes, expected a multiple of 4"));
             }
             let end = u64::from(offset) + u64::from(format.bytes());
             if end > u64::from(self.stride) {
                 let stride = self.stride;
-                return Err(format!("`{name}` ends at byte {end} of a splat, expected at most the stride {stride}"));
+                return Err(format!("the {name} ends at byte {end} of a splat, expected at most the stride {stride}"));
             }
         }
         if self.normal.is_some_and(|normal| normal.format == HostFormat::Srgb8x4) {
-            return Err("the format of `normal` is Srgb8x4, expected F32x3 or Unorm8x4".to_owned());
+            return Err("the format of the normal is Srgb8x4, expected F32x3 or Unorm8x4".to_owned());
         }
         let needed = u64::from(self.count) * u64::from(self.stride);
         if needed > buffer_bytes {
@@ -257,14 +257,14 @@ mod tests {
         let at = |offset, format| Some(HostAttribute { offset, format });
         wrong(HostLayout { count: 3, ..HOST }, "3 splats need 84 bytes, but the buffer has 56");
         wrong(HostLayout { stride: 26, ..HOST }, "stride is 26 bytes, expected a multiple of 4");
-        wrong(HostLayout { position: 2, ..HOST }, "offset of `position` is 2 bytes, expected a multiple of 4");
+        wrong(HostLayout { position: 2, ..HOST }, "offset of the position is 2 bytes, expected a multiple of 4");
         wrong(
             HostLayout { position: 20, ..HOST },
-            "`position` ends at byte 32 of a splat, expected at most the stride 28",
+            "the position ends at byte 32 of a splat, expected at most the stride 28",
         );
-        wrong(HostLayout { position: u32::MAX - 3, ..HOST }, "`position` ends at byte 4294967304");
-        wrong(HostLayout { normal: at(12, HostFormat::Srgb8x4), ..HOST }, "`normal` is Srgb8x4, expected F32x3");
-        wrong(HostLayout { color: at(28, HostFormat::Unorm8x4), ..HOST }, "`color` ends at byte 32");
+        wrong(HostLayout { position: u32::MAX - 3, ..HOST }, "the position ends at byte 4294967304");
+        wrong(HostLayout { normal: at(12, HostFormat::Srgb8x4), ..HOST }, "the normal is Srgb8x4, expected F32x3");
+        wrong(HostLayout { color: at(28, HostFormat::Unorm8x4), ..HOST }, "the color ends at byte 32");
         wrong(HostLayout { bounds: [[1.0; 3], [0.0; 3]], ..HOST }, "expected finite corners, the least one first");
         wrong(HostLayout { bounds: [[f32::NAN; 3], [0.0; 3]], ..HOST }, "expected finite corners");
     }
