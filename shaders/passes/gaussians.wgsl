@@ -15,7 +15,7 @@ struct GaussianRecord {
     opacity: f32,
     // World-space normal.
     normal: vec3f,
-    // Factor of α.
+    // Factor by which the filter reduces α.
     weight: f32,
     // Smallest depth at which the Gaussian has fragments. In lists for sorting by pixel, records are in ascending order
     // of this depth.
@@ -24,11 +24,15 @@ struct GaussianRecord {
     number: u32,
 }
 
-// Side of a cell in pixels.
+// Side of a cell, a square of pixels with its own list of Gaussians, in pixels.
 const GAUSSIAN_CELL: u32 = 16u;
+// Largest α of a fragment; larger values are reduced to it.
 const MAX_ALPHA: f32 = 0.99;
+// Smallest α of a fragment that is drawn, before the filter's factor: 1/255.
 const MIN_ALPHA: f32 = 0.003921569;
+// Smallest transmittance of a pixel after a fragment; a fragment that would make it smaller ends the blending.
 const MIN_TRANSMITTANCE: f32 = 1e-4;
+// Sum of weights up to which a pixel counts as empty; sums are divided only by larger ones.
 const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
 @group(1) @binding(28) var<storage, read> gaussian_records: array<GaussianRecord>;
@@ -39,9 +43,9 @@ const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 // Word k of all pixels is stored before word k + 1.
 @group(1) @binding(29) var<storage, read_write> gaussian_lists: array<u32>;
 
-// Words of a pixel's state: its sums, then its progress.
+// Number of words of a pixel's state: its sums, then its progress.
 const GAUSSIAN_STATE_WORDS: u32 = 24u;
-// Words of a waiting fragment (see gaussians_by_pixel.wgsl).
+// Number of words of a fragment that waits to be blended (see gaussians_by_pixel.wgsl).
 const GAUSSIAN_ROOM_WORDS: u32 = 3u;
 // Offset in the planes of the number of the last dispatch that left a pixel unfinished.
 const GAUSSIANS_UNFINISHED_AT: u32 = 0u;
@@ -61,7 +65,8 @@ struct GaussianSums {
     // Σw·m and Σw·m², where m is the depth that the plane `distortion` compares.
     moments: vec2f,
     fragments: u32,
-    // True while the transmittance is above its limit.
+    // True until a fragment would make the transmittance smaller than MIN_TRANSMITTANCE. While it is true, fragments
+    // are blended.
     is_open: bool,
 }
 
@@ -218,8 +223,9 @@ fn store_gaussian_sums(pixel: u32, sums: GaussianSums) {
     set_gaussian_state(pixel, 14u, select(0u, 1u, sums.is_open));
 }
 
-// Word that counts a pixel's dispatches, and its value once the pixel is finished.
+// Word of a pixel's state that counts its dispatches.
 const GAUSSIAN_DISPATCHES: u32 = 15u;
+// Value of the word GAUSSIAN_DISPATCHES once the pixel is finished.
 const GAUSSIANS_FINISHED: u32 = 0xffffffffu;
 
 // Ends a pixel's dispatch: writes the pixel if it is finished, otherwise stores its sums for the next dispatch.

@@ -16,8 +16,8 @@
 @group(1) @binding(10) var shade_threshold: texture_depth_2d;
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
-// Smallest Σw of a surface. Below it, attributes have been lost to underflow, and the pixel is empty. Only splats
-// smaller than 1e-18 pixels weigh less.
+// Smallest Σw with which a pixel has a surface. Below it, attributes have been lost to underflow, and the pixel is
+// empty. Only splats smaller than 1e-18 pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
 // A surface sample to be lit; a pixel has up to three.

@@ -127,7 +127,7 @@ pub fn frame_rate(text: &str) -> Result<FrameRate, String> {
     rate.ok_or_else(|| format!("expected a number of frames a second from 0.01 to {}", FrameRate::MOST))
 }
 
-/// Parses `I/N`, part I of N, with N from 1 to 1,000,000 and I from 0 to N.
+/// Parses `I/N`, part I of N (1 to 1,000,000). Parts may be counted from 0 or from 1: `N/N` is the same part as `0/N`.
 pub fn part(text: &str) -> Result<Part, String> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));

@@ -1,4 +1,5 @@
-//! Compute path: its buffers, and recording of a tile's dispatches.
+//! Drawing by compute shaders instead of raster hardware (the *compute path*): its buffers, and recording of the
+//! dispatches for a tile.
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};

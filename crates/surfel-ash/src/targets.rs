@@ -61,7 +61,7 @@ impl Targets {
         found.map(|framebuffer| framebuffer.raw).ok_or_else(|| Failure::other("a pass has no targets"))
     }
 
-    /// Returns the images of these targets, with their bindings.
+    /// Returns the image of each target in `reads`, with its descriptor binding; targets without an image are left out.
     pub(crate) fn images(&self, reads: &[(u32, Target)]) -> Vec<(u32, &Image)> {
         reads.iter().filter_map(|&(binding, target)| Some((binding, self.images.get(&target)?))).collect()
     }

@@ -95,7 +95,8 @@ impl Verified {
             .collect()
     }
 
-    /// Fails with exit code 5 if the promise of the preset is broken.
+    /// Fails with exit code 5 if a measured error exceeds the accuracy that the preset guarantees ([`Promise`]).
+    /// Succeeds if there is no model error to judge, as without a preset.
     pub(crate) fn judge(&self) -> Result<(), Failure> {
         let broken = self.broken();
         if broken.is_empty() { Ok(()) } else { Err(Failure::threshold(broken.join("; "))) }

@@ -1,5 +1,8 @@
 //! Drawing of a frame: its visible chunks are divided into cells. One thread sets up, draws and lights a cell while the
 //! cell's records are in that thread's cache.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`]). A *record* is a splat projected to the screen ([`Record`]).
 
 mod samples;
 mod totals;
@@ -49,12 +52,12 @@ use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 
 /// Buffers that are reused from frame to frame, because fresh memory is slow.
 #[derive(Default)]
-/// Lists of records from the setup of cells.
 pub(crate) struct FramePools {
-    /// Scratch buffers of the threads that draw tiles.
+    /// Lists of records from the setup of cells.
     setup: SetupPool,
-    /// G-buffers of cells, for screen-space passes.
+    /// Scratch buffers of the threads that draw tiles.
     scratch: Pool<TileScratch<'static>>,
+    /// G-buffers of cells, for screen-space passes.
     gbuffers: Pool<GBuffer>,
 }
 

@@ -5,7 +5,7 @@ use std::process::{Child, ChildStderr, ChildStdin, Command, ExitStatus};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Running child processes of this process, which [`kill_all`] kills.
+/// Child processes that this process started and that are still running, for [`kill_all`].
 static RUNNING: Mutex<Vec<Arc<Mutex<Child>>>> = Mutex::new(Vec::new());
 
 /// Interval at which [`Program::wait`] checks if a program has ended.

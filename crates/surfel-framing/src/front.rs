@@ -25,7 +25,7 @@ const HIGHER: f64 = 0.15;
 /// Height above the ground that all of the tip must exceed for the higher end to have a head, as a fraction of the
 /// body's height. It excludes cars.
 const CHIN: f64 = 0.35;
-/// Ratio of length to width above which a body may have a tail.
+/// Ratio of length to width above which a tail is detected in a shape.
 const SLENDER: f64 = 2.0;
 /// Distance from the centre beyond which a patch may belong to a tail, as a fraction of half of the body's length.
 const TAIL: f64 = 0.6;

@@ -80,8 +80,8 @@ impl Patches {
         growth(count(&object.geometry))
     }
 
-    /// Samples objects. Returns `None` if there are too few splats to estimate a shape, or if their extent isn't
-    /// finite.
+    /// Samples patches of the objects' surfaces, at most [`MOST`], without stray points. `None` if there are too few
+    /// patches, or if their extent is zero or not finite.
     pub fn of(objects: &[Object]) -> Option<Self> {
         let total: usize = objects.iter().map(|o| count(&o.geometry)).sum();
         let wanted = total.min(MOST);

@@ -28,7 +28,7 @@ impl RowNumbers {
         self.read = self.read.saturating_add(1);
     }
 
-    /// Returns the row number of each point; `None` if no row was dropped.
+    /// Returns the row numbers in the file of the kept points; `None` if none were dropped.
     pub(crate) fn finish(self) -> Option<Vec<u32>> {
         self.rows
     }

@@ -17,8 +17,8 @@ pub(crate) struct Receiver {
     pub position: Vec3,
     /// Unit normal of the surface's front, in world space.
     pub normal: Vec3,
-    /// Additional offset along the normal for the light's lookup, in units of the depth maps. It prevents noisy splats
-    /// from casting shadows on each other.
+    /// Additional offset along the normal at which light is looked up, so that noisy splats don't shadow each other; in
+    /// units of the depth maps.
     pub noise: f32,
     /// Sides of the surface on which light is summed.
     pub sides: Sides,

@@ -1,7 +1,7 @@
 //! The shader `toon` (rendering model §5, after the drawing styles of B05 §6): light in steps, and lines where the
 //! surface turns away.
 //!
-//! Steps are short ramps, so that rounding decides no pixel.
+//! Steps are short ramps rather than jumps, so that a rounding error can't change a pixel's step.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};

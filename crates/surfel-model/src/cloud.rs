@@ -52,8 +52,9 @@ pub struct CloudData {
     pub ball_light: Option<Vec<BallLight>>,
     /// Clip curves and lines, which cut splats along sharp edges; `None` if no splat is clipped.
     pub clips: Option<ClipColumns>,
-    /// Interior weight: Σw inside the cloud's surface at cutoff 2, greater than 0 (rendering model §5, coverage).
-    /// `None` if unknown.
+    /// Typical sum of the kernel weights w = e^(−2ρ²) of all splats that overlap at a place inside the cloud's surface,
+    /// greater than 0. A pixel's coverage is its own sum of weights relative to this value (rendering model §5,
+    /// coverage). `None` if unknown.
     pub interior_weight: Option<f64>,
     /// True if all normals point to the outside of the same surface. Front and back faces are then blended separately
     /// (rendering model §5).

@@ -13,8 +13,8 @@ use surfel_model::Outliers;
 
 /// Smallest [`score`] at which coordinates without a stated reference system count as degrees.
 const DEGREES_SCORE: u32 = 3;
-/// Extent of a file, in its units, from which coordinates don't count as degrees. Files of so many degrees are rare,
-/// and local coordinates usually have larger extents.
+/// Extent of a file's coordinates, in their own units, at or above which they are taken not to be degrees. Few files
+/// span so many degrees, and local coordinates usually have larger extents.
 const WIDEST_DEG: f64 = 5.0;
 /// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre on the ground. Coordinates in metres
 /// usually have coarser steps.
@@ -25,7 +25,8 @@ const ABSURD_PX: f64 = 4e6;
 const MAX_STRAY_FACTOR: f64 = 100.0;
 /// Inverse of the largest fraction of points that count as strays. If more points are far away, none is a stray.
 const STRAY_OF: usize = 1000;
-/// Number of far points that may count as strays in small files, where it exceeds the fraction 1/[`STRAY_OF`].
+/// Number of far points that may always count as strays, also in files so small that 1/[`STRAY_OF`] of the points is
+/// fewer.
 const FEW: usize = 3;
 /// Maximum number of points of all files from which their core, the range of the middle 96 %, is estimated.
 const SAMPLE: usize = 1 << 16;

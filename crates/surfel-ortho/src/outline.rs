@@ -40,8 +40,8 @@ const STEPS: f64 = 64.0;
 /// Number of strips by which the part of the window inside of an edge is integrated.
 const STRIPS: usize = 256;
 
-/// Table with two values for each curvature and offset of an edge: the edge's likelihood, and the integral of the
-/// likelihood over all larger offsets.
+/// Table by curvature (index in [`CURVATURES`]) and offset from the window's centre ([`STEPS`] per radius): the
+/// likelihood of such a surface edge times the curvature's prior weight, and the integral over all larger offsets.
 struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
 
 /// Tables of likelihoods for the two windows of [`SIZES`].

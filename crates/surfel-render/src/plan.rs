@@ -279,8 +279,8 @@ struct SurfacePasses {
     /// Passes of the frame, in order.
     list: Vec<Pass>,
     /// True if splats are drawn; false if the scene has only polygons and balls.
-    /// Method of edge antialiasing; off without a colour plane.
     draw_splats: bool,
+    /// Method of edge antialiasing; off without a colour plane.
     edges: EdgeAa,
     /// True if transparent splats are drawn apart from opaque ones.
     separates_transparent: bool,

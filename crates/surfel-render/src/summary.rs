@@ -60,7 +60,10 @@ pub struct SceneSummary {
     pub gaussians: Option<GaussianColors>,
     /// True if some object is drawn as a surface, not as Gaussians.
     pub surfaces: bool,
-    /// Index of the first object whose splats have no interior weight; `None` if all have one.
+    /// Index of the first object of splats (not balls) whose interior weight
+    /// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)), the sum of weights inside its
+    /// surface, is unknown. Images that need it ([`needs_interior_weight`](crate::needs_interior_weight)) can't
+    /// be drawn then. `None` if all are known.
     pub without_interior_weight: Option<usize>,
     /// Index of the first object whose splats have no row numbers, as of any octree; `None` if all have some.
     pub without_rows: Option<usize>,

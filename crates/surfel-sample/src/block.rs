@@ -1,5 +1,8 @@
 //! Measures the neighbourhoods of a run of points: each point's Voronoi cell in its tangent plane, and the values that
 //! decide its class.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates. A
+//! *run* is the range of consecutive slots that one task measures.
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::class::{ALONE, FLAT, Measured, needs_coherence};

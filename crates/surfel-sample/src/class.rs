@@ -16,6 +16,9 @@
 //!
 //! Points of the last three classes belong to no surface. Their disks are at most as large as the density radius for
 //! the cloud's typical spacing, or 1.5 times as large on lines.
+//!
+//! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints). A *cell* is a point's
+//! Voronoi cell in its tangent plane ([`Cell`](crate::cell::Cell)).
 
 /// Density radius of a splat, relative to the square root of the surface area per point. Neighbouring splats of this
 /// radius blend without holes.
@@ -32,7 +35,7 @@ pub enum PointClass {
     /// Point surrounded by points of the same surface.
     #[default]
     Surface,
-    /// Point at the rim of a surface: points surround it on one side only.
+    /// Point at the border of a surface: points surround it on one side only.
     Border,
     /// Point where the surface turns within one disk, or where another surface meets it.
     Crease,
@@ -137,7 +140,7 @@ const SURROUNDED: usize = 3;
 /// surface. Such neighbours are leaves, stray points, or the other side of a thin edge.
 const CUT: f32 = 0.25;
 
-/// Measurements of one point's neighbourhood; lengths are in steps of the sorted points' grid.
+/// Measurements of one point's neighbourhood; lengths are in grid steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measured {
     /// Square root of the surface area per point around the point. It is the distance of the second neighbour if few
@@ -242,10 +245,10 @@ impl Evidence {
     pub(crate) const ALONE: u8 = 1 << 0;
     /// Bit of a sparse point whose neighbours form no plane or whose normals disagree too much for a surface.
     pub(crate) const SCATTERED: u8 = 1 << 1;
-    /// Bit of a tangled point: its neighbours form no plane, and their normals disagree.
+    /// Bit of an incoherent point: its neighbours form no plane, and their normals disagree.
     pub(crate) const INCOHERENT: u8 = 1 << 2;
-    /// Bit of a foliage point: many of the points around it are tangled ([`Self::INCOHERENT`]), and they are about as
-    /// thick as wide.
+    /// Bit of a foliage point: many of the points around it are incoherent ([`Self::INCOHERENT`]), and they are about
+    /// as thick as wide.
     pub(crate) const AMONG_INCOHERENT: u8 = 1 << 3;
     /// Bit of a point around which too few cells are closed for a surface ([`SURROUNDED`]).
     pub(crate) const FEW_CLOSED_CELLS: u8 = 1 << 4;

@@ -57,7 +57,8 @@ pub enum SampleError {
     Model(#[from] ModelError),
 }
 
-/// Largest number of elements in one call: neighbour tables index 16 slots per element with 32 bits.
+/// Largest number of elements in one call: tables of neighbours have up to 16 entries per element, which are indexed by
+/// 32 bits.
 pub(crate) const MAX_ELEMENTS: usize = u32::MAX as usize / 16;
 
 impl SampleError {

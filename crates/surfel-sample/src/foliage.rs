@@ -1,9 +1,9 @@
 //! Detection of foliage, and the normals of its points.
 //!
 //! Leaves form no surface, and planes through their points have arbitrary normals. A point is foliage if many points
-//! around it are tangled (no common plane, disagreeing normals) and the neighbourhood is thick. The normal of a foliage
-//! point approximates the outside of the tree's crown. It points away from the mean of the points around, with some
-//! weight toward the outside of the cloud.
+//! around it are incoherent (no common plane, disagreeing normals) and the neighbourhood is thick. The normal of a
+//! foliage point approximates the outside of the tree's crown. It points away from the mean of the points around, with
+//! some weight toward the outside of the cloud.
 
 use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
@@ -16,29 +16,29 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Smallest fraction of tangled neighbours at which a point is foliage. The second value is for points with large disks
-/// and for forests.
+/// Smallest fraction of incoherent neighbours at which a point is foliage. The second value is for points with large
+/// disks and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
 /// Smallest variance perpendicular to the neighbours' best-fitting plane at which a neighbourhood is thick, as a
 /// fraction of the total variance. The second value is for points with large disks and for forests. A ball measures a
 /// third; a plane with noise as large as its points' spacing measures a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Fraction of tangled points in a cloud above which the cloud may be a forest. In a forest, every point is tested as
-/// foliage.
+/// Fraction of incoherent points ([`Evidence::INCOHERENT`]) in a cloud above which the cloud may be a forest. In a
+/// forest, every point is tested as foliage.
 const FOREST: f64 = 0.25;
-/// Fraction of tangled points whose neighbourhood is thick ([`THICK`]) above which a cloud with many tangled points is
-/// a forest. A noisy surface has as many tangled points, but is thin. With noise as large as the spacing, 0.4 % of its
-/// points have a thick neighbourhood.
+/// A cloud with many incoherent points ([`FOREST`], [`Evidence::INCOHERENT`]) is a forest if more than this fraction of
+/// them has a thick neighbourhood ([`THICK`]). A noisy surface may have as many incoherent points, but is thin: with
+/// noise as large as the spacing, 0.4 % of its points have a thick neighbourhood.
 const FOREST_THICK: f64 = 0.25;
-/// Maximum number of tangled points whose neighbourhoods are measured to decide whether a cloud is a forest.
+/// Maximum number of incoherent points whose neighbourhoods are measured to decide whether a cloud is a forest.
 const FOREST_SAMPLE: usize = 4096;
 /// Cosine of the largest tilt (60°) at which a disk in a forest counts as ground. Steeper disks, as on trunks, are
 /// limited in size ([`MOST`]).
 const STEEP: f64 = 0.5;
 /// Weight of the direction to the outside of the cloud in a foliage normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of a tangled point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius for
-/// the typical spacing.
+/// Largest radius of an incoherent point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius
+/// for the typical spacing.
 const MOST: f64 = 1.3;
 /// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
 const LARGE: f64 = 2.0;
@@ -105,7 +105,7 @@ pub(crate) fn find(
     }
 }
 
-/// True if the cloud is a forest: many points are tangled, and the tangled points have thick neighbourhoods.
+/// True if the cloud is a forest: many points are incoherent, and these points have thick neighbourhoods.
 fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) -> bool {
     let tangled: Vec<usize> = (0..points.len()).filter(|slot| is_tangled[*slot]).collect();
     if tangled.len() as f64 <= FOREST * points.len() as f64 {

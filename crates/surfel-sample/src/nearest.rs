@@ -1,5 +1,7 @@
 //! Exact nearest neighbours of points in Morton order. The points near a leaf are gathered once into contiguous
 //! columns, and each query from that leaf scans them by SIMD.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::lanes::{LANES, compress, numbers, rank};
 use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};

@@ -1,4 +1,6 @@
 //! Table with the nearest neighbours of every point.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::SampleError;
 use crate::nearest::Search;

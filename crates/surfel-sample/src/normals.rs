@@ -1,5 +1,7 @@
 //! Unoriented normals by principal component analysis (Hoppe et al. 1992, "Surface reconstruction from unorganized
 //! points", §3.2).
+//!
+//! A *grid step* is the unit of the coordinates of [`SortedPoints`].
 
 use crate::eigen::{Symmetric3, smallest3, symmetric3};
 use crate::lanes::LANES;

@@ -7,6 +7,8 @@
 //! "Consistent propagation of normal orientations in point clouds". The mirrored normal is right around creases too.
 //! The steeper an edge is to the tangent planes, the less it counts, because it may lead to another surface.
 //! Union-finds store the sign of each element relative to its root, so that no tree is built or traversed.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::class::ROUGH;
 use crate::median::spread;

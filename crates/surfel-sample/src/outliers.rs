@@ -9,6 +9,8 @@
 //! rule finds stray points near dense parts if the density varies too much for a global limit.
 //!
 //! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::class::ALONE;
 use crate::median::spread;

@@ -1,4 +1,6 @@
 //! Conversion of point clouds to splats.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::class::PointClass;
 use crate::nearest::Search;

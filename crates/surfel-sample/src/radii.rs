@@ -10,6 +10,8 @@
 //! out. Points in no surface get small disks: [`crate::class`] lists the rule of each class. If the cells of a
 //! neighbourhood are stretched in the same direction (scan lines), the splat is an ellipse. The same rules then apply
 //! after the affine map that makes the cells round. Finally, [`crate::largest`] limits all splats.
+//!
+//! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates.
 
 use crate::block::{Block, Scale, tangents};
 pub(crate) use crate::class::{COVER, DENSITY};
@@ -128,7 +130,7 @@ impl Sizes {
         }
     }
 
-    /// Returns the larger half-axis of a slot's splat, in steps.
+    /// Returns the larger half-axis of the splat at `slot`, in grid steps.
     pub(crate) fn radius(&self, slot: usize) -> f64 {
         match self.ellipse(slot) {
             Some(ellipse) => self.bounded(slot, ellipse.mean) * ellipse.ratio().sqrt(),
@@ -136,7 +138,8 @@ impl Sizes {
         }
     }
 
-    /// Returns the half-axes (s, t) of a slot's splat, in steps, with s × t along the unit `normal`.
+    /// Returns the half-axes (s, t) of the splat at `slot`, in grid steps of [`SortedPoints`]; s × t points along the
+    /// unit `normal`. The half-axes of a disk have equal lengths.
     pub(crate) fn axes(&self, slot: usize, normal: DVec3) -> (DVec3, DVec3) {
         let (u, v) = tangents(normal.as_vec3());
         let (u, v) = (u.as_dvec3(), v.as_dvec3());

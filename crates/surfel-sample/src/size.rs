@@ -1,14 +1,18 @@
-//! Size of a point's splat: the radius of its disk, and an ellipse if the points around are stretched.
+//! Size of a point's splat: the radius of its disk, or an ellipse if the points around it are spaced more widely in one
+//! direction, as in scan lines. Lengths are in the grid steps of [`SortedPoints`](crate::sorted::SortedPoints), the
+//! unit of its quantised coordinates.
 
 use crate::class::Evidence;
 
-/// Axis ratio of a cell above which the sampling around its point counts as stretched, so that the splat is an ellipse.
+/// Axis ratio of a point's Voronoi cell ([`Cell`](crate::cell::Cell)) above which the sampling around the point counts
+/// as stretched, so that the splat is an ellipse.
 pub(crate) const ANISOTROPIC_RATIO: f64 = 1.5;
 
 /// Largest axis ratio of a splat's ellipse; larger ones are limited to this value.
 pub(crate) const MAX_AXIS_RATIO: f64 = 48.0;
 
-/// Size of one point's splat, estimated from the neighbourhood, and the evidence for the point's class.
+/// Size of one point's splat, estimated from the neighbouring points, and the measured properties ([`Evidence`]) that
+/// determine the point's [`PointClass`](crate::class::PointClass): surface, border, crease, foliage, line or isolated.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Size {
     /// Radius of the disk in grid steps; 0 if the point has no neighbours.

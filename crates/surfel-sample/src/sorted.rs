@@ -209,13 +209,13 @@ impl SortedPoints {
         self.order.len()
     }
 
-    /// Returns a slot's coordinates, in steps from the centre.
+    /// Returns the coordinates of the point at `slot`, in grid steps from the centre of all points.
     #[inline]
     pub(crate) fn at(&self, slot: usize) -> [i32; 3] {
         [self.x[slot], self.y[slot], self.z[slot]]
     }
 
-    /// Returns a slot's position as a vector, in steps from the centre.
+    /// Returns the position of the point at `slot` as a vector, in grid steps from the centre of all points.
     #[inline]
     pub(crate) fn point(&self, slot: usize) -> DVec3 {
         DVec3::new(f64::from(self.x[slot]), f64::from(self.y[slot]), f64::from(self.z[slot]))

@@ -4,12 +4,12 @@
 /// values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostDepth {
-    /// Constant of the mapping. In a perspective projection the value is `offset` + `scale`/z, in an orthographic one
-    /// `offset` + `scale`·z.
+    /// Constant of the mapping. In a perspective projection, a value of the depth buffer is `offset` + `scale`/z, in an
+    /// orthographic one `offset` + `scale`·z.
     pub offset: f32,
-    /// Factor of the mapping; see `offset`.
+    /// Factor of 1/z in a perspective projection, or of z in an orthographic one. `offset` states the formula.
     pub scale: f32,
-    /// Comparison with which a new depth replaces the stored one.
+    /// Comparison with which the host's depth test lets a new value replace the stored one.
     pub compare: wgpu::CompareFunction,
 }
 

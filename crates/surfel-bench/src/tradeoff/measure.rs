@@ -87,7 +87,8 @@ pub(crate) struct Pace {
     pub quick: bool,
 }
 
-/// Measures one subject and appends its rows.
+/// Draws a subject (a scene with its view) with each variant of the settings that applies to it. Appends one row of
+/// times and errors per variant to `figures`, and the description of the subject.
 pub(crate) fn subject(
     subject: &Subject,
     backends: &mut Backends,

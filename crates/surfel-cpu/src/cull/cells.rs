@@ -101,8 +101,8 @@ pub(crate) struct CellLimits {
     pub splats: usize,
     /// Width of the margin around a cell, in pixels, whose pixels the screen-space passes read for the cell's own
     /// pixels.
-    /// Number of threads that draw the frame.
     pub reach_px: u32,
+    /// Number of threads that draw the frame.
     pub threads: usize,
 }
 

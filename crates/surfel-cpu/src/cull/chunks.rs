@@ -10,10 +10,10 @@ use surfel_render::{SelectedParts, View};
 
 /// A chunk of splats that may be visible.
 #[derive(Clone, Copy)]
-/// Index of the object among the scene's clouds.
 pub(crate) struct VisibleChunk {
-    /// Index of the chunk in the object.
+    /// Index of the object among the scene's clouds.
     pub object: u32,
+    /// Index of the chunk in the object.
     pub chunk: u32,
     /// Planar depth of the chunk's origin. Chunks are sorted by this depth, so that near ones, which may occlude
     /// others, are drawn first.

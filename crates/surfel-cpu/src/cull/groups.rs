@@ -1,4 +1,6 @@
 //! Visibility test of a chunk's groups of splats for a region, sixteen groups at a time.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::cull::object::{ObjectView, RegionSides, pixels_of_box};
 use crate::scene::cloud::Chunk;

@@ -1,4 +1,7 @@
 //! A cloud in a view: its object transform, the pixels its chunks may cover, and culling of its chunks.
+//!
+//! A *record* is a splat projected to the screen ([`Record`](crate::setup::record::Record)). A *slot* is the index of a
+//! stored splat in the columns of its object ([`StoredObject`]).
 
 use crate::scene::cloud::{Chunk, StoredObject};
 use crate::tiles::bins::{Entry, RECORD_BYTES};

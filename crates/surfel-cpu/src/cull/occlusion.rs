@@ -3,6 +3,8 @@
 //! Chunks are sorted from near to far. If several layers of chunks fill a cell, the first layers are set up and each
 //! block's farthest depth threshold is found. A later chunk is set up only if it reaches in front of that threshold in
 //! some block.
+//!
+//! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::{ObjectView, inside};

@@ -1,5 +1,7 @@
 //! Drawing of the samples of a cell's edge pixels. Splats around these pixels are set up again, in a view whose pixels
 //! are samples.
+//!
+//! A *cell* is a part of the view that one thread draws alone ([`Cell`]).
 
 use crate::cull::balls::BallView;
 use crate::cull::cells::Cell;

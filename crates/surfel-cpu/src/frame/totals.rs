@@ -1,4 +1,7 @@
 //! Times and counts of a frame.
+//!
+//! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
+//! splat projected to the screen ([`Record`](crate::setup::record::Record)).
 
 use crate::setup::balls::BallSegment;
 use crate::setup::prepare::CellSplats;
@@ -8,15 +11,18 @@ use surfel_render::{FramePlan, Pass, PassTime, Stats};
 
 /// Times and counts of a frame, or of the cells that one thread draws.
 #[derive(Default)]
-/// Wall time of drawing shadow maps, in milliseconds.
 pub(crate) struct Totals {
-    /// Wall time of culling and of the division into cells, in milliseconds.
+    /// Wall time of drawing shadow maps, in milliseconds.
     pub shadows_ms: f64,
+    /// Wall time of culling and of the division into cells, in milliseconds.
     pub cull_ms: f64,
     /// Time of setup, including the sorting of records into tiles, in milliseconds.
     setup_ms: f64,
+    /// Part of the time of setup that the sorting of records into tiles takes, in milliseconds.
     binning_ms: f64,
+    /// Time of drawing tiles, in milliseconds.
     pub tiles_ms: f64,
+    /// Time of screen-space passes, in milliseconds.
     pub screen_ms: f64,
     /// Number of cells with content.
     cells: usize,
@@ -26,10 +32,13 @@ pub(crate) struct Totals {
     pub back_facing: u64,
     /// Number of splats in chunks that were not set up in a cell because they are occluded there.
     pub occluded: u64,
+    /// Number of splats that were set up, also those without a record. A splat counts in each cell that it may touch.
     set_up: u64,
+    /// Number of drawn splats, each counted in one cell.
     drawn: u64,
     /// Number of clips over pixels that were set up. A clipped splat counts in each cell that it touches.
     clips: u64,
+    /// Number of pairs of a tile and a record that may touch it: the entries of all tiles' lists.
     tile_pairs: u64,
     /// Largest memory that a cell needed, in bytes; in a frame's totals, the sum of the threads' largest.
     cell_bytes: usize,

@@ -3,6 +3,8 @@
 //! A tile's records are sorted by their minimum depth. A fragment nearer than the minimum depth of the next record is
 //! in its final place. Once a fragment makes its pixel opaque, fragments behind it are dropped, because nearer
 //! fragments can't make the pixel less opaque. A pixel therefore stores few more fragments than are visible in it.
+//!
+//! A *block* is 4×4 pixels, and a *record* is a projected Gaussian ([`Record`]).
 
 use crate::gaussians::records::Record;
 use crate::gaussians::tile::{BLOCKS, Block};

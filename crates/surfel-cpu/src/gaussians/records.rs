@@ -1,4 +1,6 @@
 //! Projection of Gaussians to records, and each tile's list of the records that touch it, front to back.
+//!
+//! A *record* is a projected Gaussian ([`Record`]).
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::scene::resident::StoredGaussians;

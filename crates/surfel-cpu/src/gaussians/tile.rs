@@ -1,5 +1,7 @@
 //! A tile of 16×16 pixels, which blends its Gaussians front to back in blocks of 4×4 pixels. Small Gaussians touch
 //! fewer blocks than rows.
+//!
+//! A *record* is a projected Gaussian ([`Record`]).
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::gaussians::pending::{Pending, key};

@@ -1,4 +1,6 @@
 //! Fragments of balls in a block's pixels, in the order of depth (rendering model §11).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::setup::balls::{BallRecord, BallSegment};
 use crate::simd::compress::ones;

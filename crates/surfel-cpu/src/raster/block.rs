@@ -1,5 +1,7 @@
 //! Visibility and attributes of a block of 4×4 pixels (rendering model §5), one lane per pixel. Two loops run over the
 //! same list of splats, with the block's sums in registers.
+//!
+//! A *record* is a splat projected to the screen ([`Record`]).
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::facing::Sides;

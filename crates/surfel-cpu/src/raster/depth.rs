@@ -1,4 +1,7 @@
 //! Depth thresholds of a block without attributes: for shadow maps and for occlusion culling.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::cull::occlusion::OcclusionMap;
 use crate::raster::batch::{Pixels, Visit, for_each_batch};

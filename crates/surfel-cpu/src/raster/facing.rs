@@ -1,5 +1,8 @@
 //! Separation of front- and back-facing splats of oriented clouds in a block (rendering model §5): thresholds of both
 //! sides, and the side that each pixel shows.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
+//! ([`Record`]).
 
 use crate::raster::filter::FragmentFilter;
 use crate::setup::record::Record;

@@ -1,4 +1,6 @@
 //! Fragment filters, which decide which fragments of a block exist and which of them add their attributes.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::batch::Pixels;
 use crate::raster::facing::VisibleSide;

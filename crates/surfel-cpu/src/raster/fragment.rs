@@ -1,4 +1,6 @@
 //! Evaluation of a splat at the pixels of a 4×4 block, one lane per pixel.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::inputs::RasterInputs;
 use crate::setup::evaluate::{Fragment, cheap, form, general, inverse_near_one};
@@ -24,9 +26,10 @@ pub(crate) fn fragment<S: Simd>(
 }
 
 impl<S: Simd> Fragment<S> {
-    /// Removes the fragments that the splat's clip cuts off, if the splat has one. If the splat is clipped and its
-    /// cloud oriented, fragments of the unfiltered footprint remain part of the filtered one. Otherwise the clip, which
-    /// a filter stretches with the footprint, could remove all fragments of a pixel.
+    /// Removes the fragments outside the splat's clip, if it has one. A filter that stretches the footprint also
+    /// stretches its clip, which may then exclude pixels where the clipped splat was visible without the filter. In
+    /// oriented clouds, [`Self::inside`] keeps these pixels: otherwise the splat could hide what is behind it and leave
+    /// the pixel empty.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), inputs: &RasterInputs<'_>) {
         if let Some(([visible, inside], holds_visible)) = clipped(simd, record, at, inputs) {
@@ -110,9 +113,9 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// Evaluates four cheap splats as [`fragment`] does, each at its own pixels. `FILTERED` must be true if some splat's
-/// filtered footprint differs from its unfiltered one. The steps of all four are interleaved: a CPU looks ahead over
-/// about two splats, too few for the long dependency chain of each.
+/// Evaluates four cheap splats ([`Class::Cheap`]) as [`fragment`] does, each at its own pixels. `FILTERED` must be true
+/// if some splat's filtered footprint differs from its unfiltered one. The steps of all four are interleaved: a CPU
+/// looks ahead over about two splats, too few for the long dependency chain of each.
 #[inline(always)]
 pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     simd: S,

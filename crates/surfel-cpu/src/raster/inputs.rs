@@ -1,4 +1,8 @@
 //! Inputs shared by all blocks of a cell.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen
+//! ([`Record`](crate::setup::record::Record)).
 
 use crate::scene::numbers::SplatNumbers;
 use crate::setup::clips::CellClips;
@@ -58,8 +62,8 @@ impl RasterFrame {
 /// Inputs of rasterisation that all blocks of a cell share.
 #[derive(Clone, Copy)]
 pub(crate) struct RasterInputs<'a> {
-    /// Splats of the cell at the near plane, which are evaluated in f64.
     pub frame: &'a RasterFrame,
+    /// Splats of the cell at the near plane, which are evaluated in f64.
     pub near: &'a [NearSplat],
     pub clips: &'a CellClips,
     /// Largest depth tolerance ε of the cell's splats whose facings are kept apart.

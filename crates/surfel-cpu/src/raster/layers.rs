@@ -5,6 +5,8 @@
 //! stored. Each layer is then two loops over the fragments that belong to no earlier layer. The image is the same to
 //! the bit. The A-buffer has the same layers, without a limit of their number: a fragment begins a new surface exactly
 //! where peeling begins a new layer.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;

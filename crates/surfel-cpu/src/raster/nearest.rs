@@ -1,4 +1,6 @@
 //! Search for the nearest splat in each pixel of a block, by a third loop over the block's list if a frame needs it.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::block::{self, BlockScratch};

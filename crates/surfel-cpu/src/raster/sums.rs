@@ -1,4 +1,8 @@
 //! Weighted sums of the fragments in a block's pixels.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
+//! ([`Record`]). A *slot* is the index of a stored splat in the columns of its object
+//! ([`StoredObject`](crate::scene::cloud::StoredObject)).
 
 use crate::raster::inputs::{RasterFrame, RasterInputs, Wanted};
 use crate::setup::near::NearSplat;

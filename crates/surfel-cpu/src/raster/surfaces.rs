@@ -4,6 +4,8 @@
 //! A pixel's surfaces end at its depth thresholds, which are found from the fragments in order of depth. Each fragment
 //! belongs to the first surface whose threshold isn't nearer than the fragment. The block's fragments are sorted by
 //! surface, and stay in splat order within a surface.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::layers::Remembered;
 use crate::simd::lanes::LANES;

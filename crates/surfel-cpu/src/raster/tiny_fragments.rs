@@ -1,5 +1,7 @@
 //! Fragments of a tiny splat, four at a time. A record stores their depths and weights; a weight's sign states whether
 //! the fragment is visible.
+//!
+//! A *record* is a splat projected to the screen ([`Record`]).
 
 use crate::setup::record::Record;
 use fearless_simd::prelude::*;

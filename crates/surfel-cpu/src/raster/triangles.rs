@@ -1,4 +1,6 @@
 //! Search for the nearest triangle in each pixel of a block (rendering model §6).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::setup::triangles::ScreenTriangle;
 use crate::simd::compress::ones;

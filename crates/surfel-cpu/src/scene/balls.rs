@@ -1,5 +1,7 @@
 //! Resident balls and dots (rendering model §11): in Morton order, in chunks of up to 256, in f32 relative to an f64
 //! origin.
+//!
+//! A *slot* is the index of a ball in the columns of its object ([`StoredBalls`]).
 
 use crate::scene::cloud::CHUNK;
 use crate::simd::lanes::LANES;
@@ -22,7 +24,8 @@ pub(crate) struct BallChunk {
     pub count: usize,
 }
 
-/// The balls of one object, as this backend stores them.
+/// The balls of one object, as this backend stores them: columns with one entry per ball. A ball's *slot* is its index
+/// in these columns.
 pub(crate) struct StoredBalls {
     pub world_from_object: DAffine3,
     pub material: Material,
@@ -35,9 +38,10 @@ pub(crate) struct StoredBalls {
     pub chunks: Vec<BallChunk>,
     /// Centres relative to the origins of their chunks: columns of x, of y and of z. Each chunk is padded to whole
     /// lanes.
-    /// Radii: in pixels of the image if `in_pixels`, else in world units.
     pub centers: [Vec<f32>; 3],
+    /// Radii: in pixels of the image if `in_pixels`, else in world units.
     pub radii: Vec<f32>,
+    /// Colours, one per slot; `None` if the cloud has none.
     pub colors: Option<Vec<[f32; 3]>>,
     /// Opacities, one per slot; `None` if every ball is opaque.
     pub alphas: Option<Vec<f32>>,
@@ -50,7 +54,7 @@ pub(crate) struct StoredBalls {
 }
 
 impl StoredBalls {
-    /// Stores a cloud of balls or dots; returns `None` for other splats.
+    /// Converts a cloud of balls or dots to chunks in Morton order; `None` if its splats have another shape.
     pub(crate) fn new(
         cloud: &SplatCloud,
         world_from_object: DAffine3,

@@ -1,6 +1,9 @@
 //! Clips of stored splats (rendering model §7), as linear forms over the splats' (u, v).
 //!
 //! Most clips are one line or two. Only the forms that a clip has are stored, in one list for many splats.
+//!
+//! A *slot* is the index of a stored splat in the columns of its object
+//! ([`StoredObject`](crate::scene::cloud::StoredObject)).
 
 use crate::simd::lanes::LANES;
 use surfel_math::clip::Clip;

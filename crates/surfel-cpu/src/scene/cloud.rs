@@ -75,7 +75,8 @@ impl Cone {
     }
 }
 
-/// The splats of one object, as this backend stores them.
+/// The splats of one object, as this backend stores them: columns of numbers with one entry per splat. A splat's *slot*
+/// is its index in these columns; splats are in Morton order, chunk by chunk.
 pub(crate) struct StoredObject {
     pub world_from_object: DAffine3,
     pub material: Material,

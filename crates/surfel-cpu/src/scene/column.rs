@@ -1,5 +1,8 @@
 //! Columns of numbers of stored splats: f32, or 16 bits relative to a scale per chunk. As in B05 §7 this halves memory,
 //! with the range of a chunk in place of a half float's.
+//!
+//! A *slot* is the index of a stored splat in the columns of its object
+//! ([`StoredObject`](crate::scene::cloud::StoredObject)).
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::Simd;

@@ -1,5 +1,8 @@
 //! Numbers by which records and pixels identify their splat or polygon, until the frame's plane `index` is converted to
 //! rows.
+//!
+//! A *slot* is the index of a stored splat in the columns of its object
+//! ([`StoredObject`](crate::scene::cloud::StoredObject)). A *record* is a splat projected to the screen.
 
 use std::sync::Arc;
 

@@ -1,4 +1,6 @@
 //! A scene as this backend stores it.
+//!
+//! A *slot* is the index of a stored splat in the columns of its object ([`StoredObject`]).
 
 use crate::scene::balls::StoredBalls;
 use crate::scene::cloud::StoredObject;

@@ -1,5 +1,8 @@
 //! Tiles of frames with more than opaque splats: polygons (rendering model §6), transparent layers (§8), and the
 //! screen-space passes for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::raster::balls::{BallList, list_balls};
 use crate::raster::block;

@@ -1,5 +1,7 @@
 //! The shader `edl` (rendering model §5), which darkens a pixel the deeper it is among its neighbours. It is a pass
 //! over finished tiles.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`]).
 
 use crate::screen::neighbourhood::Neighbourhood;
 use crate::simd::lanes::{LANES, Lanes};

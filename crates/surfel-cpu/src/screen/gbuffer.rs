@@ -1,6 +1,8 @@
 //! The G-buffer: planes of a tile and its neighbours that screen-space passes need. The passes are edges (rendering
 //! model §5, Surfel's own, after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over
 //! all of them.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`]).
 
 use crate::raster::sums::Sums;
 use crate::simd::lanes::{LANES, Lanes};
@@ -120,18 +122,18 @@ pub(crate) struct GBuffer {
 
 /// Flags of the passes that need planes of the G-buffer; unneeded planes aren't written.
 #[derive(Clone, Copy, Default)]
-/// Edge antialiasing by coverage.
 struct Wanted {
-    /// Edge antialiasing by samples.
+    /// Edge antialiasing by coverage.
     edges: bool,
-    /// Outlines of the shader `toon`.
+    /// Edge antialiasing by samples.
     samples: bool,
-    /// Eye-dome lighting.
+    /// Outlines of the shader `toon`.
     lines: bool,
-    /// Transparent layers, which need the depth of the opaque surface.
+    /// Eye-dome lighting.
     dome: bool,
-    /// Balls, which need the depth of the nearest surface.
+    /// Transparent layers, which need the depth of the opaque surface.
     opaque: bool,
+    /// Balls, which need the depth of the nearest surface.
     front: bool,
 }
 

@@ -1,5 +1,8 @@
 //! Planes of transparent layers for edges by samples: depth range of the nearest layer, and number of layers (rendering
 //! model §5).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::screen::gbuffer::TileRows;
 use crate::shade::transparent::CompositedLayers;
@@ -9,12 +12,12 @@ use surfel_render::{FramePlan, Pass};
 
 /// Planes of one tile's transparent layers. In pixels without layers, the depths are +∞ and the number is 0.
 #[derive(Clone)]
-/// Depth at which the nearest layer begins.
 pub(crate) struct LayerPlanes {
-    /// Depth at which the nearest layer ends.
+    /// Depth at which the nearest layer begins.
     pub begin: TileRows,
-    /// Number of layers that aren't empty.
+    /// Depth at which the nearest layer ends.
     pub end: TileRows,
+    /// Number of layers that aren't empty.
     pub count: TileRows,
 }
 

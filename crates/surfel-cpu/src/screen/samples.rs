@@ -1,5 +1,8 @@
 //! Samples of the pixels at edges (rendering model §5). Each such pixel is a block of a view that is four times as
 //! fine, and is drawn like any other block. The pixel's colour is the mean of the block.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;

@@ -1,5 +1,8 @@
 //! Drawing of tiles of opaque splats: lists the splats of each block, then draws each block from visibility to finished
 //! pixels.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen ([`Record`]).
 
 use crate::raster::balls::BallFragments;
 use crate::raster::block::{self, BlockScratch};

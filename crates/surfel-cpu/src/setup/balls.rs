@@ -1,4 +1,8 @@
 //! Projection of balls and dots to the screen, sorted into tiles (rendering model §11).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *cell* is a part of the view that one thread draws alone
+//! ([`Cell`](crate::cull::cells::Cell)). A ball's *record* is a [`BallRecord`]. A *slot* is the index of a ball in the
+//! columns of its object ([`StoredBalls`](crate::scene::balls::StoredBalls)).
 
 use crate::cull::balls::{BallPart, BallView};
 use crate::simd::lanes::{LANES, Lanes};

@@ -1,4 +1,7 @@
 //! Clips of projected splats (rendering model §7), as linear forms over pixels.
+//!
+//! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
+//! splat projected to the screen ([`Record`](crate::setup::record::Record)).
 
 use crate::scene::clips::{Curve, Head, StoredClip, times};
 use crate::simd::lanes::{LANES, Lanes};

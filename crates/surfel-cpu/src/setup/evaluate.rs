@@ -1,5 +1,9 @@
 //! Evaluation of a splat's record at a pixel, in lanes, to depth and weight. Tiny splats are evaluated during setup,
 //! others block by block.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
+//! ([`Record`](crate::setup::record::Record)). A *cheap* splat is one of
+//! [`Class::Cheap`](crate::setup::record::Class::Cheap).
 
 use crate::setup::kernel::Kernel;
 use crate::setup::record::RecordLanes;
@@ -40,11 +44,11 @@ impl FrameConstants {
     }
 }
 
-/// Largest depth difference between the centre and the rim of a splat that counts as cheap
+/// Largest depth difference between the centre and the edge of the disk of a splat that counts as cheap
 /// ([`Class::Cheap`](crate::setup::record::Class::Cheap)), relative to the centre's depth. The terms that
 /// [`inverse_near_one`] omits are then below 7e-8 of the depth.
 pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
-/// Largest depth difference between the centre and the rim of the filtered footprint of a splat that counts as cheap,
+/// Largest depth difference between the centre and the edge of the filtered footprint of a splat that counts as cheap,
 /// relative to the centre's depth. The terms that [`inverse_near_one`] omits are then below 5e-7 of the depth.
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 

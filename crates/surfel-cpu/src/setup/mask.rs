@@ -1,4 +1,6 @@
 //! Search for the blocks (4×4 pixels) of a tile that a footprint may touch. Tiles' lists store them as bit masks.
+//!
+//! A *record* is a splat projected to the screen ([`Record`]).
 
 use crate::setup::record::{BlockBox, Class, Record};
 use crate::setup::rows::{Conic, HALF, MaskForms, Rows, SLACK};

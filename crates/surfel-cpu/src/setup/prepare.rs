@@ -1,4 +1,8 @@
 //! Setup of a cell: one thread projects the cell's chunks and sorts the records into tiles.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen
+//! ([`Record`](crate::setup::record::Record)).
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;
@@ -41,12 +45,12 @@ pub(crate) struct CellSetup<'a> {
 
 /// The splats of a cell after setup: projected to records and sorted into tiles.
 #[derive(Default)]
-/// Opaque splats, one segment for each setup of chunks.
 pub(crate) struct CellSplats {
-    /// Transparent splats, one segment for each setup of chunks.
+    /// Opaque splats, one segment for each setup of chunks.
     pub segments: Vec<Segment>,
-    /// Splats at the near plane, which are evaluated in f64.
+    /// Transparent splats, one segment for each setup of chunks.
     pub transparent: Vec<TransparentSegment>,
+    /// Splats at the near plane, which are evaluated in f64.
     pub near: Vec<NearSplat>,
     pub clips: CellClips,
 }

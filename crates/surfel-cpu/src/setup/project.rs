@@ -1,4 +1,8 @@
 //! Projection of stored splats to records, in groups of 16.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen ([`Record`]). A *slot* is
+//! the index of a stored splat in the columns of its object ([`StoredObject`](crate::scene::cloud::StoredObject)).
 
 use crate::cull::groups;
 use crate::cull::object::{ObjectView, RegionSides};
@@ -715,12 +719,12 @@ struct Evaluation<S: Simd> {
     unfiltered: mask32x16<S>,
     /// Mask of the cheap splats ([`Class::Cheap`](crate::setup::record::Class::Cheap)), whose depth is nearly constant
     /// over the disk.
-    /// Change of the filtered u·w' per pixel to the right and down.
     cheap: mask32x16<S>,
-    /// Change of the filtered v·w' per pixel to the right and down.
+    /// Change of the filtered u·w' per pixel to the right and down.
     u: V2<Lanes<S>>,
-    /// Change of the filtered w' per pixel to the right and down.
+    /// Change of the filtered v·w' per pixel to the right and down.
     v: V2<Lanes<S>>,
+    /// Change of the filtered w' per pixel to the right and down.
     w: V2<Lanes<S>>,
 }
 

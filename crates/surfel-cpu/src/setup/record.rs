@@ -1,4 +1,8 @@
 //! Records: splats projected to the screen, in the form in which the tiles' loops read them.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *slot* is the index of a stored splat in the columns of its object
+//! ([`StoredObject`](crate::scene::cloud::StoredObject)).
 
 use crate::setup::tiny::TinyLanes;
 use crate::simd::lanes::{LANES, Lanes};
@@ -51,9 +55,9 @@ impl Facing {
     }
 }
 
-/// Class bits of a cheap splat that the filter doesn't change.
+/// Class bits of a cheap splat ([`Class::Cheap`]) that the filter doesn't change.
 pub(crate) const UNFILTERED: u32 = 0;
-/// Class bits of a cheap splat whose filtered footprint may differ from the unfiltered one.
+/// Class bits of a cheap splat ([`Class::Cheap`]) whose filtered footprint may differ from the unfiltered one.
 pub(crate) const FILTERED: u32 = 1;
 /// Class bits of a general splat ([`Class::General`]).
 pub(crate) const GENERAL: u32 = 4;
@@ -68,11 +72,13 @@ const CLIPPED: u32 = 64;
 /// Method by which the four splats of a batch are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Batch {
-    /// The four splats are evaluated together: all are cheap and unfiltered, and none has a clip.
+    /// The four splats are evaluated together, because all are of [`Class::Cheap`] and unfiltered, and none is cut by a
+    /// clip.
     Unfiltered,
-    /// The four splats are evaluated together: all are cheap, some may be filtered, and none has a clip.
+    /// The four splats are evaluated together, because all are of [`Class::Cheap`] and none is cut by a clip. The
+    /// filter may change some of their footprints.
     Filtered,
-    /// The splats are evaluated one by one, because some splat isn't cheap or has a clip.
+    /// The splats are evaluated one by one, because at least one isn't of [`Class::Cheap`] or is cut by a clip.
     Scalar,
 }
 
@@ -138,9 +144,9 @@ macro_rules! fields {
 }
 
 fields! {
-    /// Column of the pixel that contains the splat's projected centre.
+    /// Column of the pixel that contains the anchor (the splat's projected centre).
     base_x = 0;
-    /// Row of the pixel that contains the splat's projected centre.
+    /// Row of the pixel that contains the anchor (the splat's projected centre).
     base_y = 1;
     /// Depth tolerance ε of the splat, in world units.
     epsilon = 2;
@@ -167,8 +173,8 @@ fields! {
     depth_y = 12;
     /// Planar depth of the splat's centre, in world units.
     z = 13;
-    /// Smallest value over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the smallest p_z/z
-    /// − 1. For an unfiltered one it is unlimited.
+    /// Smallest value over the disk of the depth form, p_z/z or z. For a filtered splat of [`Class::Cheap`] it is the
+    /// smallest p_z/z − 1. For an unfiltered one it is unlimited.
     range_min = 14;
     /// Largest value over the disk of the depth form, with the same exceptions as [`Self::range_min`].
     range_max = 15;
@@ -230,7 +236,8 @@ impl Record {
         }
     }
 
-    /// True for cheap and general splats whose filtered footprint may differ from the unfiltered one.
+    /// True for splats of [`Class::Cheap`] and [`Class::General`] whose filtered footprint may differ from the
+    /// unfiltered one.
     #[inline(always)]
     pub(crate) fn is_filtered(&self) -> bool {
         matches!(self.class_bits().to_bits() & !CLIPPED, FILTERED | GENERAL)

@@ -1,4 +1,7 @@
 //! Segments: the records of the chunks that one setup has processed, sorted into tiles.
+//!
+//! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
+//! splat projected to the screen ([`Record`](crate::setup::record::Record)).
 
 use crate::setup::clips::{CellClips, ScreenClips};
 use crate::setup::near::NearSplat;

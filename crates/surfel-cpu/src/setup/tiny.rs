@@ -6,6 +6,9 @@
 //!
 //! Tiles of tiny splats are drawn splat by splat (`tiny_tile.rs`). In other tiles the stored fragments are read where
 //! other splats are evaluated. Values and their order are the same in both cases, so the image is bit-identical.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
+//! ([`Record`]).
 
 use crate::setup::evaluate::{self, Fragment, FrameConstants};
 use crate::setup::record::{CLASS, FORMS, GENERAL, Record, RecordLanes, TINY};

@@ -1,4 +1,6 @@
 //! Projection of triangles to the screen, sorted into tiles (rendering model §6).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`]).
 
 use crate::cull::chunks::MeshPart;
 use crate::scene::mesh::StoredMesh;

@@ -1,4 +1,7 @@
 //! Lighting and compositing of balls among the other surfaces of a block (rendering model §11).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *slot* is the index of a ball in the columns of
+//! its object ([`StoredBalls`](crate::scene::balls::StoredBalls)).
 
 use crate::raster::balls::{BallFragments, BallList, hit_of};
 use crate::shade::lighting::Lighting;

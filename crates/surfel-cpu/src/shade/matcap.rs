@@ -1,4 +1,6 @@
 //! The shader `matcap` (rendering model §5): an image of a lit sphere, sampled at the normals of a block.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};

@@ -1,4 +1,6 @@
 //! Division of a block's weighted sums, and lighting of the results (rendering model §5), sixteen pixels at a time.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::raster::sums::Sums;
 use crate::shade::lighting::{Lighting, phong};

@@ -1,5 +1,8 @@
 //! Drawing of shadow maps (rendering model §5). A map has the depth thresholds seen from a light, and is drawn by the
 //! same cells, setup and tiles as an image.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
+//! alone ([`Cell`](crate::cull::cells::Cell)).
 
 use crate::cull::balls::BallView;
 use crate::cull::cells::{self, CellLimits, OtherParts};

@@ -1,4 +1,7 @@
 //! Lighting and compositing of transparent layers, front to back (rendering model §8).
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
+//! ([`Record`]).
 
 use crate::raster::layers::{Layer, LayerScratch, TransparentBlock};
 use crate::setup::record::Record;

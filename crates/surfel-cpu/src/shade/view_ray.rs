@@ -1,4 +1,6 @@
 //! View rays through sixteen pixels, and positions on them. Axes are the world's, positions are relative to the eye.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::simd::lanes::Lanes;
 use crate::simd::math::{transform, unit_or_zero, vector};

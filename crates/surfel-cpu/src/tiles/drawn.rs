@@ -1,4 +1,6 @@
 //! Sets of a grid's blocks, for drawing only some of them.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`]).
 
 use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 

@@ -1,5 +1,7 @@
 //! Execution of jobs on all threads in a given order, the parameters by which work is divided, and counters for
 //! statistics.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::tiles::grid::TILE_BLOCKS;
 use std::sync::{Mutex, PoisonError};

@@ -1,4 +1,6 @@
 //! Encoding of colours to 8 bits, sixteen at a time, bit-identical to [`encode_rgba8`].
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};

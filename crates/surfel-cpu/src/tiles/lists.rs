@@ -1,4 +1,7 @@
 //! Lists of the splats, or of the triangles, that touch each block of a tile, in splat order or scene order.
+//!
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat, ball or triangle projected to
+//! the screen, as setup stores it.
 
 use crate::simd::compress::{self, BITS};
 use crate::tiles::bins::Entry;
@@ -27,8 +30,8 @@ pub(crate) struct BlockList<'a, 'b, R> {
     splats: &'b [Listed<'a, R>],
     /// Indices in `splats` of the block's splats, in splat order, in batches of 4. Up to three at the end are of the
     /// record without fragments.
-    /// Number of the block's splats, without padding.
     batches: &'b [[u32; BATCH]],
+    /// Number of the block's splats, without padding.
     count: usize,
 }
 

@@ -23,8 +23,8 @@ impl<T: Default> Pool<T> {
 #[derive(Default)]
 pub(crate) struct Reused<T> {
     /// Items of the list; those past `used` are left over from earlier content.
-    /// Number of items in the list.
     slots: Vec<T>,
+    /// Number of items in the list.
     used: usize,
 }
 
@@ -48,7 +48,7 @@ impl<T: Copy + Default> Reused<T> {
         self.used = used;
     }
 
-    /// Returns slots for the next `N` items, to be written by the caller. [`Self::advance`] then adds those that were
+    /// Returns places for the next `N` items, to be written by the caller. [`Self::advance`] then adds those that were
     /// written.
     #[inline(always)]
     pub(crate) fn room<const N: usize>(&mut self) -> Option<&mut [T; N]> {

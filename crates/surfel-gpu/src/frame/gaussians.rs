@@ -13,7 +13,7 @@ use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
 use surfel_shaders::layout;
 
-/// Side of a cell in pixels.
+/// Side of a cell, in pixels. A cell is a square of a tile that has its own list of the Gaussians that may touch it.
 const CELL: u32 = layout::GAUSSIAN_CELL;
 /// Size of the shaders' `GaussianRecord` in words.
 const RECORD_WORDS: usize = layout::gaussian_record::SIZE / 4;
@@ -22,15 +22,17 @@ const RECORD_WORDS: usize = layout::gaussian_record::SIZE / 4;
 struct Projected {
     /// Words of the shaders' `GaussianRecord`.
     record: [u32; RECORD_WORDS],
-    /// Image columns and rows that the Gaussian may touch, in pixels; neither range is empty.
+    /// Image columns that the Gaussian may touch, in pixels; never empty.
     columns: Range<u32>,
+    /// Image rows that the Gaussian may touch, in pixels; never empty.
     rows: Range<u32>,
 }
 
 /// Visible Gaussians of a view, sorted by depth.
 pub(crate) struct ProjectedGaussians {
     all: Vec<Projected>,
-    /// True if each pixel sorts its fragments by their own depths.
+    /// True if each pixel blends its fragments in the order of their own depths, false if in the order of the
+    /// Gaussians' centres.
     by_pixel: bool,
 }
 
@@ -41,8 +43,8 @@ pub struct GaussianLists {
     pub records: Vec<u32>,
     /// Words of the shaders' `gaussian_lists`: the cells' lists of records, then the initial state of each pixel.
     pub lists: Vec<u32>,
-    /// Size in bytes of the uninitialised memory that follows `lists`. It stores fragments of pixels that are read but
-    /// not yet blended.
+    /// Size in bytes of the uninitialised memory that follows `lists`. It stores fragments that a pixel has read but
+    /// can't blend yet.
     pub room_bytes: u64,
     /// Number of records.
     pub count: u32,
@@ -52,15 +54,18 @@ pub struct GaussianLists {
     pub(crate) room: u32,
 }
 
-/// Maximum size in bytes of the waiting fragments of all pixels, unless the pixels of one cell need more.
+/// Largest memory of a tile's waiting fragments (read, but not yet blended), in bytes. A tile that needs more is split,
+/// unless it is a single cell.
 const MAX_WAITING_BYTES: u64 = 64 << 20;
-/// Size of a waiting fragment in bytes.
+/// Size in bytes of a fragment that waits to be blended.
 const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
-/// Minimum and maximum number of waiting fragments per pixel. A list n times as long as this number is processed in
-/// about n passes; [`MOST_TURNS`] limits n.
+/// Smallest and largest number of waiting fragments for which a pixel has memory, if its list has at least so many
+/// entries. A list n times as long as this number takes about n passes.
 const WAITING_RANGE: [u64; 2] = [64, 1 << 15];
+/// Number of passes over a pixel's list up to which memory is saved. If a list would take more passes, the pixel gets
+/// memory for more waiting fragments, within [`WAITING_RANGE`].
 const MOST_TURNS: u64 = 64;
-/// Maximum number of dispatches between two checks for unfinished pixels.
+/// Largest number of dispatches that run before the host checks again whether all pixels are finished.
 const MOST_DISPATCHES: u32 = 64;
 
 impl GaussianLists {

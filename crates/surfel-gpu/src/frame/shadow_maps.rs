@@ -45,7 +45,7 @@ impl<B> ShadowMapCache<B> {
         Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(ShadowMapJob::key).collect() }
     }
 
-    /// True if these jobs would draw the cached maps again.
+    /// True if the cached maps can be reused: the scene is the same, and the jobs have the same views and plans.
     pub fn fits(&self, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> bool {
         Arc::ptr_eq(&self.scene, &scene.identity) && self.maps.iter().cloned().eq(jobs.iter().map(ShadowMapJob::key))
     }

@@ -43,7 +43,7 @@ pub enum PixelPass {
     GaussiansByPixel,
 }
 
-/// Name of all passes that antialias edges by samples, in the statistics.
+/// Name under which the statistics sum the times of all passes that antialias edges by samples.
 pub const EDGE_SAMPLES: &str = "edge samples";
 
 /// Textures that pixel passes read, as pairs of binding and target. Each pass reads a subset.

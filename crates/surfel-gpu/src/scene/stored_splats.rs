@@ -138,7 +138,8 @@ impl StoredWriter {
         }
     }
 
-    /// Returns the words and, if splats are quantised, the offset of the chunks' scales in words.
+    /// Returns the buffer's content as 32-bit words. If splats are quantised, the chunks' scales (from `spaces`) are at
+    /// its end, and the second value is their offset, in words.
     pub(crate) fn finish(self, spaces: impl Iterator<Item = ChunkSpace>) -> (Vec<u32>, Option<u32>) {
         match self {
             Self::StructWriter(words) => (words, None),

@@ -1,4 +1,5 @@
-//! Splats and points of the PLY profile.
+//! Builds splats or points from the vertices of a PLY file. In Surfel's splat profile, a vertex has half-axes (`su` …
+//! `tw`), or a normal and a radius. Other vertices become points.
 
 use super::colors::{FloatColors, take_alphas, take_colors};
 use super::comments::{interpret_comments, is_oriented};

@@ -1,4 +1,7 @@
 //! Weight functions of a cloud's splats on their own surface, as a close view blends them.
+//!
+//! A *slot* is a splat's place in the order of the k-d tree of the splats' centres ([`KdTree`]). A *cell* is a cubic
+//! cell of the grid into which samples are sorted ([`Samples`](super::samples::Samples)).
 
 use crate::parallel::map_each;
 use crate::progress::NoProgress;

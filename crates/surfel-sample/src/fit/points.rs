@@ -1,4 +1,6 @@
 //! Fit of a scan's colours, so that the blend of its splats approximates the measured colours.
+//!
+//! A *slot* is a splat's place in the order of the k-d tree of the splats' centres ([`KdTree`](crate::tree::KdTree)).
 
 use super::kernels::Kernels;
 use super::samples::{Sample, Samples};

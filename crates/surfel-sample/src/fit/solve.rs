@@ -1,4 +1,6 @@
 //! Accelerated projected gradient method for the bounded normal equations.
+//!
+//! A *slot* is a splat's place in the order of the k-d tree of the splats' centres ([`KdTree`](crate::tree::KdTree)).
 
 use super::system::Gram;
 use crate::parallel::{for_chunks, map_chunks};

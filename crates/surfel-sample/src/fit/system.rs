@@ -1,4 +1,7 @@
 //! Normal equations of a fit as a sparse matrix with one row per splat, in tree order.
+//!
+//! A *slot* is a splat's place in the order of the k-d tree of the splats' centres ([`KdTree`](crate::tree::KdTree)). A
+//! *cell* is a cubic cell of the grid into which samples are sorted ([`Samples`]).
 
 use super::kernels::{Kernels, Sphere};
 use super::samples::{Sample, Samples};

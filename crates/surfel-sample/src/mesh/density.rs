@@ -110,7 +110,7 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// Returns the division of the mesh into parts, in each of which the distance is constant.
+    /// Returns the parts into which the mesh is divided. Within a part, the distance between splats is constant.
     pub(crate) fn parts(&self) -> &Parts {
         &self.parts
     }
@@ -139,7 +139,7 @@ impl Density {
         (0..self.parts.len()).map(|part| self.parts.area(geometry, part) / self.spacing[part].powi(2)).collect()
     }
 
-    /// True if the distance is the same everywhere.
+    /// True if the distance between splats is the same everywhere.
     pub(crate) fn is_even(&self) -> bool {
         self.is_even
     }

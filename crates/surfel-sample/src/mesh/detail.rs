@@ -8,11 +8,11 @@ use crate::progress::NoProgress;
 use crate::radii;
 use surfel_math::basis::orthonormal;
 
-/// Largest mean distance of splats' rims from the curved surface, relative to the extent: half a pixel in an image of
-/// 1024². It gives [`Detail::shape`].
+/// Largest mean distance of the splats' rims (the edges of their disks) from the curved surface, relative to the
+/// extent: half a pixel in an image of 1024². It gives [`Detail::shape`].
 const RIM: f64 = 0.5 / 1024.0;
-/// Largest distance of any disk's rim from the curved surface, relative to the extent, on thin parts: a third of a
-/// pixel in an image of 1024². A disk that protrudes from a finger, for example, frays its outline.
+/// Largest distance of the rim (edge) of any splat's disk from the curved surface, relative to the extent, on thin
+/// parts: a third of a pixel in an image of 1024². A disk that protrudes from a finger, for example, frays its outline.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
 /// Smallest distance between splats on thin parts, relative to the distance on the rest of the surface.
 const FINEST: f64 = 0.25;

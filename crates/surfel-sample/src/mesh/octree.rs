@@ -188,7 +188,7 @@ fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     Ok(Octree::new(cloud, octree.mesh().clone(), octree.nodes().to_vec(), octree.transitions().to_vec())?)
 }
 
-/// Splats of all nodes of one depth. The depth is sampled at once, so that there are no seams between nodes.
+/// Splats of all nodes of one depth. The depth is sampled at once, so that no boundary between nodes is visible.
 struct Level {
     cloud: SplatCloud,
     spacing: f64,

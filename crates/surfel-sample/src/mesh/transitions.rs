@@ -1,4 +1,5 @@
-//! Splats on the edges between two leaves of an octree, which hide the seam (G06 §5.1–5.2).
+//! Transition splats: splats centred on the mesh edges between faces in different leaves of an octree. They hide the
+//! change from splats to polygons, or to finer splats, along these edges (decision 014, after G06 §5.2).
 
 use super::geometry::Geometry;
 use crate::radii;

@@ -9,14 +9,14 @@ use std::ops::Range;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
 /// Size of a splat, relative to the ellipse through its triangle's corners. It exceeds 1, so that the corners aren't on
-/// the splat's rim.
+/// the splat's rim, the edge of its ellipse.
 pub(crate) const REACH: f64 = 1.1;
 /// Largest size of a splat, relative to the ellipse through its triangle's corners, if a ridge bulges out of the
 /// triangle.
 const MOST_REACH: f64 = 1.6;
 /// Number of directions tried for a line that separates the triangle from a ridge beyond it.
 const DIRECTIONS: u32 = 64;
-/// Distance, in (u, v), from the splat's rim or from a clip line within which points count as outside.
+/// Distance, in (u, v), from the edge of the splat's ellipse or from a clip line within which points count as outside.
 const SLACK: f64 = 1e-4;
 /// Sizes, relative to the triangle, to which a splat is cut back if it can't be clipped otherwise; the largest possible
 /// one is used. A disk of size [`REACH`] has no corner beyond twice the triangle's size.

@@ -3,6 +3,8 @@
 //! clip lines).
 //!
 //! The method is our own. Z04 and C12 clip too, but require edges as input.
+//!
+//! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints).
 
 use crate::eigen::symmetric3;
 use crate::nearest::Search;
@@ -28,7 +30,8 @@ const NOISE_MARGIN: f64 = 2.0;
 /// Largest residual of a flat patch, relative to its extent, regardless of noise. It admits the bow of a curved
 /// surface.
 const BOW: f64 = 0.02;
-/// Largest angle between the normals of a plane and of its patches, relative to the crease angle.
+/// Largest angle between the normal of a flat patch and that of the plane it is assigned to, as a fraction of the
+/// crease angle. Planes whose normals differ by no more don't form an edge.
 const SAME_SHARE: f64 = 0.625;
 /// Smallest ratio of an edge's angle to the spread of the normals on either side of the edge. The two halves of any
 /// bend have a ratio of 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.

@@ -24,8 +24,8 @@ pub(super) struct Part {
     pub(super) bits: u32,
     /// Level of the octant that encloses all points of the part.
     pub(super) depth: u32,
-    /// Level of an enclosing octant that isn't divided, if there is one. All points that no level above selects get
-    /// this level.
+    /// Level of the coarsest enclosing octant with at most [`LEAF_POINTS`] points, which isn't divided; `None` if there
+    /// is none. Points not selected at a coarser level get this level.
     pub(super) leaf_at: Option<u32>,
 }
 

@@ -22,7 +22,7 @@ impl FileState {
         RegularFile::open(path).ok()?.map(|file| Self::of_opened(path, &file))
     }
 
-    /// Returns the identity of an open file, which was opened by the path `path`.
+    /// Returns the identity of an open file: the given path, and the file's size and modification time.
     pub(super) fn of_opened(path: &Path, file: &RegularFile) -> Self {
         Self { path: path.to_path_buf(), bytes: file.file_bytes(), modified: file.modified() }
     }

@@ -74,12 +74,12 @@ pub enum NodeColumns<'a> {
 /// its level ([`LEVEL_COLORS`], [`LEVEL_NORMALS`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum LevelValues {
-    /// Only the points' own colours and normals, without the mean ones.
+    /// Each point's own colours and normals, without the mean values of its level.
     #[default]
     Without,
-    /// The points' own colours and normals, and the mean ones.
+    /// Each point's own colours and normals, and the mean values of its level.
     With,
-    /// Only the mean colours and normals. If the file has no mean ones, the points' own.
+    /// Only the mean values of the level; own values if the file has no mean values.
     Alone,
 }
 

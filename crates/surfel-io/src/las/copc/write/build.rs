@@ -254,7 +254,8 @@ impl Builder<'_> {
         })
     }
 
-    /// Builds the nodes of the parts in memory.
+    /// Builds the octree nodes of the parts of the cloud that wait in memory (`waiting`), and writes them. Points of
+    /// nodes above the parts go to `upper`. Afterwards no part is waiting.
     fn make_waiting(&mut self) -> Result<(), Stop> {
         let waiting = std::mem::take(&mut self.waiting);
         let Self { maker, frame, nodes, taken, .. } = self;

@@ -12,8 +12,10 @@ const MARGIN: i64 = 64;
 /// The grid that points are sorted into, aligned to the inputs' own coordinate steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
-    /// Units per step of each axis; a step is the inputs' coordinate scale.
+    /// Number of grid units ([`Self::unit`]) in one step of the inputs' integer coordinates, per axis; a step is the
+    /// files' coordinate scale.
     pub(super) steps: DVec3,
+    /// Length of a grid unit, in the files' coordinates; all axes have the same.
     pub(super) unit: f64,
     /// Minimum corner, in units.
     pub(super) low: [i64; 3],

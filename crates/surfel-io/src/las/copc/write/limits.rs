@@ -19,7 +19,8 @@ pub(super) struct Limits {
     pub(super) most_points: u64,
     /// Maximum number of points of all parts in memory together; a single larger part is still built.
     pub(super) held_points: u64,
-    /// Maximum number of points in one place, which no subdivision separates.
+    /// Maximum number of points in about one place, which no subdivision separates; more are an error, as they wouldn't
+    /// fit into memory.
     pub(super) most_in_place: u64,
     /// Bytes of sorted points after which the state is synced to disk, with `resume`.
     pub(super) kept_bytes: u64,

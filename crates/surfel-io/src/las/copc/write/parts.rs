@@ -57,8 +57,9 @@ pub(super) struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// Assigns levels to the points of a part and compresses the nodes inside it. `taken` contains the occupied
-    /// selection cells that are larger than a part.
+    /// Assigns octree levels to the points of a part ([`levels`]) and compresses the nodes inside it. Nodes above the
+    /// part are returned uncompressed, in [`Made::upper`]. `taken` contains the level and Morton code of each cell
+    /// larger than the part for which a point is already selected; this call adds its own.
     pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<VoxelKey>) -> io::Result<Made> {
         let Layout { template, laz, sorted_bytes: size, adds_normals, .. } = self.layout;
         let (size, Loaded { part, records, margin }) = (*size, loaded);
