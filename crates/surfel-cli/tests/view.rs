@@ -400,6 +400,8 @@ fn the_server_ends_by_signals_and_draws_nothing_unasked() {
             let ticks = |i: usize| fields.get(i).and_then(|t| t.parse::<u64>().ok()).unwrap_or(0);
             ticks(11) + ticks(12)
         };
+        // The image is sent before its memory is freed.
+        std::thread::sleep(Duration::from_millis(500));
         let idle_from = times();
         std::thread::sleep(Duration::from_secs(1));
         // A hundredth of a second per tick.
