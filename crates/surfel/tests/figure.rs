@@ -63,7 +63,7 @@ fn draw(inputs: &[PathBuf], render: &RenderOptions, figure: &FigureOptions) -> R
 
 /// Returns the images of panels, in order.
 fn panels(drawing: &Drawing) -> Vec<&Picture> {
-    drawing.pictures().filter(|picture| picture.size == [120, 120]).collect()
+    drawing.pictures().filter(|picture| picture.size[0] == 120).collect()
 }
 
 fn words(image: &FigureImage) -> Vec<&str> {
@@ -122,15 +122,17 @@ fn errors_are_measured_to_points_or_to_a_mesh() {
     figure.unit = Some("m".into());
     let to_mesh = draw(&[mesh, above.clone()], &render(), &figure).unwrap();
     assert!(words(&to_mesh).contains(&"mean 0.250 m"), "{:?}", words(&to_mesh));
-    // A quarter of the points: to the nearest of those left, one spacing or its diagonal is the least distance.
+    // A quarter of the points: to the nearest of those left, one spacing or its diagonal is the least distance. They are
+    // a little below the others, so that the distances back aren't 0. The Chamfer distance is the mean of both means.
     let is_kept = |(i, _): &(usize, DVec3)| i % 2 == 0 && i / 20 % 2 == 0;
-    let few: Vec<DVec3> = grid(0.0).into_iter().enumerate().filter(is_kept).map(|(_, p)| p).collect();
+    let few: Vec<DVec3> = grid(-0.03).into_iter().enumerate().filter(is_kept).map(|(_, p)| p).collect();
     let all = grid(0.0);
-    let least = |p: &DVec3| few.iter().map(|q| p.distance(*q)).fold(f64::INFINITY, f64::min);
-    let mean = all.iter().map(least).sum::<f64>() / 400.0;
+    let least = |p: &DVec3, to: &[DVec3]| to.iter().map(|q| p.distance(*q)).fold(f64::INFINITY, f64::min);
+    let mean = |from: &[DVec3], to: &[DVec3]| from.iter().map(|p| least(p, to)).sum::<f64>() / from.len() as f64;
+    let chamfer = 0.5 * (mean(&all, &few) + mean(&few, &all));
     let files = [folder.points("few.xyz", &few), folder.points("all.xyz", &all)];
     let to_points = draw(&files, &render(), &figure).unwrap();
-    let expected = format!("mean {mean:.4} m");
+    let expected = format!("CD {chamfer:.4} m");
     assert!(words(&to_points).contains(&expected.as_str()), "{expected}: {:?}", words(&to_points));
 }
 
@@ -185,6 +187,9 @@ fn subjects_have_rows_of_their_own() {
     let covered = |picture: &Picture| picture.rgba.iter().filter(|pixel| pixel[..3] != [255; 3]).count();
     assert_eq!(all.len(), 4);
     assert!(all.iter().all(|picture| covered(picture) > 4000), "each fills its panel");
+    let rows = |picture: &Picture| picture.size[1];
+    assert!(all.iter().all(|picture| rows(picture) < 116), "rows are cropped to what they show");
+    assert!(rows(all[0]) == rows(all[1]) && rows(all[2]) == rows(all[3]), "a subject has one height");
     assert_eq!(words(&image).iter().filter(|text| **text == "truth").count(), 1, "titles are below the last row");
     figure.subjects = Some(3);
     assert!(draw(&files, &render(), &figure).unwrap_err().to_string().contains("--subjects 3"));
