@@ -122,8 +122,8 @@ fn errors_are_measured_to_points_or_to_a_mesh() {
     figure.unit = Some("m".into());
     let to_mesh = draw(&[mesh, above.clone()], &render(), &figure).unwrap();
     assert!(words(&to_mesh).contains(&"mean 0.250 m"), "{:?}", words(&to_mesh));
-    // A quarter of the points: to the nearest of those left, one spacing or its diagonal is the least distance. They are
-    // a little below the others, so that the distances back aren't 0. The Chamfer distance is the mean of both means.
+    // A quarter of the points: to the nearest of those left, one spacing or its diagonal is the least distance. They
+    // are a little below the others, so that distances back aren't 0. The Chamfer distance is the mean of both means.
     let is_kept = |(i, _): &(usize, DVec3)| i % 2 == 0 && i / 20 % 2 == 0;
     let few: Vec<DVec3> = grid(-0.03).into_iter().enumerate().filter(is_kept).map(|(_, p)| p).collect();
     let all = grid(0.0);

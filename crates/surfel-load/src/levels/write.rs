@@ -34,7 +34,7 @@ pub struct CopcRequest {
     /// Shard to write, as its index and the number of shards, to a file that ends in .shard. The COPC file is merged
     /// from all shards.
     pub shard: Option<[u32; 2]>,
-    /// Column names for tables among the inputs ([`crate::LoadOptions::columns`]).
+    /// Column names for tables among the inputs ([`ConvertOptions::columns`](surfel_model::ConvertOptions::columns)).
     pub columns: Option<TableColumns>,
 }
 
