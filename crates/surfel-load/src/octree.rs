@@ -11,7 +11,7 @@ use surfel_sample::{OctreeOptions, Progress};
 /// Loads a mesh and builds an octree of splats and polygons from it. Also returns notes for the user.
 ///
 /// # Errors
-/// Errors of [`crate::load`]; also [`Error::Unsuitable`] if the file holds no triangles.
+/// Errors of [`crate::load()`]; also [`Error::Unsuitable`] if the file holds no triangles.
 pub fn load_octree(
     path: &Path,
     options: &LoadOptions,

@@ -5,7 +5,7 @@
 //! - [`splats_from_points`]: estimates missing normals by PCA, with consistent signs, and computes radii from each
 //!   point's Voronoi cell in its tangent plane, so that the surface has no holes ([`PointOptions`], [`PointReport`]).
 //!   [`PointClass`] lists the classes of points: surface, foliage, lines, isolated points and others.
-//! - [`outliers`]: finds isolated points by statistics.
+//! - [`outliers()`]: finds isolated points by statistics.
 //! - [`splats_from_mesh`]: makes one splat per face, one per vertex, or blue-noise samples ([`MeshOptions`],
 //!   [`MeshReport`]).
 //! - [`octree_from_mesh`]: makes an octree with splats of every size and the polygons themselves.

@@ -4,7 +4,7 @@ use surfel_framing::patches::Patches;
 use surfel_model::Shader;
 
 /// Largest linear light that a white surface reflects in an automatic scene if its exposure is 1. The value includes
-/// the highlight, and holds for coloured objects' [`material`] between key light and fill light.
+/// the highlight, and holds for coloured objects' material between key light and fill light.
 const BRIGHTEST: f64 = 1.04;
 /// Linear light to which the exposure reduces the brightest surfaces, so that they don't saturate and the shape of
 /// white objects is visible.
