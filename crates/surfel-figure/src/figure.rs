@@ -72,7 +72,7 @@ impl Panel {
         let mut differing =
             picture.rgba.chunks(width).enumerate().filter(|(_, row)| row.iter().any(|pixel| *pixel != color));
         let first = differing.next()?.0 as u32;
-        Some(first..differing.last().map_or(first, |(row, _)| row as u32) + 1)
+        Some(first..differing.next_back().map_or(first, |(row, _)| row as u32) + 1)
     }
 
     /// Reduces the panel to these rows of its image. Marks move with the image.
