@@ -400,7 +400,7 @@ fn the_server_ends_by_signals_and_draws_nothing_unasked() {
             let ticks = |i: usize| fields.get(i).and_then(|t| t.parse::<u64>().ok()).unwrap_or(0);
             ticks(11) + ticks(12)
         };
-        // The image is sent before its memory is freed.
+        // The window begins half a second after the reply, so that the end of the requested drawing doesn't count.
         std::thread::sleep(Duration::from_millis(500));
         let idle_from = times();
         std::thread::sleep(Duration::from_secs(1));

@@ -4,7 +4,7 @@
 //! better. Each point is on the upper or the lower surface, and gets the value +1 or −1. The linear function of x and y
 //! that best fits these values around a pixel is zero at the edge. It is fitted by moving least squares (Lancaster and
 //! Šalkauskas 1981) with Gaussian weights. Wide weights locate a straight edge more precisely but lose small details.
-//! So the widest scale is chosen at which the function has the right sign at nearly all points.
+//! The fit uses the widest scale at which the function has the right sign at nearly all points.
 //!
 //! Points beneath a surface, such as a road under a bridge, give no evidence of its edges. There, the edge is located
 //! by the upper points alone (`outline.rs`).

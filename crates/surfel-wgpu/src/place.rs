@@ -38,7 +38,7 @@ impl Renderer {
     /// - those before the near plane, and those that span at least half of their distance from the eye. The CPU draws
     ///   such splats of other objects, but it doesn't have these.
     ///
-    /// What the CPU otherwise decides by positions follows from the box: the object is culled as a whole, and shadow
+    /// The CPU uses the box where it otherwise uses positions: the object is culled as a whole, and shadow
     /// maps show the box and the object as it was uploaded. Centres are f32 numbers about the origin of the object, so
     /// the object should be near its origin in units of its splats' radii.
     ///

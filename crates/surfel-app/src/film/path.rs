@@ -6,7 +6,7 @@
 //! Keyser 2011). Viewing directions and up vectors follow the same construction on the sphere, with arcs of great
 //! circles in place of lines. The axes of each camera are orthonormal.
 //!
-//! Of eye and target, the one that moves less has a spline of its own. The other one is computed from it by a splined
+//! The eye or the target, whichever moves less, has a spline of its own. The other one is computed from it by a splined
 //! direction and a splined distance; the distance is interpolated as a logarithm. So a camera that circles a target
 //! remains at its distance, and one that looks around stays in its place.
 
