@@ -1,12 +1,12 @@
 //! Comparison of two images.
 
-use crate::values::json_number;
 use serde_json::{Map, json};
 use std::path::Path;
 use surfel_io::ShowPath as _;
 use surfel_io::atomic::target;
 use surfel_io::{IoError, Planes, PlanesView, PngOptions};
 use surfel_load::Error;
+use surfel_load::info::json_number;
 use surfel_metrics::{CompareOptions, Comparison, Image, MetricsError, PlaneComparison, PlaneOptions};
 
 /// Differences between two images.

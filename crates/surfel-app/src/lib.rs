@@ -11,7 +11,7 @@
 //! 4. [`session`]: a scene that is drawn many times with changing options;
 //! 5. [`figure`] and [`film`]: several images in one figure, and films;
 //! 6. [`splat_file`], [`ortho_request`] and [`copc_output`]: requests for output files that aren't images;
-//! 7. [`info`], [`metadata`] and [`compare`]: descriptions of files, of how an image was made, and of differences;
+//! 7. [`metadata`] and [`compare`]: descriptions of how an image was made, and of differences;
 //! 8. [`wording`]: words options in messages as flags, or as Python's keywords.
 //!
 //! ```
@@ -38,7 +38,6 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
-mod attributes;
 pub mod blank_image;
 pub mod camera;
 mod color_bar;
@@ -47,13 +46,11 @@ pub mod copc_output;
 pub mod figure;
 mod figure_options;
 pub mod film;
-pub mod info;
 pub mod metadata;
 pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho_request;
 pub mod progressive;
-mod radii;
 pub mod render_options;
 pub mod request;
 pub mod session;
@@ -61,7 +58,6 @@ mod sky;
 pub mod splat_file;
 pub mod splats;
 pub mod style;
-mod survey;
 pub mod values;
 pub mod wording;
 

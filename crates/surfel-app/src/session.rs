@@ -1,6 +1,5 @@
 //! Sessions: a scene in memory that is drawn many times, with options that change from image to image.
 
-use crate::attributes::{class_counts, classes, column};
 use crate::camera::{self, resized};
 use crate::metadata::{self, Input};
 use crate::request::{Pictures, Request, Resolved, Source};
@@ -15,6 +14,7 @@ use surfel_backend::{Chosen, refusals};
 use surfel_framing::ViewAxes;
 use surfel_load::LoadedObjects;
 use surfel_load::coloring::{Category, ColorScale, Coloring};
+use surfel_load::info::attributes::{class_counts, classes, column};
 use surfel_load::{Error, LevelStore, LoadOptions, levels};
 use surfel_math::srgb::nearest_8_bit;
 use surfel_model::{Camera, EdgeAa, ExtraColumn, Geometry, Object, ObjectFile, Projection, Scene, Settings};

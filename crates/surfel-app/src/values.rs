@@ -10,7 +10,6 @@
 pub use surfel_stage::NamedLight;
 
 use crate::style::Style;
-use serde_json::Value;
 use std::ops::Range;
 use surfel_framing::{NamedView, ViewAngles, ViewChoice};
 use surfel_io::film::FrameRate;
@@ -445,18 +444,10 @@ pub fn background(text: &str) -> Result<[f64; 4], String> {
     if (0.0..=1.0).contains(&a) { Ok([r, g, b, a]) } else { Err(wrong(String::new())) }
 }
 
-/// Converts a number to JSON, which has no infinities or NaN: they become `"inf"`, `"-inf"` and `"nan"`.
-pub fn json_number(value: f64) -> Value {
-    match value {
-        v if v.is_finite() => Value::from(v),
-        v if v.is_nan() => Value::from("nan"),
-        v => Value::from(if v > 0.0 { "inf" } else { "-inf" }),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::Value;
 
     #[test]
     fn frame_ranges_have_both_ends() {

@@ -23,7 +23,7 @@ pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
         ..surfel_io::LoadOptions::default()
     };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
-    let mut facts = surfel_app::info::info(path, &options, from_stdin.as_deref())?;
+    let mut facts = surfel_load::info::info(path, &options, from_stdin.as_deref())?;
     notes_as_flags(&mut facts);
     if args.json {
         return stdout::json_result(&facts);

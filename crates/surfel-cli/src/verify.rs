@@ -3,8 +3,8 @@
 use crate::failure::Failure;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use surfel_app::values::json_number;
 use surfel_backend::{Backend, BackendOptions};
+use surfel_load::info::json_number;
 use surfel_metrics::{CompareOptions, Comparison, Image};
 use surfel_model::{Scene, Settings};
 use surfel_render::{Frame, Planes, Preset, Renderer, View};

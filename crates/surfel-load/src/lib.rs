@@ -11,7 +11,8 @@
 //! 4. [`levels`] and [`LevelStore`]: read the levels of detail of COPC files that a view needs;
 //! 5. [`memory`]: estimates the memory that a file's points need, before they are read;
 //! 6. [`effects`]: lists the kinds of files that an option affects;
-//! 7. [`Error`]: errors of this package and of all packages below it.
+//! 7. [`info`]: describes a file as JSON;
+//! 8. [`Error`]: errors of this package and of all packages below it.
 //!
 //! ```no_run
 //! use surfel_load::{LoadOptions, load};
@@ -38,6 +39,7 @@ pub mod coloring;
 mod convert;
 pub mod effects;
 mod error;
+pub mod info;
 pub mod labels;
 mod level_choice;
 mod level_store;

@@ -25,7 +25,7 @@ use surfel_load::levels::{self, CopcRequest};
 use surfel_ortho::{OrthoFiles, OrthoOptions};
 use surfel_render::Renderer;
 
-/// Runs `work` on files or on a scene's arrays. Errors about arrays name the argument.
+/// Runs `work` on files or on a scene's arrays. Errors about arrays name the argument `points`.
 fn named<T>(
     input: Option<&Arc<Input>>,
     options: &SplatOptions,
@@ -38,7 +38,7 @@ fn named<T>(
     }
 }
 
-/// Returns notes in which options are named as in Python, and arrays by their argument.
+/// Returns notes in which options are named as in Python, and arrays by their argument `points`.
 fn named_notes(input: Option<&Arc<Input>>, notes: Vec<String>) -> Vec<String> {
     let notes = input.map_or(notes.clone(), |input| input.named_notes(notes));
     notes.iter().map(|note| errors::in_python(note)).collect()
@@ -210,7 +210,7 @@ pub(crate) fn info(
     let mut facts = interrupt::run(py, move |_| {
         let input = of_arrays;
         let bytes = input.as_ref().and_then(|input| input.bytes.clone());
-        let read = || surfel_app::info::info(&path, &options, bytes.as_deref());
+        let read = || surfel_load::info::info(&path, &options, bytes.as_deref());
         // The work runs in a pool of its own, because a forked process has no threads of the global pool.
         named(input.as_ref(), &SplatOptions::default(), || on_threads(0, read)?)
     })?;

@@ -262,7 +262,7 @@ impl Tools {
         let path = arguments.text("path")?.ok_or("path: expected the name of a file")?;
         let path = self.access.check(path)?;
         if !is_scene_file(&path) {
-            let mut facts = surfel_app::info::info(&path, &LoadOptions::default(), None).map_err(|e| e.to_string())?;
+            let mut facts = surfel_load::info::info(&path, &LoadOptions::default(), None).map_err(|e| e.to_string())?;
             notes_as_flags(&mut facts);
             return Ok(result(facts, Vec::new()));
         }

@@ -1,13 +1,13 @@
 //! Summary of a point file that may be larger than memory. The points are read twice in blocks: first for statistics
 //! over all points, then for the neighbourhoods of a few points.
 
-use crate::attributes;
-use crate::radii::{PATCH, PATCHES, Radii, bytes_of_points, radii_of_patch};
+use super::attributes;
+use super::radii::{PATCH, PATCHES, Radii, bytes_of_points, radii_of_patch};
+use crate::error::Error;
 use glam::DVec3;
 use serde_json::{Map, Value};
 use std::path::Path;
 use surfel_io::{Content, LoadOptions, PointSurvey};
-use surfel_load::Error;
 use surfel_model::{Column3, PointCloud};
 
 /// Summary of a point file, for `surfel info`.

@@ -39,7 +39,7 @@ fn class_name(class: usize) -> &'static str {
 }
 
 /// Describes the type and the range of a column as JSON.
-pub(crate) fn column(extra: &ExtraColumn) -> Value {
+pub fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
@@ -172,7 +172,7 @@ pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &M
 }
 
 /// Counts the points of each class, from the column "classification".
-pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
+pub fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     let extra = extras.iter().find(|e| e.name == "classification")?;
     let mut counts = [0_u64; 256];
     for i in 0..extra.values.len() {
@@ -185,7 +185,7 @@ pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
 }
 
 /// Lists the classes that have points, with number, name and count.
-pub(crate) fn classes(counts: &[u64; 256]) -> Value {
+pub fn classes(counts: &[u64; 256]) -> Value {
     let found = counts.iter().enumerate().filter(|(_, n)| **n > 0);
     found.map(|(class, n)| json!({ "class": class, "name": class_name(class), "count": n })).collect()
 }

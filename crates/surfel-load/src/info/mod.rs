@@ -1,9 +1,13 @@
 //! Summary of a file's content without converting all of it.
 
-use crate::attributes;
-use crate::radii::{ALL, Radii, bytes_of_points, radii_of_mesh, radii_of_points};
-use crate::survey::{Survey, survey};
-use crate::values::json_number;
+pub mod attributes;
+mod radii;
+mod survey;
+
+use crate::error::Error;
+use crate::load::up_reason;
+use crate::paths::is_stdin;
+use crate::scene::is_scene_file;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -11,16 +15,15 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_framing::UpReason;
 use surfel_io::{Content, LoadOptions, Loaded};
-use surfel_load::Error;
-use surfel_load::paths::is_stdin;
-use surfel_load::scene::is_scene_file;
-use surfel_load::up_reason;
 use surfel_model::{Column3, Mesh};
 #[cfg(feature = "sharp")]
 use surfel_sample::SharpErrors;
 
+use self::radii::{ALL, Radii, bytes_of_points, radii_of_mesh, radii_of_points};
+use self::survey::{Survey, survey};
+
 /// Describes a file's content without converting all of it. Returns the JSON object that `surfel info --json` prints;
-/// the program words its notes as flags ([`crate::wording::notes_as_flags`]). The object contains:
+/// a program words the options that its notes name, such as `` `classes=all` ``, in its own way. The object contains:
 ///
 /// - format, counts (`points`, `splats`, `vertices`, `triangles`, …) and `bounds` (minimum and maximum coordinates);
 /// - up axis, attributes and their ranges, and estimated radii;
@@ -182,4 +185,13 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
 fn bytes_of_textures(m: &Mesh) -> usize {
     let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
     textures.values().sum()
+}
+
+/// Converts a number to JSON, which has no infinities or NaN: they become `"inf"`, `"-inf"` and `"nan"`.
+pub fn json_number(value: f64) -> Value {
+    match value {
+        v if v.is_finite() => Value::from(v),
+        v if v.is_nan() => Value::from("nan"),
+        v => Value::from(if v > 0.0 { "inf" } else { "-inf" }),
+    }
 }
