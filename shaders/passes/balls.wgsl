@@ -1,9 +1,9 @@
 // Balls and dots (rendering model §11), pixel by pixel: each invocation searches the balls of its cell for the
 // fragments that it composites, from near to far.
 
-// Lists and records, set up by the CPU in f64. The words are, in order: the BALLS_… header, the first entry of each
-// cell and the end of the last, the entries, the records of BALL_WORDS words each, and the pixels' states if there are
-// layers.
+// Lists of balls per cell, and records, which are projected balls; set up by the CPU in f64. The words are, in order:
+// the BALLS_… header, the first entry of each cell and the end of the last, the entries, the records of BALL_WORDS
+// words each, and the pixels' states if there are layers.
 @group(1) @binding(31) var<storage, read_write> balls: array<u32>;
 
 // Offsets of the header's words: columns of cells, first word of the records and of the pixels' states, and first entry

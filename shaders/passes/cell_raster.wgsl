@@ -1,6 +1,7 @@
 // The last pass of the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records pass
 // through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
-// to it. Then the pixel's sums are divided by Σw, lit and written from registers.
+// to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records are defined in
+// cells.wgsl.
 
 // Number of records of a batch, which a workgroup reads at a time.
 const BATCH: u32 = 92u;

@@ -41,15 +41,15 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// A host's depth buffer, of the size of the shaded region.
+// Depth buffer of the embedding application, of the size of the shaded region.
 @group(1) @binding(23) var host_depths: texture_depth_2d;
 
-// Returns 1/z of the host's geometry at a pixel, or z itself in an orthographic projection.
+// Returns 1/z of the application's geometry at a pixel, or z itself in an orthographic projection.
 fn host_depth_along(at: vec2i) -> f32 {
     return (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
 }
 
-// Starts the layers like begin_layers. A host's depth buffer also occludes the transparent splats behind it.
+// Starts the layers like begin_layers. The application's depth buffer also occludes the transparent splats behind it.
 @compute @workgroup_size(8, 8)
 fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     if !is_in_targets(id) {

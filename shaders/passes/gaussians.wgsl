@@ -250,7 +250,7 @@ fn gaussians(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Blends Gaussians like `gaussians`, without the fragments behind a host's geometry.
+// Blends Gaussians like `gaussians`, without the fragments behind the application's geometry.
 @compute @workgroup_size(8, 8)
 fn gaussians_in_host(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

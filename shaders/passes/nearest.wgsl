@@ -1,5 +1,6 @@
 // The nearest splat in each pixel (rendering model §5, planes): fragments that add their attributes are drawn once more
-// with a depth buffer, and write the numbers of their draw and record.
+// with a depth buffer, and write the numbers of their draw and record. A record is a splat as set up for a tile
+// (types.wgsl).
 
 struct NearestVertex {
     @builtin(position) position: vec4f,

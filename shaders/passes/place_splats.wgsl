@@ -1,9 +1,10 @@
-// Writes positions, normals and colours from a host's buffer into stored f32 splats. One invocation places a splat.
+// Writes positions, normals and colours from a buffer of the embedding application into stored f32 splats. One
+// invocation places one splat.
 //
 // A splat keeps its radius, clip and alpha. A disk's half-axes follow from its normal and radius wherever it is set up;
 // an ellipse keeps its half-axes and can't be given a normal.
 
-// Layout of a host's buffer. Offsets and the stride are in words.
+// Layout of the application's buffer. Offsets and the stride are in words.
 struct HostSplats {
     // Box of the centres in object space.
     box_low: vec3f,
@@ -29,7 +30,7 @@ const HOST_SRGB8X4: u32 = 2u;
 
 @group(1) @binding(58) var<uniform> host_splats: HostSplats;
 @group(1) @binding(59) var<storage, read> host_words: array<u32>;
-// Index in the host's buffer of each splat of the segment.
+// Index in the application's buffer of each splat of the segment.
 @group(1) @binding(60) var<storage, read> host_members: array<u32>;
 @group(1) @binding(61) var<storage, read_write> placed_splats: array<u32>;
 

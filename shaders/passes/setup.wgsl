@@ -1,5 +1,6 @@
 // Splat setup (rendering model §2–§5): one invocation projects a stored splat and writes its screen-space record. It
-// skips splats that reach the near plane, which the CPU sets up in f64.
+// skips splats that reach the near plane, which the CPU sets up in f64. A segment is the part of an object's splats
+// that shares a buffer.
 
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
@@ -223,11 +224,12 @@ fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     return project(i, splat, shading, color, object);
 }
 
-// Half-axes longer than the distance times this number are too long for f32 (rendering model §3, last paragraph).
+// Half-axes longer than the distance times this number are too long for f32. Such splats are set up like near ones
+// (rendering model §3, "Near splats").
 const VAST: f32 = 1e7;
 
 // True if f32 can't project a splat: it reaches the near plane or spans much of its distance. The CPU sets up such
-// splats in f64, unless a host places them: they are then not drawn.
+// splats in f64, unless the application places them: they are then not drawn.
 fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
     let projection = frame.projection;
     let perspective = projection.kind == PERSPECTIVE;

@@ -31,7 +31,7 @@ struct Point {
     is_there: bool,
 }
 
-// A visible surface as a host's shader gets it (host_color.wgsl). Colours are linear.
+// A visible surface as the application's shader gets it (host_color.wgsl). Colours are linear.
 struct HostSurface {
     albedo: vec3f,
     // Unit normal in world axes, or 0 if there is none.
@@ -362,8 +362,8 @@ struct Composite {
     @builtin(frag_depth) depth: f32,
 }
 
-// Composites the image into a host's render target. The host's depth test decides which pixels show, and edges blend
-// over the target's contents.
+// Composites the image into the render target of the embedding application. The application's depth test decides which
+// pixels show, and edges blend over the target's contents.
 @fragment
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
@@ -390,7 +390,7 @@ fn host_depth_of(z: f32) -> f32 {
     return fma(frame.host_depth.y, along, frame.host_depth.x);
 }
 
-// If the host's depth buffer can be read, composition takes two passes. This first one draws the opaque surface.
+// If the application's depth buffer can be read, composition takes two passes. This first one draws the opaque surface.
 @fragment
 fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
@@ -401,7 +401,8 @@ fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(opaque.color, host_depth_of(opaque.front.z));
 }
 
-// The second composition pass draws the transparent layers. Peeling has already cut them off at the host's depth.
+// The second composition pass draws the transparent layers. Peeling has already cut them off at the application's
+// depth.
 @fragment
 fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let layers = host_layers_at(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));
@@ -440,7 +441,7 @@ fn host_plane_depth(pixel: vec2i) -> f32 {
     return nearest;
 }
 
-// Composites the planes into a host's render target, for frames whose colours are complete only there.
+// Composites the planes into the application's render target, for frames whose colours are complete only there.
 @fragment
 fn composite_planes_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy));
@@ -452,7 +453,7 @@ fn composite_planes_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(color, host_depth_of(z));
 }
 
-// Composites planes whose fragments the host's depth has already cut off.
+// Composites planes whose fragments the application's depth has already cut off.
 @fragment
 fn composite_planes_over_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let color = host_plane_color(vec2i(floor(position.xy)));
@@ -468,7 +469,7 @@ struct CompositeIndex {
     @builtin(frag_depth) depth: f32,
 }
 
-// Writes the nearest splat, polygon or ball of each pixel that passes the host's depth test.
+// Writes the nearest splat, polygon or ball of each pixel that passes the application's depth test.
 @fragment
 fn composite_index_fragment(@builtin(position) position: vec4f) -> CompositeIndex {
     let at = host_plane_at(vec2i(floor(position.xy)));

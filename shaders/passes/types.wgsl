@@ -1,4 +1,6 @@
-// Structs and constants of the passes' buffers. surfel-gpu fills them at the offsets that the build script reflects.
+// Structs and constants of the passes' buffers. surfel-gpu fills them at the offsets that the build script reflects. A
+// segment is the part of an object's splats that shares a buffer. A record is a splat as set up for a tile. A cell is a
+// square of a tile's pixels with its own list of splats, balls or Gaussians.
 
 // Filters (rendering model §4).
 const FILTER_NONE: u32 = 0u;
@@ -15,7 +17,7 @@ const SHADER_DEPTH: u32 = 3u;
 const SHADER_TOON: u32 = 4u;
 const SHADER_MATCAP: u32 = 5u;
 const SHADER_EDL: u32 = 6u;
-// Phong with the colour of a host (host_color.wgsl).
+// Phong with the colour that the application's shader function computes (host_color.wgsl).
 const SHADER_HOST: u32 = 7u;
 
 // Samples along a side of a pixel, if edges are antialiased by samples (§5).
@@ -109,7 +111,7 @@ struct Frame {
     // For samples: size of the targets of the tile of pixels, and the pixel that the first sample belongs to.
     pixels_size_px: vec2u,
     first_pixel: vec2u,
-    // A host's depth buffer stores x + y/z (perspective) or x + y·z (orthographic).
+    // The depth buffer of the embedding application stores x + y/z (perspective) or x + y·z (orthographic).
     host_depth: vec2f,
     // For the compute path: number of cells in a row and in all, of elements before the pairs in a buffer of pairs, of
     // chunks that may touch the tile, and of groups of records; capacity of the buffers in records and pairs.
@@ -187,11 +189,12 @@ struct Segment {
     alpha_at: u32,
     // Offset in words of the chunks' scales in `splats`; ABSENT if splats are f32.
     scales_at: u32,
-    // 1 if a host places the splats (place_splats.wgsl). They are one chunk, whose origin is that of the object.
+    // 1 if the application places the splats (place_splats.wgsl). They are one chunk, whose origin is that of the
+    // object.
     is_placed: u32,
 }
 
-// Code of a splat that isn't drawn because its host has placed it nowhere.
+// Code of a splat that isn't drawn because the application has placed it nowhere.
 const SPLAT_HIDDEN: u32 = 0xffffffffu;
 
 const WORKGROUP: u32 = 64u;

@@ -31,19 +31,19 @@ pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 /// Formulas and passes as one WGSL text.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
-/// Text of the passes in which a host's text replaces the function `host_color`.
+/// WGSL text of the passes in which text of the embedding application replaces the function `host_color`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HostShader {
     /// The whole text.
     pub text: String,
-    /// Number of lines before the host's text.
+    /// Number of lines before the application's text.
     pub lines_before: u32,
-    /// Number of lines of the host's text.
+    /// Number of lines of the application's text.
     pub lines: u32,
 }
 
 impl HostShader {
-    /// Puts a host's text into [`PASSES`].
+    /// Puts the application's text into [`PASSES`].
     pub fn new(host: &str) -> Self {
         let module = "// ==== passes/host_color.wgsl\n";
         let (before, rest) = PASSES.split_once(module).unwrap_or((PASSES, ""));
@@ -56,7 +56,7 @@ impl HostShader {
         }
     }
 
-    /// Returns the line of the host's text, counted from 1, for a line of the whole text; `None` outside of it.
+    /// Returns the line of the application's text, counted from 1, for a line of the whole text; `None` outside of it.
     pub fn line(&self, line: u32) -> Option<u32> {
         let own = line.checked_sub(self.lines_before)?;
         (1..=self.lines).contains(&own).then_some(own)

@@ -40,8 +40,7 @@ pub struct Run {
     pub info: RendererInfo,
     /// Note that the backend's calls weren't validated, with the reason; `None` if they were.
     pub note: Option<String>,
-    /// Results of comparing the truths, in their order. Results without an image follow: unused expectations and
-    /// messages of validation layers.
+    /// Results of comparing the truths, in their order. A failure without an image follows for each unused expectation.
     pub checked: Vec<Checked>,
 }
 
@@ -138,7 +137,7 @@ impl Session {
         Ok(Self { drawing, note: is_unchecked.then(|| "not validated".to_owned()) })
     }
 
-    /// True if the backend draws on a device that computes on the CPU.
+    /// True if the backend draws through a graphics API whose device computes on the CPU; false for [`Backend::Cpu`].
     pub fn is_software(&self) -> bool {
         match &self.drawing {
             Drawing::Cpu(_) => false,
@@ -235,7 +234,8 @@ pub fn start_ash(options: surfel_ash::Options) -> Result<(surfel_ash::Renderer, 
     }
 }
 
-/// True if `SURFEL_REQUIRE`, a comma-separated list, contains `what`; then its tests may not be skipped.
+/// True if the environment variable `SURFEL_REQUIRE`, a comma-separated list, contains `what`. Tests that need `what`
+/// may then not be skipped.
 pub fn is_required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
 }
@@ -270,7 +270,7 @@ pub fn listen() {
     }
 }
 
-/// Removes and returns the messages recorded since [`listen`].
+/// Removes and returns the messages recorded since [`listen`] or the last call.
 pub fn take_messages() -> Vec<String> {
     std::mem::take(&mut *MESSAGES.lock().unwrap_or_else(PoisonError::into_inner))
 }

@@ -116,7 +116,8 @@ pub fn object(cloud: SplatCloud) -> Object {
     }
 }
 
-/// Creates a scene of one cloud. No splat has the colour of its background.
+/// Creates a scene of one cloud before a dark, half-transparent background, which differs from the colours of all
+/// splats.
 pub fn scene(splats: &[Splat]) -> Scene {
     Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::from(cloud(splats)) }
 }

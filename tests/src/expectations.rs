@@ -46,7 +46,8 @@ pub enum Extent {
     SomeScenes,
 }
 
-/// Applies a table to the results of a backend. Returns a failure for each entry that isn't needed.
+/// Applies a table to the results of a backend. If every scene was compared, returns a failure for each entry that
+/// matches no report.
 ///
 /// A failed report whose errors are within the limits of its entries becomes [`Verdict::Expected`]. A report that
 /// didn't need its entries fails, so that the entries are removed.

@@ -106,7 +106,7 @@ impl Report {
         Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
     }
 
-    /// Adds faults that were found outside of the comparison.
+    /// Adds faults that were found outside of the comparison. The verdict becomes a failure if there are any.
     pub(crate) fn fail(&mut self, messages: impl IntoIterator<Item = String>) {
         let before = self.broken.len();
         self.broken.extend(messages);
@@ -352,7 +352,7 @@ pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case:
     check(backend, &Truth::of(reference, case.clone())).report
 }
 
-/// Compares a backend with the reference in these scenes, and applies the expectations.
+/// Compares a backend with the reference in the cases of `truths`, and applies the expectations.
 ///
 /// Returns one result per truth, in their order, followed by one result without an image for each unused expectation.
 pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
@@ -361,7 +361,8 @@ pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent)
     checked
 }
 
-/// Applies [`EXPECTATIONS`] to the results of a backend. Appends a failure for each unused expectation.
+/// Applies [`EXPECTATIONS`] to the results of a backend. If every scene was compared, appends a failure for each unused
+/// expectation.
 pub(crate) fn expect(info: &RendererInfo, extent: Extent, checked: &mut Vec<Checked>) {
     let reports = checked.iter_mut().map(|c| &mut c.report);
     let unused = expectations::apply(EXPECTATIONS, info, extent, reports);

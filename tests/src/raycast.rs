@@ -144,7 +144,7 @@ pub struct Difference {
     pub coverage: usize,
     /// Number of pixels whose normals differ.
     pub normals: usize,
-    /// Number of holes: pixels without a splat whose eight neighbours are all covered by the mesh.
+    /// Number of holes: pixels without a splat that, like their eight neighbours, are covered by the mesh.
     pub holes: usize,
 }
 

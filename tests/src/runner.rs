@@ -246,7 +246,8 @@ fn line(session: &mut Session, truth: &Truth, report: &Report, time: Duration) -
     }
 }
 
-/// Compares backends with the reference in random scenes.
+/// Compares backends with the reference in `count` random scenes, or only writes the scenes to a folder if
+/// `arguments.store` is set. Returns false if a comparison fails or a required backend is missing.
 fn random(arguments: &Arguments, count: u64) -> Result<bool, Box<dyn std::error::Error>> {
     let seeds = (arguments.seed..).take(usize::try_from(count)?);
     if let Some(folder) = &arguments.store {

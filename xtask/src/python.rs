@@ -98,7 +98,8 @@ pub(crate) enum Tested {
     Skipped(String),
 }
 
-/// Tests the package. With `full`, installs it with maturin, and also tests its notebooks, engines and comparisons.
+/// Tests the package. With `full`, and on systems other than Linux, maturin builds and installs it first. With `full`,
+/// also tests notebooks, engines, comparisons and other packages.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
     let python = match environment(root, &TEST_PACKAGES) {

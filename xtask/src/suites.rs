@@ -218,7 +218,8 @@ enum CapturedOutput {
 struct Parser<'a> {
     packages: &'a [(String, PathBuf)],
     summary: Summary,
-    /// Name of the package of the last suite, which the package of the next suite follows.
+    /// Package of the most recent unit-test suite. Cargo doesn't print the package of an integration-test suite, so
+    /// this package is tried first as its owner.
     package: Option<String>,
     /// Position within the captured output of passed tests.
     excuse: CapturedOutput,

@@ -163,8 +163,8 @@ impl Resolved {
         Scene { lights: Some(lights), ..self.scene.clone() }
     }
 
-    /// Returns the camera of a frame of a turntable movie of `frames` frames; `index` is from 0 to `frames` − 1. Also
-    /// returns a scene if its lights move.
+    /// Returns the camera of frame `index` (0 to `frames` − 1) of a turntable movie. Lights turn with the camera: also
+    /// returns the scene with its lights turned, or `None` if the scene can be drawn unchanged.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
             return (self.file.camera.clone(), None);

@@ -1,4 +1,5 @@
-//! Recording of the steps of a tile.
+//! Recording of the steps of a tile. "To record" is to write GPU commands. A *record* is a splat as set up for a tile.
+//! A *segment* is the part of an object's splats that shares a buffer ([`surfel_gpu::Segment`]).
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};

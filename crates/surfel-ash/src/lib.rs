@@ -26,7 +26,7 @@
 //!
 //! # A program's own device
 //! [`Renderer::from_raw`] draws on a Vulkan device that the program has created. Frames are read back to the host's
-//! memory: only `surfel-wgpu` also draws into a host's textures (`render_to_view`).
+//! memory: only `surfel-wgpu` also draws into a program's textures (`render_to_view`).
 //!
 //! ```no_run
 //! use surfel_ash::{RawDevice, Renderer, ash};

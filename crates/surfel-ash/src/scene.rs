@@ -1,4 +1,5 @@
-//! Scene in the device's memory.
+//! Scene in the device's memory. A *segment* is the part of an object's splats that shares a buffer
+//! ([`surfel_gpu::Segment`]). Its *records* are the splats as set up for a tile.
 
 use crate::commands::submit;
 use crate::device::Device;

@@ -49,7 +49,7 @@ impl Simd {
     }
 }
 
-/// Times frames of known scenes and prints a table.
+/// Times frames of the benchmark scenes and prints a table.
 ///
 /// Frames are drawn in turn, one of each scene and thread count, so that disturbances of the machine affect all
 /// equally. The table has medians and minima. Loading, uploading and writing files are not timed.
@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
     /// Thread count of the CPU backends; may be repeated.
     #[arg(long, value_name = "N", default_values_t = [1, 2])]
     pub(crate) threads: Vec<usize>,
-    /// Only scenes whose name contains NAME, or equals it after a =; may be repeated.
+    /// Draw only the scenes whose names contain NAME or, with =NAME, the scene of exactly this name; may be repeated.
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Vec<String>,
     /// Number of frames of each scene and thread count.

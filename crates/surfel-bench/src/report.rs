@@ -70,11 +70,11 @@ pub(crate) struct Row {
     pub drawn: u64,
     /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
-    /// Number of pixels to which any splat contributes.
+    /// Number of pixels to which at least one splat contributes.
     pub covered_px: u64,
-    /// Number of splats of the scene, including culled ones, divided by the median time.
+    /// Number of splats of the scene, including culled ones, divided by the median time, per second.
     pub splats_per_s: f64,
-    /// Number of drawn splats divided by the median time.
+    /// Number of drawn splats divided by the median time, per second.
     pub drawn_per_s: f64,
     /// Number of fragments divided by the median time, per second; `None` if the backend doesn't count fragments.
     pub fragments_per_s: Option<f64>,
@@ -93,12 +93,14 @@ pub(crate) struct Row {
     pub block_pairs: Option<f64>,
     /// Time of the tile loops per thread and pair, in nanoseconds.
     pub ns_per_pair: Option<f64>,
-    /// Resident bytes per splat.
+    /// Memory of the uploaded scene in the backend (device memory on a GPU), in bytes per splat. Culled splats count,
+    /// too.
     pub bytes_per_splat: f64,
-    /// Resident memory, in units of 10⁶ bytes.
+    /// Memory of the uploaded scene in the backend, in units of 10⁶ bytes; not the process's resident set.
     pub resident_mb: f64,
-    /// Records and lists of the largest batch, in units of 10⁶ bytes. This is the memory of a frame besides the scene
-    /// and the image.
+    /// Memory of the records and lists of each thread's largest cell, summed over the threads, in units of 10⁶ bytes. A
+    /// cell is a part of the image that one thread of the CPU backend draws alone. This is the memory of a frame
+    /// besides the scene and the image.
     pub batch_mb: Option<f64>,
     /// Estimated memory traffic, in units of 10⁹ bytes per second. Splats that are set up are read once; their records
     /// and lists are written once and read once.
@@ -115,7 +117,7 @@ pub(crate) struct Samples {
     pub busy_ms: Vec<f64>,
     /// Statistics of each frame.
     pub stats: Vec<Stats>,
-    /// Number of pixels to which any splat contributes.
+    /// Number of pixels to which at least one splat contributes.
     pub covered_px: u64,
     /// Number of fragments; 0 if the backend doesn't count them.
     pub fragments: u64,
@@ -136,7 +138,8 @@ impl Report {
         Self { version: VERSION, machine, backend, fill_rates, rows }
     }
 
-    /// Appends the frames of a later run of the same scenes. Rates and counts per frame remain unchanged.
+    /// Appends the frame times of a later run of the same scenes. Medians, rates and counts remain those of the first
+    /// run.
     pub(crate) fn extend(&mut self, later: Self) {
         for row in &mut self.rows {
             let same = later.rows.iter().find(|other| other.scene == row.scene && other.threads == row.threads);

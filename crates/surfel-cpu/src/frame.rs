@@ -2,7 +2,8 @@
 //! cell's records are in that thread's cache.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`]). A *record* is a splat projected to the screen ([`Record`]).
+//! alone ([`Cell`]). A *record* is a splat projected to the screen ([`Record`]). A *tile* is a square of blocks
+//! ([`Grid`](crate::tiles::grid::Grid)).
 
 mod samples;
 mod totals;

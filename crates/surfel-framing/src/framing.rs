@@ -210,9 +210,9 @@ fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
     (s.length_squared() + t.length_squared()).sqrt()
 }
 
-/// Returns the largest extent of an object's Gaussians from their centres apart from needles, the longest 1 in 50.
-/// Returns infinity for other geometry. Framing needles would make the scene small, although they are hardly visible
-/// far from their centres.
+/// Returns the extent from its centre to which each Gaussian of an object is limited for framing: the largest one,
+/// after excluding needles (the longest 1 in 50). Returns infinity for other geometry. Framing needles would make the
+/// scene small, although they are hardly visible far from their centres.
 fn longest(object: &Object) -> f64 {
     let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
     let step = gaussians.len().div_ceil(MEASURED).max(1);

@@ -29,8 +29,9 @@ pub struct Patch {
     pub is_given: bool,
 }
 
-/// Cosine of the angle (20°) between a disk's normal and its shading normal, below which a stored normal doesn't fit
-/// the positions of the points.
+/// Smallest cosine (of an angle of 20°) at which a splat's stored normal counts as fitting ([`Patch::is_given`]). The
+/// angle is between the shading normal, which the file stores, and the disk's normal, which fits the neighbouring
+/// points.
 const FITS: f64 = 0.94;
 
 /// A sample of a scene's surface, without stray points.

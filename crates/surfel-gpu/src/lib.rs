@@ -31,6 +31,17 @@
 //! # }
 //! ```
 //!
+//! # Terms
+//! - A *segment* is the part of an object's splats that shares a buffer ([`Segment`]). Its *chunks* are groups of up to
+//!   256 neighbouring splats, which are culled together ([`Chunk`]).
+//! - A *tile* is the part of the image that is drawn at once ([`FrameTiles`]).
+//! - A *record* is a splat as set up for a tile: its projected forms, pixel boxes and colour in a buffer (`Record` in
+//!   `shaders/passes/types.wgsl`).
+//! - A *cell* is a small square of a tile's pixels that has its own list of splats, balls or Gaussians.
+//! - An *entry point* is a function of a shader with which a pipeline begins. The *host* is the CPU side. Only in
+//!   [`HostLayout`], [`HostAttribute`], [`HostFormat`] and names of bindings and passes it is the application that
+//!   embeds Surfel.
+//!
 //! # Layer
 //! The crate lies between `surfel-render`, whose plan it turns into steps, and the backends `surfel-wgpu` and
 //! `surfel-ash`, which run them. No GPU API is visible. It has no Cargo features.

@@ -174,7 +174,7 @@ pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
     (distance * size.constant(VAST)).lt(size)
 }
 
-/// Placement of a splat relative to the eye, which decides how the splat is drawn (rendering model §3, last paragraph).
+/// Placement of a splat relative to the eye, which decides how the splat is drawn (rendering model §3, "Near splats").
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
     /// The centre is well in front of the eye: the splat is drawn with the filter and the mapping of the settings.

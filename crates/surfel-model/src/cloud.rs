@@ -424,7 +424,8 @@ impl SplatCloud {
         self.data.rows.get_or_insert_with(|| (0..count).collect());
     }
 
-    /// Drops the input rows, so that renderers don't store them.
+    /// Drops the splats' row numbers in the input, which saves renderers 4 bytes per splat. The plane `index` then
+    /// shows each splat's own index.
     pub fn discard_rows(&mut self) {
         self.data.rows = None;
     }

@@ -144,8 +144,8 @@ impl Octree {
         &self.mesh
     }
 
-    /// Sets the interior weight: Σw of the octree's splats inside the surface. Ignored unless finite and greater than
-    /// 0.
+    /// Sets the interior weight ([`CloudData::interior_weight`]): Σw of the octree's splats inside the surface. Ignored
+    /// unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         Arc::make_mut(&mut self.cloud).set_interior_weight(weight);
     }

@@ -228,8 +228,8 @@ impl<G: Into<Geometry>> From<G> for Object {
     }
 }
 
-/// Creates a scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`], with the scene file's ambient light
-/// and headlight.
+/// Creates a scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`]. Ambient light and lights are the
+/// defaults of scene files: a dim ambient light, and one white directional light along the view.
 impl<O: Into<Object>> From<O> for Scene {
     fn from(object: O) -> Self {
         Self { ambient: DEFAULT_AMBIENT, objects: vec![object.into()], ..Self::default() }

@@ -165,7 +165,8 @@ pub enum EdgeAa {
     /// No antialiasing of edges, which therefore look jagged.
     #[default]
     Off,
-    /// Antialiasing by coverage: a pixel's sum of weights relative to the interior weight of its cloud.
+    /// Antialiasing by coverage: a pixel's sum of weights relative to the interior weight of its cloud
+    /// ([`CloudData::interior_weight`](crate::CloudData::interior_weight)).
     Coverage,
     /// Antialiasing by samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
     Samples,

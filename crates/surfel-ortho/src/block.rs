@@ -53,9 +53,9 @@ pub(crate) struct BlockPixels {
 #[derive(Default)]
 pub(crate) struct BlockSplats {
     pub(crate) clouds: Vec<SplatCloud>,
-    /// Flag per splat of the last cloud, true if the splat was made from a foliage point. Empty if the last cloud
-    /// wasn't made from points.
-    pub(crate) leaves: Vec<bool>,
+    /// Flag per splat of the last cloud, which is the one made from the block's points: true if the splat is foliage
+    /// without a stored normal. Empty if the block has no points.
+    pub(crate) is_foliage: Vec<bool>,
 }
 
 /// Frame buffers that are reused from block to block.
@@ -75,7 +75,7 @@ pub(crate) fn draw(
     backend: &mut Backend,
     frames: &mut Frames,
 ) -> Result<BlockPixels, Error> {
-    let BlockSplats { clouds, leaves } = splats;
+    let BlockSplats { clouds, is_foliage } = splats;
     let view = view(&clouds, grid, layout, block);
     let planes = Planes::COLOR.with_depth(true).with_weight(true).with_normal(has.normal);
     let settings = Settings::default();
@@ -92,9 +92,9 @@ pub(crate) fn draw(
     if keep.iter().any(|keep| keep.contains(&true)) {
         let within = layout.drawn(block, layout.halo);
         // Splats that are certainly beneath a surface are excluded, since they aren't visible at its edges.
-        let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
+        let is_foliage = |cloud: usize, i: usize| cloud + 1 == clouds.len() && is_foliage.get(i) == Some(&true);
         let of_block = clouds.iter().map(|cloud| &**cloud);
-        let sides = EdgeLocator::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
+        let sides = EdgeLocator::new(of_block, is_foliage, within, |cloud, i| keep[cloud][i] = false);
         // Foliage isn't a surface: lower foliage of a crown counts as part of the foliage above it.
         for (cloud, keep) in clouds.iter().zip(&mut keep) {
             let is_behind = |(i, keep): (usize, &mut bool)| {

@@ -450,9 +450,9 @@ impl Ortho {
             let (load, progress) = (&options.load, &NoProgress);
             let made = splats_of_points(&points, Some(above), &path, load, &mut Vec::new(), progress)?;
             let (mut cloud, made) = made;
-            splats.leaves = vec![false; cloud.len()];
+            splats.is_foliage = vec![false; cloud.len()];
             if let Conversion::Points(report) = made {
-                report.level.iter().for_each(|i| splats.leaves[*i as usize] = true);
+                report.level.iter().for_each(|i| splats.is_foliage[*i as usize] = true);
             }
             if let Some(by) = color_by {
                 let attribute = Attribute::of(&cloud.data().extras, cloud.data().colors.is_some(), &by.attribute);

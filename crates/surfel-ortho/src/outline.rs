@@ -15,7 +15,7 @@ use super::edge::Edge;
 use std::sync::LazyLock;
 
 /// Radius of the window around a position in which edges are considered, in radii of the splats there. Half a window is
-/// almost never empty by chance, and few holes of a canopy fit into it.
+/// almost never empty by chance. Few holes of a canopy fit into a whole window.
 pub(crate) const WINDOW: f64 = 1.8;
 /// Radii of the two windows that are tried, relative to the whole window. The second one is used if points enclose the
 /// position in the first: it decides whether they enclose a hole.

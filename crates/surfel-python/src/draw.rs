@@ -143,7 +143,7 @@ impl Input {
         if self.bytes.is_some() { result.map_err(error_of_arrays) } else { result }
     }
 
-    /// Returns the notes about the arrays, followed by `notes`. If the input is arrays, `notes` name the argument
+    /// Returns `notes`. If the input is arrays, the notes about the arrays come first, and `notes` name the argument
     /// instead of a file.
     pub(crate) fn named_notes(&self, notes: Vec<String>) -> Vec<String> {
         if self.bytes.is_none() {
@@ -187,8 +187,8 @@ impl Input {
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
 
-    /// Prepares the scene of the options: loads it, and chooses camera and lights. Returns the cached scene if there is
-    /// one.
+    /// Prepares the input's scene with the options: loads it, and chooses camera and lights. Returns the cached scene
+    /// if one was prepared with the same options.
     pub(crate) fn prepare(
         &self,
         options: &RenderOptions,

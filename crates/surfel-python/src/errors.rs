@@ -42,7 +42,8 @@ pub(crate) fn in_python(message: &str) -> String {
 /// Name of the argument that contains a scene's arrays, in messages.
 pub(crate) const ARRAYS: &str = "points";
 
-/// Converts a message about standard input to one about the argument. Arrays are read as if they were standard input.
+/// Converts a message about standard input to one about the argument [`ARRAYS`]. Arrays are read as if they were
+/// standard input.
 pub(crate) fn of_arrays(message: &str) -> String {
     let mut text = String::with_capacity(message.len());
     let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '/' | '\\');
@@ -61,7 +62,8 @@ pub(crate) fn of_arrays(message: &str) -> String {
     text + rest
 }
 
-/// Converts an error about standard input to one about the argument. Arrays are read as if they were standard input.
+/// Converts an error about standard input to one about the argument [`ARRAYS`]. Arrays are read as if they were
+/// standard input.
 pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     let rename = |path: &mut PathBuf| {
         if surfel_load::paths::is_stdin(path) || path.as_os_str() == "stdin" {

@@ -98,7 +98,8 @@ pub(crate) fn check_splats(points: u64, options: &SplatOptions, threads: usize) 
     check("splats", u64::from(splats).saturating_mul(POINT_BYTES), threads, options.memory)
 }
 
-/// Returns an error unless there is memory for an image with `samples` samples per pixel, and for its shadow maps.
+/// Returns an error unless there is memory for an image and its shadow maps. `samples` is the number of samples along a
+/// pixel's side.
 pub(crate) fn check_image(
     view: &View,
     samples: u32,

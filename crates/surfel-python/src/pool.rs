@@ -59,7 +59,8 @@ pub(crate) struct PooledBackend {
 }
 
 impl PooledBackend {
-    /// Takes a backend that `refuses` accepts from the pool, or starts one.
+    /// Takes a backend from the pool, or starts one. `refuses` returns the reason why a backend can't draw the image;
+    /// `auto` then selects another backend.
     pub(crate) fn new(who: &BackendRequest, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
         let mut key = Key { who: who.clone(), refused: None, process: std::process::id() };
         if who.name != "auto" {

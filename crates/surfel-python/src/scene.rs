@@ -191,7 +191,8 @@ impl NativeScene {
         self.input.points
     }
 
-    /// Returns notes about the arrays.
+    /// Returns the messages for the user on how the Python arrays that the scene was made from were found and
+    /// converted.
     fn notes(&self) -> Vec<String> {
         self.input.notes.clone()
     }
@@ -203,7 +204,8 @@ impl NativeScene {
         Ok((Self { input: Arc::new(input) }, flags))
     }
 
-    /// Draws one image. `camera` is JSON with the matrices K, R and t.
+    /// Draws one image. `camera` is JSON of a camera with the matrices K, R and t, whose near and far planes are fitted
+    /// to the scene; `None` uses the camera of the options.
     fn render(
         &self,
         py: Python<'_>,

@@ -11,8 +11,8 @@ mod without {
     use std::ops::Sub;
     use std::time::Duration;
 
-    /// Substitute for a point in time on WebAssembly, which has no clock of its own: every duration is zero. Hosts
-    /// measure with their own clock.
+    /// Substitute for a point in time on WebAssembly, which has no clock of its own: every duration is zero. The
+    /// embedding page measures with its own clock.
     #[derive(Clone, Copy, Debug)]
     pub struct Instant(());
 

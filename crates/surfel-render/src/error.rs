@@ -21,7 +21,8 @@ pub enum RenderError {
         /// Advice to the user how to draw the scene without the feature.
         advice: &'static str,
     },
-    /// A cloud has no interior weight, which coverage needs.
+    /// A cloud has no interior weight, the typical sum of weights inside its surface
+    /// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)), which coverage needs.
     #[error(
         "object {object} has no interior weight, which edge antialiasing, the A-buffer and meshes among splats need; \
          estimate it (surfel_sample::interior_weight) or set material.interior_weight"

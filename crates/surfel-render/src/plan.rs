@@ -261,7 +261,8 @@ pub fn plan(
     })
 }
 
-/// Returns an error if an object lacks the interior weight or rows that the settings or planes need.
+/// Returns an error if an object lacks the interior weight
+/// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)) or rows that the settings or planes need.
 fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Result<(), RenderError> {
     if needs_interior_weight(summary, settings)
         && let Some(object) = summary.without_interior_weight
@@ -435,8 +436,9 @@ fn plan_of_gaussians(
     }))
 }
 
-/// True if the image needs the clouds' interior weights (rendering model §5, coverage). Loaders estimate them in that
-/// case.
+/// True if the image needs the clouds' interior weights
+/// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight); rendering model §5, coverage). Loaders
+/// estimate the weights in that case.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
     let coverage = settings.edge_aa == EdgeAa::Coverage;

@@ -55,7 +55,8 @@ pub struct View {
 }
 
 impl View {
-    /// Returns the world position of a pixel position at planar depth z, rounded once; +∞ if z is infinite.
+    /// Returns the world-space point at planar depth `z` on the ray through a position in the image, in pixels. The
+    /// point is computed in f64; it is +∞ if `z` isn't finite.
     pub(crate) fn world_position(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
         if !z.is_finite() {
             return [f64::INFINITY; 3];

@@ -77,8 +77,9 @@ struct Fan {
     /// Box around the unit vectors from the shared point to all other corners, projected perpendicular to the shared
     /// edge.
     directions: OrientedBox,
-    /// Lower bound of the length of any weighted mean of one shape's unit vectors: 1 for slivers, less for shapes that
-    /// are wide at the shared point.
+    /// Lower bound of the length of any weighted mean of the unit vectors to one shape's corners, by which
+    /// [`Fan::distance`] accounts for directions inside the shape. 1 for slivers, less for shapes that are wide at the
+    /// shared point.
     least_mean: f64,
     /// True if all shapes have exactly the same distance from any point to which the shared point is nearest.
     are_equally_near: bool,

@@ -1,4 +1,5 @@
-//! Estimation of the interior weight: the sum of splat weights (Σw) inside a cloud's own surface.
+//! Estimation of the interior weight: the sum of splat weights (Σw) inside a cloud's own surface. A *probe* is a splat
+//! at whose centre the weights are summed, and a *cell* is a cube of the grid that finds the splats close to probes.
 
 use crate::parallel::map_tasks;
 use crate::tree::KdTree;

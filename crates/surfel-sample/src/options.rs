@@ -24,7 +24,9 @@ pub struct PointOptions {
     /// True to orient disks by stored normals even if these don't fit the arrangement of the neighbours. Suitable for
     /// normals that come from the faces of a mesh. Default false.
     pub lays_by_normals: bool,
-    /// True to estimate the cloud's interior weight, which takes about a sixth of the time; default true.
+    /// True to estimate the cloud's interior weight
+    /// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)), which takes about a sixth of the
+    /// conversion's time; default true.
     pub interior_weight: bool,
 }
 
@@ -89,6 +91,7 @@ pub struct PointReport {
     pub ellipses: usize,
     /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// Interior weight of the cloud, as stored in it; `None` unless it was estimated.
+    /// Interior weight of the cloud: the typical sum of kernel weights Σw inside its surface. `None` unless it was
+    /// estimated.
     pub interior_weight: Option<f64>,
 }

@@ -1,6 +1,6 @@
 //! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. An edge connects a point to one
-//! of its nearest neighbours. Within a block of points, the strongest edges join points to patches with consistent
-//! signs. The votes of all edges between patches then decide the signs of the few patches.
+//! of its nearest neighbours. Within a block of points, the strongest edges join points to *patches*: sets of points
+//! with consistent signs. The votes of all edges between patches then decide the signs of the few patches.
 //!
 //! An edge's *relation* says whether two normals are on the same side of the surface. For this, one normal is mirrored
 //! across the plane halfway between the two points, and compared with the other. The source is König and Gumhold 2009,

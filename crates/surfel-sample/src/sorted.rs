@@ -1,4 +1,5 @@
-//! Distinct points in Morton order, with fixed-point coordinates and a hierarchy of bounding boxes.
+//! Distinct points in Morton order, with fixed-point coordinates and a hierarchy of bounding boxes. A point's place in
+//! the order is its *slot*.
 
 use crate::SampleError;
 use crate::parallel::{for_chunks, map_tasks};

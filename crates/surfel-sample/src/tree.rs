@@ -1,4 +1,5 @@
-//! K-d tree over fixed points: exact nearest neighbours and range queries, with deterministic results.
+//! K-d tree over fixed points: exact nearest neighbours and range queries, with deterministic results. A point's place
+//! in the order of the tree is its *slot*.
 
 use glam::DVec3;
 

@@ -13,7 +13,7 @@ use surfel_wgpu::{HostDepth, HostTarget};
 const SIZE: [u32; 2] = [480, 320];
 const NEAR: f64 = 0.1;
 
-/// The host's own shader: a triangle in clip space, with the same depth z_near/z as the splats.
+/// The application's own shader: a triangle in clip space, with the same depth z_near/z as the splats.
 const TRIANGLE: &str = "
 @vertex fn vertex(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
     // In view space, y up: 4 units away, through the middle of the ring.

@@ -1,6 +1,6 @@
-//! Draws a million splats that move every frame among a host's own triangle. A compute shader of the host writes their
-//! centres, normals and colours into a buffer, and Surfel reads them there: the CPU neither computes nor uploads any
-//! splat.
+//! Draws a million splats that move every frame among the application's own triangle. A compute shader of the
+//! application writes their centres, normals and colours into a buffer, and Surfel reads them there: the CPU neither
+//! computes nor uploads any splat.
 //!
 //! `cargo run --release -p surfel-wgpu --example moving_splats -- image.png 1000 10`: a sheet of 1000×1000 splats, ten
 //! frames, and the last one as an image.
@@ -14,7 +14,7 @@ use surfel_wgpu::{HostAttribute, HostDepth, HostFormat, HostLayout, HostSplats, 
 const SIZE: [u32; 2] = [480, 320];
 const NEAR: f64 = 0.1;
 
-/// The host's shader that moves the splats: waves of a sheet of side×side splats. A splat has seven words.
+/// The application's shader that moves the splats: waves of a sheet of side×side splats. A splat has seven words.
 const WAVES: &str = "
 struct Params { time: f32, side: u32 }
 @group(0) @binding(0) var<uniform> params: Params;
@@ -54,7 +54,7 @@ fn layout(splats: u32) -> HostLayout {
     }
 }
 
-/// The host's shader that draws: a triangle in clip space, with the same depth near/z as the splats.
+/// The application's shader that draws: a triangle in clip space, with the same depth near/z as the splats.
 const TRIANGLE: &str = "
 @vertex
 fn triangle_vertex(@builtin(vertex_index) i: u32) -> @builtin(position) vec4f {
@@ -164,7 +164,7 @@ pub(crate) fn run(side: u32, frames: u32) -> Result<Drawn, Box<dyn Error>> {
 
     let mut costs = Vec::new();
     for frame in 0..frames {
-        // The host moves the splats.
+        // The application moves the splats.
         let words = [(0.2 * frame as f32).to_bits(), side];
         queue.write_buffer(&params, 0, bytemuck::cast_slice(&words));
         let mut encoder = device.create_command_encoder(&Default::default());
@@ -176,7 +176,7 @@ pub(crate) fn run(side: u32, frames: u32) -> Result<Drawn, Box<dyn Error>> {
         drop(pass);
         queue.submit([encoder.finish()]);
 
-        // Surfel reads them, and draws among the host's triangle.
+        // Surfel reads them, and draws among the application's triangle.
         let before = (renderer.written_bytes(), renderer.host_work());
         renderer.place_splats(&mut resident, 0, &HostSplats { buffer: &splats, layout })?;
         let mut encoder = device.create_command_encoder(&Default::default());
@@ -215,7 +215,7 @@ fn texture(device: &wgpu::Device, format: wgpu::TextureFormat, usage: wgpu::Text
     })
 }
 
-/// The host's own renderer.
+/// The application's own renderer.
 struct Triangle(wgpu::RenderPipeline);
 
 impl Triangle {

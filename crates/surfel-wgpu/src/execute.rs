@@ -1,4 +1,5 @@
-//! Recording of the steps of a tile.
+//! Recording of the steps of a tile. "To record" is to write GPU commands. A *record* is a splat as set up for a tile.
+//! A *segment* is the part of an object's splats that shares a buffer ([`surfel_gpu::Segment`]).
 
 use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Part, Pipelines};
@@ -27,9 +28,9 @@ pub(crate) struct Tile<'a> {
     polygons_group: wgpu::BindGroup,
     polygon_count: u32,
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
-    /// Bind group for compositing into a host's render target.
+    /// Bind group for compositing into the application's render target.
     composite_group: wgpu::BindGroup,
-    /// Bind group for compositing the planes into a host's render target.
+    /// Bind group for compositing the planes into the application's render target.
     host_planes_group: wgpu::BindGroup,
     /// Bind group of the pass that binds like a pixel pass ([`Draw::binds_as_pixel_pass`]), if the tile has one.
     steps_group: Option<wgpu::BindGroup>,
@@ -57,7 +58,7 @@ pub(crate) struct TileInputs<'a> {
     pub shadow_texels: &'a wgpu::Buffer,
     /// Texels of the shadow maps that the tile writes.
     pub drawn_shadow_texels: &'a wgpu::Buffer,
-    /// Depth buffer of a host, which occludes transparent splats.
+    /// Depth buffer of the application, which occludes transparent splats.
     pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
@@ -263,7 +264,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Composes the image into a host's render target.
+    /// Composes the image into the application's render target.
     pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
         let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
         let view = target.index.filter(|_| host.part == Part::Index).unwrap_or(target.color);

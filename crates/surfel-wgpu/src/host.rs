@@ -1,4 +1,4 @@
-//! Draws into a host's render target, together with the host's own geometry.
+//! Draws into the render target of the embedding application, together with the application's own geometry.
 
 use crate::error::{failed, scoped};
 use crate::execute::{Tile, TileInputs};
@@ -10,19 +10,19 @@ use surfel_gpu::{FrameScene, FrameTiles, GpuPath, PixelPass, SamplePart, Step, T
 use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, FramePlan, Identity, Pass, Planes, RenderError, View, plan};
 
-/// Features that drawing into a host's target lacks: those that no GPU backend draws, and A-buffers. Only a readback
-/// tells how many layers an A-buffer has, and nothing is read back here.
+/// Features that drawing into the application's target lacks: those that no GPU backend draws, and A-buffers. Only a
+/// readback shows how many layers an A-buffer has, and nothing is read back here.
 const CAPABILITIES: Capabilities =
     Capabilities { backend: crate::NAME, lacks: &[Feature::ABuffer, Feature::Margin, Feature::Sky] };
 
-/// Names the pixels of a host's texture of numbers ([`HostTarget::index`]) for one call of
+/// Names the pixels of the application's texture of numbers ([`HostTarget::index`]) for one call of
 /// [`Renderer::render_to_view`].
 pub struct HostIndex(TileData);
 
 impl HostIndex {
     /// Returns the row, object and label of a pixel's nearest splat, polygon or ball. `pixel` is the pixel's pair of
     /// numbers, and `scene` the scene that was drawn. Other pairs than the call has written have no identity:
-    /// [`Identity::NOTHING`]. A host that clears its texture to −1 can tell its own pixels so.
+    /// [`Identity::NOTHING`]. An application that clears its texture to −1 can thus recognise its own pixels.
     pub fn identity(&self, scene: &ResidentScene, pixel: [i32; 2]) -> Identity {
         match (pixel, usize::try_from(pixel[1])) {
             ([-1, _], _) | (_, Err(_)) => Identity::NOTHING,
@@ -31,11 +31,11 @@ impl HostIndex {
     }
 }
 
-/// Decisions about a frame in a host's target.
+/// Decisions about a frame in the application's target.
 struct HostFrame {
     /// Parts of the composition, in order.
     parts: Vec<Part>,
-    /// True if shaders read the host's depth buffer.
+    /// True if shaders read the application's depth buffer.
     reads_depth: bool,
     /// True if the planes are shaded before they are composited.
     has_planes: bool,
@@ -48,7 +48,7 @@ impl HostFrame {
         let has_layers = PixelPass::of(plan).contains(&PixelPass::BeginLayers);
         let is_cut = plan.has(Pass::Gaussians) || (has_layers && !by_planes);
         let reads_depth = is_cut && is_readable(target.depth);
-        // The numbers are written first, while the depth is still the host's own.
+        // The numbers are written first, while the depth is still the application's own.
         let mut parts: Vec<Part> = target.index.map(|_| Part::Index).into_iter().collect();
         parts.extend_from_slice(match (by_planes, reads_depth) {
             (true, true) => &[Part::PlanesOver],
@@ -59,7 +59,7 @@ impl HostFrame {
         Self { parts, reads_depth, has_planes: by_planes || target.index.is_some() }
     }
 
-    /// Returns a pixel pass, or the pass that replaces it where the host's depth is read.
+    /// Returns a pixel pass, or the pass that replaces it where the application's depth is read.
     fn pass(&self, pass: PixelPass) -> PixelPass {
         match pass {
             PixelPass::BeginLayers if self.reads_depth => PixelPass::BeginLayersInHost,
@@ -70,16 +70,16 @@ impl HostFrame {
 }
 
 impl Renderer {
-    /// Draws a scene into a host's render target. Where the scene's surface passes the depth test, it replaces colour
-    /// and depth; other pixels don't change. The scene's background is not drawn, and antialiased edges blend over the
-    /// host's colours.
+    /// Draws a scene into the application's render target. Where the scene's surface passes the depth test, it replaces
+    /// colour and depth; other pixels don't change. The scene's background is not drawn, and antialiased edges blend
+    /// over the application's colours.
     ///
-    /// Everything that a frame has is drawn, too, with the colours of a frame over the host's:
-    /// - *Transparent splats* blend over the host's colours and don't write the depth. Splats that the host's geometry
-    ///   occludes are not drawn, which requires reading the depth buffer. If it can't be read (see
-    ///   [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the whole
-    ///   pixel and writes its depth. The host's geometry between these surfaces is then lost: layers are composited
-    ///   front to back, but blending with the host's image is back to front.
+    /// Everything that a frame has is drawn, too, with the colours of a frame over the application's:
+    /// - *Transparent splats* blend over the application's colours and don't write the depth. Splats that the
+    ///   application's geometry occludes are not drawn, which requires reading the depth buffer. If it can't be read
+    ///   (see [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the
+    ///   whole pixel and writes its depth. The application's geometry between these surfaces is then lost: layers are
+    ///   composited front to back, but blending with the application's image is back to front.
     /// - *Trained Gaussians* do the same. If the depth buffer can't be read, their mean depth decides and is written.
     /// - *Edges by samples* and *balls*: one depth decides for the whole pixel, that of the nearest surface at its
     ///   centre. Where only samples beside the centre show a surface, it is the nearest depth of the eight neighbours.
@@ -89,8 +89,8 @@ impl Renderer {
     /// One rule says what is refused: whatever needs a readback to know how many passes it takes. These are A-buffers,
     /// Gaussians sorted by pixel, and more than 32,768 Gaussians before 16×16 pixels.
     ///
-    /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
-    /// Nothing is read back, and no times are measured. `target` must have the size of the view's region.
+    /// Records into `encoder`, which the application submits to the renderer's queue before the next call on this
+    /// renderer. Nothing is read back, and no times are measured. `target` must have the size of the view's region.
     ///
     /// # Errors
     /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] and
@@ -176,7 +176,7 @@ impl Renderer {
         Ok(HostIndex(data))
     }
 
-    /// Returns the data of the single tile that is drawn into a host's target.
+    /// Returns the data of the single tile that is drawn into the application's target.
     fn host_tile(
         &self,
         scene: &ResidentScene,

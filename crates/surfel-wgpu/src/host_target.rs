@@ -1,7 +1,7 @@
-//! Render target of a host, into which a scene is composited.
+//! Render target of the embedding application, into which a scene is composited.
 
-/// Mapping from planar depth z (in world units) to the values in a host's depth buffer, and the comparison of two
-/// values.
+/// Mapping from planar depth z (in world units) to the values in the application's depth buffer, and the comparison of
+/// two values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostDepth {
     /// Constant of the mapping. In a perspective projection, a value of the depth buffer is `offset` + `scale`/z, in an
@@ -9,7 +9,7 @@ pub struct HostDepth {
     pub offset: f32,
     /// Factor of 1/z in a perspective projection, or of z in an orthographic one. `offset` states the formula.
     pub scale: f32,
-    /// Comparison with which the host's depth test lets a new value replace the stored one.
+    /// Comparison with which the application's depth test lets a new value replace the stored one.
     pub compare: wgpu::CompareFunction,
 }
 
@@ -27,7 +27,7 @@ impl HostDepth {
     }
 }
 
-/// Render target of a host: a colour texture and a depth buffer of the size of the view's region.
+/// Render target of the application: a colour texture and a depth buffer of the size of the view's region.
 #[derive(Clone, Copy, Debug)]
 pub struct HostTarget<'a> {
     /// Texture for linear colours; a format that ends in `Srgb` encodes them.
@@ -35,8 +35,8 @@ pub struct HostTarget<'a> {
     /// Format of `color`.
     pub color_format: wgpu::TextureFormat,
     /// Depth buffer, which is tested and written. If it is single-sampled, has the usage `TEXTURE_BINDING` and a format
-    /// without stencil, it is also read. Transparent splats are then drawn before the host's own geometry and occluded
-    /// behind it.
+    /// without stencil, it is also read. Transparent splats are then drawn before the application's own geometry and
+    /// occluded behind it.
     pub depth: &'a wgpu::TextureView,
     /// Format of `depth`.
     pub depth_format: wgpu::TextureFormat,

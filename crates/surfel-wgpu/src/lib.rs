@@ -1,17 +1,18 @@
-//! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU. It draws into frames, or into the render target of a
-//! program that draws by wgpu itself.
+//! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU. It draws into frames, or into the render target of the
+//! *application*: the program that embeds Surfel and draws by wgpu itself. The prefix `Host` in names means the
+//! application; only in [`HostWork`] it means the CPU.
 //!
 //! Main types, in reading order:
 //!
 //! 1. [`Renderer`]: uploads scenes and draws frames; implements [`surfel_render::Renderer`]. [`Renderer::new`] opens a
-//!    device, [`Renderer::from_device`] uses a program's own;
+//!    device, [`Renderer::from_device`] uses the application's own;
 //! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`adapters`] lists what
 //!    there is;
 //! 3. [`ResidentScene`]: an uploaded scene;
-//! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into a host's textures;
-//! 5. [`Renderer::set_shader`]: a shader of the host, as a WGSL function;
+//! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into the application's textures;
+//! 5. [`Renderer::set_shader`]: a shader of the application, as a WGSL function;
 //! 6. [`Renderer::place_splats`], [`HostSplats`] and [`HostLayout`]: splats whose positions, normals and colours are in
-//!    a host's buffer.
+//!    the application's buffer.
 //!
 //! # A frame
 //! ```no_run
@@ -28,12 +29,12 @@
 //! # }
 //! ```
 //!
-//! # A host's image
-//! A program that owns a wgpu device passes it to [`Renderer::from_device`]. [`Renderer::render_to_view`] then records
-//! the scene into the program's command encoder: the splats are tested against the program's depth buffer, and write
-//! it. [`wgpu`] is the version of wgpu that this crate uses, and
-//! [`Camera::from_matrices`](surfel_model::Camera::from_matrices) makes a camera of the program's matrices.
-//! `examples/among_triangles.rs` is a complete host: `cargo run -p surfel-wgpu --example among_triangles --
+//! # The application's image
+//! An application that owns a wgpu device passes it to [`Renderer::from_device`]. [`Renderer::render_to_view`] then
+//! records the scene into the application's command encoder: the splats are tested against the application's depth
+//! buffer, and write it. [`wgpu`] is the version of wgpu that this crate uses, and
+//! [`Camera::from_matrices`](surfel_model::Camera::from_matrices) makes a camera of the application's matrices.
+//! `examples/among_triangles.rs` is a complete application: `cargo run -p surfel-wgpu --example among_triangles --
 //! image.png`.
 //!
 //! ```no_run
@@ -41,7 +42,7 @@
 //! use surfel_render::{RenderError, View};
 //! use surfel_wgpu::{HostDepth, HostTarget, Renderer, wgpu};
 //!
-//! /// Draws a scene over what the host has drawn. The depth buffer stores near/z; the splats' near plane is the same.
+//! /// Draws a scene over the application's image. The depth buffer stores near/z; the splats' near plane is the same.
 //! fn draw(
 //!     (device, queue): (&wgpu::Device, &wgpu::Queue),
 //!     (color, depth): (&wgpu::TextureView, &wgpu::TextureView),

@@ -18,7 +18,7 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat 
     }
 }
 
-/// Part of the image that a pass composites into a host's render target.
+/// Part of the image that a pass composites into the application's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Part {
     /// The whole image at once.
@@ -35,7 +35,7 @@ pub(crate) enum Part {
     Index,
 }
 
-/// Format of a host's texture of numbers.
+/// Format of the application's texture of numbers.
 pub(crate) const INDEX_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Sint;
 
 impl Part {
@@ -50,7 +50,7 @@ impl Part {
         }
     }
 
-    /// True if the host's depth buffer is tested and written.
+    /// True if the application's depth buffer is tested and written.
     pub(crate) fn has_depth(self) -> bool {
         !matches!(self, Self::Layers | Self::PlanesOver)
     }
@@ -61,7 +61,7 @@ impl Part {
     }
 }
 
-/// Key of a pipeline that composites into a host's render target.
+/// Key of a pipeline that composites into the application's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HostKey {
     pub part: Part,
@@ -87,7 +87,7 @@ pub(crate) struct Pipelines {
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
-    /// Layout of the planes that are composited into a host's render target.
+    /// Layout of the planes that are composited into the application's render target.
     pub host_planes_group: wgpu::BindGroupLayout,
     pub polygons_group: wgpu::BindGroupLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
@@ -288,7 +288,7 @@ impl Pipelines {
         self.draws.get(&DrawKey { draw, variant, precision })
     }
 
-    /// Builds the pipeline that composites into a host's render target, if it doesn't exist.
+    /// Builds the pipeline that composites into the application's render target, if it doesn't exist.
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);

@@ -1,4 +1,5 @@
-//! Splats that a host places: a compute pass writes them from the host's buffer into the resident scene.
+//! Splats that the embedding application places: a compute pass writes them from the application's buffer into the
+//! resident scene.
 
 use crate::error::{failed, scoped};
 use crate::renderer::Renderer;
@@ -9,7 +10,7 @@ use surfel_render::RenderError;
 /// Entry point of the pass.
 const ENTRY: &str = "place_splats";
 
-/// Splats in a host's buffer.
+/// Splats in the application's buffer.
 #[derive(Clone, Copy, Debug)]
 pub struct HostSplats<'a> {
     /// Buffer on the renderer's device, with the usage `STORAGE`.
@@ -19,17 +20,17 @@ pub struct HostSplats<'a> {
 }
 
 impl Renderer {
-    /// Places the splats of an object where a buffer of the host says, for all frames until the next call. `object` is
-    /// the object's index in the uploaded scene. A compute pass reads centres, normals and colours from the buffer and
-    /// writes them into the resident scene. The CPU neither reads nor uploads any splat.
+    /// Places the splats of an object where a buffer of the application says, for all frames until the next call.
+    /// `object` is the object's index in the uploaded scene. A compute pass reads centres, normals and colours from the
+    /// buffer and writes them into the resident scene. The CPU neither reads nor uploads any splat.
     ///
     /// The pass is submitted by this call: submit the commands that fill the buffer before. The scene may afterwards be
     /// drawn in any way.
     ///
     /// Splat i of the object is splat i of the buffer. It keeps its radius, alpha and clip. The half-axes of a disk
     /// follow from its normal and radius: they are perpendicular to the normal and as long as the radius. Splats of a
-    /// cloud of ellipses keep their half-axes, so the host can't give them normals. A shading normal is replaced by the
-    /// normal. Negative colours become 0.
+    /// cloud of ellipses keep their half-axes, so the application can't give them normals. A shading normal is replaced
+    /// by the normal. Negative colours become 0.
     ///
     /// These splats aren't drawn:
     /// - those beyond [`HostLayout::count`];

@@ -48,7 +48,7 @@ pub struct Renderer {
     pub(crate) limits: Limits,
     storage: Storage,
     path: GpuPath,
-    /// True if a host's shader replaces `phong`.
+    /// True if the embedding application's shader function replaces the shader `phong`.
     pub(crate) has_host_shader: bool,
 }
 
@@ -123,9 +123,9 @@ impl Renderer {
         &self.device
     }
 
-    /// Returns the work of the CPU for all frames so far that may grow with the number of splats. The difference of two
-    /// calls is the work of the frames between them. Splats that a host places cause none: see
-    /// [`Renderer::place_splats`].
+    /// Returns the CPU work that grows with the number of splats (chunks tested, splats visited), summed over all
+    /// frames so far. The difference of two calls is the work of the frames between them. Splats that the application
+    /// places by [`Renderer::place_splats`] cause no such work.
     pub fn host_work(&self) -> HostWork {
         self.host_work
     }

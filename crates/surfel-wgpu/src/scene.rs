@@ -1,4 +1,5 @@
-//! Scene in the device's memory.
+//! Scene in the device's memory. A *segment* is the part of an object's splats that shares a buffer
+//! ([`surfel_gpu::Segment`]). Its *records* are the splats as set up for a tile.
 
 use crate::error::{ScopedError, scoped};
 use crate::pipelines::SplatPipeline;
@@ -24,7 +25,7 @@ pub(crate) struct ResidentSegment {
     pub splats: wgpu::Buffer,
     pub records: Records,
     pub count: u32,
-    /// Index in the object's cloud of each splat, if a host places the splats.
+    /// Index in the object's cloud of each splat, if the application places the splats.
     pub members: Option<wgpu::Buffer>,
 }
 

@@ -1,4 +1,4 @@
-//! A shader of a host: its text becomes a part of the passes.
+//! Shader function of the embedding application, as WGSL text that becomes a part of the passes.
 
 use crate::error::{failed, scoped};
 use crate::pipelines::{Pipelines, module};
@@ -6,12 +6,12 @@ use crate::renderer::Renderer;
 use surfel_render::RenderError;
 use surfel_shaders::HostShader;
 
-/// Function that a host's text has to define.
+/// Function that the application's text has to define.
 const FUNCTION: &str = "fn host_color(surface: HostSurface) -> vec3f";
 
 impl Renderer {
-    /// Replaces the shader `phong` of all further frames by a WGSL function of the host. `None` restores `phong`.
-    /// Frames with another shader in their settings don't change.
+    /// Replaces the shader `phong` of all further frames by a WGSL function of the application. `None` restores
+    /// `phong`. Frames with another shader in their settings don't change.
     ///
     /// The text defines `fn host_color(surface: HostSurface) -> vec3f`, which returns the linear colour of a surface.
     /// It may define further functions and constants, and use everything of WGSL that a compute shader may, but no
@@ -90,7 +90,7 @@ fn check_text(wgsl: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the message for a text that naga refuses, with the line of the host's own text.
+/// Returns the message for a text that naga refuses, with the line of the application's own text.
 fn refusal(shader: &HostShader, info: &wgpu::CompilationInfo, error: &wgpu::Error) -> String {
     let is_error = |message: &&wgpu::CompilationMessage| message.message_type == wgpu::CompilationMessageType::Error;
     let Some(first) = info.messages.iter().find(is_error) else {

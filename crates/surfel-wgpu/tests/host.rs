@@ -1,4 +1,5 @@
-//! Tests drawing into a host's render target: colours equal those of a frame, and the host's depth test decides where.
+//! Tests drawing into the render target of an embedding application: colours equal those of a frame, and the
+//! application's depth test decides which pixels show them.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{
@@ -45,8 +46,8 @@ fn view(projection: Projection) -> View {
     View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.5, far: Some(10.0), size: SIZE }).unwrap()
 }
 
-/// Returns a host's colours after splats were drawn into a target cleared to `HOST` and a given depth. The depth buffer
-/// has the given additional usages.
+/// Returns the application's colours after splats were drawn into a target cleared to `HOST` and a given depth. The
+/// depth buffer has the given additional usages.
 fn drawn(
     renderer: &mut Renderer,
     pair: &(wgpu::Device, wgpu::Queue),
@@ -57,8 +58,8 @@ fn drawn(
     drawn_with_index(renderer, pair, what, mapping, depth, false).0
 }
 
-/// Returns a host's colours and, if it has a texture of numbers, the identities that they name; `None` where the
-/// texture is as the host cleared it.
+/// Returns the application's colours and, if it has a texture of numbers, the identities that they name; `None` where
+/// the texture is as the application cleared it.
 fn drawn_with_index(
     renderer: &mut Renderer,
     (device, queue): &(wgpu::Device, wgpu::Queue),
@@ -152,7 +153,8 @@ fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
     let orthographic = view(Projection::Orthographic { height: 3.0 });
     let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
-    // Depth of a wall 3 units away, between the disks, in each host's mapping; and the clear value behind everything.
+    // Depth of a wall 3 units away, between the disks, in each application's mapping; and the clear value behind
+    // everything.
     let hosts = [
         (&perspective, HostDepth::reversed(0.5), 0.5 / 3.0, 0.0),
         (&perspective, HostDepth::usual(0.5, 10.0), 10.0 / 9.5 * (1.0 - 0.5 / 3.0), 1.0),
@@ -232,7 +234,7 @@ fn edges_by_samples_and_balls_equal_those_of_a_frame_over_the_host_s_colours() {
         let resident = renderer.upload(&scene).unwrap();
         let mut frame = Frame::default();
         renderer.render_into(&resident, &view, settings, Planes::ALL, &mut frame).unwrap();
-        // The background isn't drawn into a host's target.
+        // The background isn't drawn into the application's target.
         let scene = Scene { background: [1.0; 4], ..scene };
         // The wall is behind all, between the disks, and before all.
         for (clear, farthest) in [(0.0, f32::INFINITY), (0.5 / 3.0, 3.0), (1.0, 0.0)] {
@@ -276,7 +278,8 @@ fn gaussians_are_cut_off_by_the_host_s_geometry() {
     let hosts =
         [(HostDepth::reversed(0.5), [0.0, 0.5 / 3.0]), (HostDepth::usual(0.5, 10.0), [1.0, far * (1.0 - 0.5 / 3.0)])];
     for (mapping, [behind, wall]) in hosts {
-        // The same fragments in the same order are blended: colours differ by the blending over the host's alone.
+        // The same fragments in the same order are blended: colours differ by the blending over the application's
+        // alone.
         for (clear, wanted) in [(behind, &all), (wall, &before)] {
             let wanted = frame(&mut renderer, wanted);
             let depth = (clear, wgpu::TextureUsages::TEXTURE_BINDING);
@@ -413,7 +416,7 @@ fn host_geometry_is_seen_between_transparent_layers() {
     let orthographic = view(Projection::Orthographic { height: 3.0 });
     let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
     let far = 10.0 / 9.5;
-    // The host's wall is 3 units away.
+    // The application's wall is 3 units away.
     let hosts = [
         (&perspective, HostDepth::reversed(0.5), 0.5 / 3.0),
         (&perspective, HostDepth::usual(0.5, 10.0), far * (1.0 - 0.5 / 3.0)),

@@ -1,4 +1,5 @@
-//! Tests on a real driver: drawing into a host's render target, with a host's splats and shaders, and formulas in WGSL.
+//! Tests on a real driver: drawing into the render target of an embedding application, with the application's splats
+//! and shaders, and formulas in WGSL.
 
 mod host;
 mod placed;

@@ -1,5 +1,5 @@
-//! Tests splats that a host places from a buffer: they are drawn as if they had been uploaded there, and cost the CPU
-//! nothing per splat.
+//! Tests splats that an embedding application places from a buffer: they are drawn as if they had been uploaded there,
+//! and cost the CPU nothing per splat.
 
 #[path = "../examples/among_triangles.rs"]
 #[allow(dead_code, reason = "the example's main isn't called")]
@@ -26,7 +26,7 @@ fn renderer(options: Options) -> Option<Renderer> {
     }
 }
 
-/// Splats of a test, as numbers of the host.
+/// Splats of a test, as numbers in the application's buffer.
 #[derive(Clone)]
 struct Splats {
     centers: Vec<[f32; 3]>,
@@ -60,7 +60,7 @@ impl Splats {
         Scene::from(cloud.with_colors(&self.colors).unwrap())
     }
 
-    /// Returns the words of a host's buffer in `layout`.
+    /// Returns the words of the application's buffer in `layout`.
     fn words(&self, layout: &HostLayout) -> Vec<u32> {
         let mut words = vec![0xdead_beef; layout.count as usize * layout.stride as usize / 4];
         let byte = |c: f32| (255.0 * c).round() as u32;
@@ -76,7 +76,7 @@ impl Splats {
             };
             put(HostAttribute { offset: layout.position, format: HostFormat::F32x3 }, self.centers[i], [0.0; 3]);
             if let Some(normal) = layout.normal {
-                // The host's normals may have any length.
+                // The application's normals may have any length.
                 put(normal, self.normals[i].map(|c| 2.5 * c), self.normals[i].map(|c| 0.5 * c + 0.5));
             }
             if let Some(color) = layout.color {
@@ -312,7 +312,7 @@ fn moving_splats_cost_the_cpu_the_same_however_many_they_are() {
     if renderer(Options::default()).is_none() {
         return;
     }
-    // The example draws into the host's target; frames after the first upload neither splats nor their order.
+    // The example draws into the application's target; frames after the first upload neither splats nor their order.
     let [(pixels, few), (_, many)] = [64, 256].map(|side| moving_splats::run(side, 3).unwrap());
     assert_eq!(few[1..], many[1..]);
     assert_eq!(few[1], few[2]);

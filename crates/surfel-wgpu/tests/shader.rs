@@ -1,4 +1,5 @@
-//! Tests shaders of a host: they get the surface that `phong` gets, on both paths, and errors name their line.
+//! Tests shader functions of an embedding application: they get the surface that `phong` gets, on both paths, and
+//! errors name their line.
 
 use surfel_model::{Camera, EdgeAa, Light, Scene, Settings, Shader, SplatCloud};
 use surfel_render::{Frame, Planes, Renderer as _, View};

@@ -83,7 +83,8 @@ impl ReferenceComparison {
         Ok(())
     }
 
-    /// Draws the scene of a seed with all backends. Returns the new failures.
+    /// Draws the scene of a seed with all backends, and compares their images with the reference's. Returns the new
+    /// failures.
     ///
     /// # Errors
     /// [`surfel_io::IoError`], or the system's error, if a failing scene can't be written.

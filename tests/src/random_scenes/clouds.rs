@@ -9,7 +9,8 @@ use surfel_model::{
     ClipCurve, ClipLine, ClipMode, CloudData, Column3, Geometry, NO_LINE, Object, OnInvalid, Shape, SplatCloud,
 };
 
-/// Creates an object of about `count` splats, with an affine placement and an interior weight.
+/// Creates a random object of about `count` splats (a few for some shapes), with a random affine placement and interior
+/// weight ([`CloudData::interior_weight`]). Some shapes are placed relative to `eye`.
 pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     let (mut splats, are_coplanar) = shapes(random, eye, count);
     let matrix = matrix(random);

@@ -257,7 +257,8 @@ fn roof_and_walls() -> [Vec<Splat>; 2] {
     [roof, walls]
 }
 
-/// Returns a thin roof over walls that end at its underside, seen from an elevation in degrees. No wall is visible.
+/// Returns a thin roof over walls that end at its underside, seen from an elevation in degrees. No wall should be
+/// visible through the roof.
 pub fn roof_over_walls(elevation_deg: f64) -> Case {
     let mut house = oriented(object(cloud(&roof_and_walls().concat())), 4.0);
     house.world_from_object = DAffine3::from_rotation_x(elevation_deg.to_radians()) * DAffine3::from_rotation_y(0.4);

@@ -120,7 +120,7 @@ pub fn shadow_edge(parts: Parts, light: Light) -> Case {
 /// its side.
 ///
 /// # Panics
-/// For a light of another kind: the scenes have directional and spot lights.
+/// For a light that has neither a direction nor a position.
 fn end_of_shadow(light: &Light) -> DVec3 {
     let (from, along) = match light {
         Light::Directional { direction, .. } => {

@@ -14,7 +14,8 @@ pub type Draw<'a> = dyn FnMut(&Image) -> Result<Frame, RenderError> + 'a;
 pub struct Precision {
     /// Largest relative rounding error of one operation.
     pub roundoff: f64,
-    /// Additional error of a weight or a colour, from the kernel's approximation and the rounding of planes to f32.
+    /// Additional error of every measure except [`Measure::Coverage`], from the kernel's approximation and the rounding
+    /// of planes to f32.
     pub fixed: f64,
 }
 
@@ -34,9 +35,10 @@ impl Precision {
 pub struct Point {
     /// Value of the parameter.
     pub value: f64,
-    /// Largest error of all images at the value; NaN if no pixel could be compared.
+    /// Error of the image at this value whose error is largest relative to its bound; NaN if no pixel could be
+    /// compared.
     pub error: f64,
-    /// Largest error that the sweep's law allows, for the image whose error is closest to this bound.
+    /// Largest error that the sweep's law allows for the same image.
     pub bound: f64,
     /// Number of pixels outside of decision margins that only one of the two images hits.
     pub stray: usize,

@@ -78,7 +78,8 @@ impl Exact {
         Self { rows, determinant, scene_scale, near, focal: [fx, fy], principal: [cx, cy], half_pixel }
     }
 
-    /// Returns the homogeneous (U, V, W) at the centre of a pixel of the whole image; W > 0 in front of the eye.
+    /// Returns the homogeneous disk coordinates (U, V, W) of the ray through the centre of a pixel of the whole image:
+    /// u = U/W and v = V/W, in half-axes. W > 0 in front of the eye.
     fn at(&self, pixel: [u32; 2]) -> [BigInt; 3] {
         let center = |axis: usize| (2 * u64::from(pixel[axis]) + 1) * &self.half_pixel - &self.principal[axis];
         let [fx, fy] = &self.focal;

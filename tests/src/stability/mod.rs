@@ -56,7 +56,7 @@ pub enum Truth {
     Easier(Box<Image>),
 }
 
-/// Quantity that is compared, in pixels that both images hit.
+/// Quantity that is compared. All quantities except [`Measure::Coverage`] are measured in pixels that both images hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
     /// Absolute error of Σw, in units of [`Probe::scale`].
@@ -65,7 +65,8 @@ pub enum Measure {
     Depth,
     /// Absolute error of the colour.
     Color,
-    /// Fraction of the hit pixels that only one of the two images hits.
+    /// Number of pixels outside of decision margins that only one of the two images hits, divided by the number of
+    /// pixels that the expected image hits.
     Coverage,
 }
 
@@ -77,9 +78,9 @@ pub struct Probe {
     /// Source of the expected image.
     pub truth: Truth,
     /// Amplification of the rounding error of one operation. The law's error bound is this factor times the unit
-    /// roundoff.
+    /// roundoff, plus `floor` and the backend's [`Precision::fixed`].
     pub amplification: f64,
-    /// Part of the error bound that isn't due to the backend's rounding.
+    /// Part of the error bound that isn't due to the backend's arithmetic.
     pub floor: f64,
     /// Unit of weights: the splat's largest weight, or the number of splats.
     pub scale: f64,

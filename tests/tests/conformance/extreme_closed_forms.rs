@@ -35,7 +35,7 @@ fn assert_near(got: f32, want: f64, tolerance: f64, what: &str) {
     assert!((f64::from(got) - want).abs() <= tolerance, "{what}: {got}, expected {want} within {tolerance}");
 }
 
-/// Returns a cloud of one disk through the origin.
+/// Returns a cloud of one disk with the normal `n`, centred at the origin.
 fn disk(n: DVec3, radius: f32) -> SplatCloud {
     let (z, normals) = (Column3::from_f64(&[DVec3::ZERO]), Column3::from_f64(&[n]));
     let mut data = CloudData::new(DVec3::ZERO, z, Shape::Disks { normals, radii: vec![radius] });

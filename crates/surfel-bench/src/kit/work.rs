@@ -42,7 +42,7 @@ pub(crate) struct Counts {
     pub fragments: f64,
     /// Number of pixels of the image.
     pub pixels: f64,
-    /// Resident bytes per splat.
+    /// Memory of the uploaded scene in the backend, in bytes per splat.
     pub bytes_per_splat: f64,
     /// Number of pairs of a splat and a cell; 0 unless the compute path drew the frame.
     pub pairs: f64,
@@ -183,7 +183,8 @@ fn sums(plan: &FramePlan) -> Vec<Target> {
     additive.flat_map(|draw| draw.colors().iter().copied()).collect()
 }
 
-/// Returns the number of floats per pixel in all planes.
+/// Returns the number of floats per pixel in the requested planes of colour, depth, normals and weights; other planes
+/// don't count.
 fn plane_floats(plan: &FramePlan) -> f64 {
     let planes = plan.planes;
     let counted = [(planes.color, 4), (planes.depth, 1), (planes.normal, 3), (planes.weight, 1)];

@@ -31,7 +31,7 @@ pub(crate) struct Figures {
     pub others: Vec<Self>,
 }
 
-/// Description of a subject.
+/// Description of a subject: a scene with its view, and the ideal image that its image approximates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SubjectFacts {
     pub name: String,
@@ -63,9 +63,9 @@ pub(crate) struct Row {
     pub not_drawn: Option<String>,
     /// Median time of a frame, in milliseconds: CPU time on one thread, or wall-clock time of a GPU.
     pub ms: Option<f64>,
-    /// Number of splats of the scene divided by `ms`.
+    /// Number of splats of the scene divided by the time `ms`, per second.
     pub splats_per_s: Option<f64>,
-    /// Resident bytes per splat.
+    /// Memory of the uploaded scene in the backend, in bytes per splat; `None` if the backend can't draw the image.
     pub bytes_per_splat: Option<f64>,
     /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
@@ -74,7 +74,7 @@ pub(crate) struct Row {
     /// Model error: difference from the subject's ideal image; `None` if there is none for this setting.
     pub model: Option<Error>,
     /// Model error without silhouettes: only in pixels that the ideal image covers completely, together with their
-    /// neighbours. `None` if there are no such pixels.
+    /// neighbours. `None` if there are no such pixels, or if an opaque background hides the silhouettes.
     pub model_inside: Option<Error>,
     /// Mean FLIP of the image against the subject's ideal image.
     pub model_flip: Option<f64>,
@@ -82,8 +82,8 @@ pub(crate) struct Row {
     pub model_depth: Option<f64>,
     /// RMS angle between normals, in degrees, in pixels where both images have a normal.
     pub model_normal_deg: Option<f64>,
-    /// PSNR of the image against the reference backend's image with the preset `reference`, in dB; `None` for equal
-    /// images.
+    /// For presets: PSNR between two images of the reference backend, one with this preset and one with the preset
+    /// `reference`, in dB. `None` for equal images, and for settings other than presets.
     pub from_reference_preset_db: Option<f64>,
 }
 

@@ -27,7 +27,7 @@ struct Plane {
     between: fn(&Frame, &Frame, &[bool]) -> f64,
     /// Function that measures the error against the closed form of the sphere; `None` if the plane has no closed form.
     truth: Option<fn(&Frame, &Truth) -> Option<f64>>,
-    /// True for planes that only trained Gaussians have.
+    /// True if the plane is measured in the scene of trained Gaussians; false for the scene of surface splats.
     of_gaussians: bool,
 }
 

@@ -47,8 +47,8 @@ pub(crate) struct SurfaceHit {
 /// Surface as a function from the origin and direction of a ray to the nearest intersection.
 pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<SurfaceHit> + Sync;
 
-/// Renders the ideal image of a surface: box-filtered over pixels, on transparent black. With `whole`, partly covered
-/// pixels are excluded from the mask.
+/// Renders the ideal image of a surface: box-filtered over pixels, on transparent black. With `whole`, pixels that the
+/// surface doesn't cover completely are excluded from the mask.
 pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Truth, crate::Failure> {
     let view = View::new(camera)?;
     let [width, height] = camera.size;

@@ -3,6 +3,8 @@
 //!
 //! A record is written once and read once or twice. If all splats were set up before any is drawn, the records of a
 //! million splats would no longer be in the caches. Waiting for memory would then cost a third of a frame.
+//!
+//! A *tile* is a square of 8 to 32 pixels a side ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::cull::balls::{BallPart, BallView, ball_parts};
 use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};

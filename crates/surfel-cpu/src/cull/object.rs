@@ -1,7 +1,8 @@
 //! A cloud in a view: its object transform, the pixels its chunks may cover, and culling of its chunks.
 //!
 //! A *record* is a splat projected to the screen ([`Record`](crate::setup::record::Record)). A *slot* is the index of a
-//! stored splat in the columns of its object ([`StoredObject`]).
+//! stored splat in the columns of its object ([`StoredObject`]). A *tile* is a square of 8 to 32 pixels a side
+//! ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::scene::cloud::{Chunk, StoredObject};
 use crate::tiles::bins::{Entry, RECORD_BYTES};

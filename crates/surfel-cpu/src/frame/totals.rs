@@ -1,7 +1,8 @@
 //! Times and counts of a frame.
 //!
 //! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
-//! splat projected to the screen ([`Record`](crate::setup::record::Record)).
+//! splat projected to the screen ([`Record`](crate::setup::record::Record)). A *tile* is a square of 8 to 32 pixels a
+//! side ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::setup::balls::BallSegment;
 use crate::setup::prepare::CellSplats;

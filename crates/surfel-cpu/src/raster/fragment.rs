@@ -1,6 +1,7 @@
 //! Evaluation of a splat at the pixels of a 4×4 block, one lane per pixel.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *lane* is one of the 16 numbers that SIMD
+//! instructions compute at once.
 
 use crate::raster::inputs::RasterInputs;
 use crate::setup::evaluate::{Fragment, cheap, form, general, inverse_near_one};

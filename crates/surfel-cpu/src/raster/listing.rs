@@ -1,7 +1,7 @@
 //! Lists of the opaque splats, and of the triangles, that touch each block of a tile.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::setup::record::Record;
 use crate::setup::segment::Segment;

@@ -3,7 +3,7 @@
 //! Splats that aren't tiny are drawn here block by block too, at a higher cost than in a tile drawn by blocks. A tile
 //! therefore needs enough tiny splats ([`is_faster_by_splats`]).
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::raster::fragment::{self, cheap_batch};
 use crate::raster::inputs::RasterInputs;

@@ -1,6 +1,7 @@
 //! Search for the nearest triangle in each pixel of a block (rendering model §6).
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *lane* is one of the 16 numbers that SIMD
+//! instructions compute at once.
 
 use crate::setup::triangles::ScreenTriangle;
 use crate::simd::compress::ones;

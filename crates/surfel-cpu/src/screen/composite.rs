@@ -2,7 +2,7 @@
 //! screen-space passes for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::raster::balls::{BallList, list_balls};
 use crate::raster::block;

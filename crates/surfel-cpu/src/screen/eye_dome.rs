@@ -1,7 +1,7 @@
 //! The shader `edl` (rendering model §5), which darkens a pixel the deeper it is among its neighbours. It is a pass
 //! over finished tiles.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::screen::neighbourhood::Neighbourhood;
 use crate::simd::lanes::{LANES, Lanes};

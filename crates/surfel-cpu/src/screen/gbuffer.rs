@@ -2,7 +2,7 @@
 //! model §5, Surfel's own, after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over
 //! all of them.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::raster::sums::Sums;
 use crate::simd::lanes::{LANES, Lanes};

@@ -2,7 +2,7 @@
 //! model §5).
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::screen::gbuffer::TileRows;
 use crate::shade::transparent::CompositedLayers;

@@ -1,7 +1,7 @@
 //! Values of a tile's pixels and of the pixels around it, in one array. Screen-space passes compare sixteen pixels of a
 //! row at a time.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
 use crate::simd::lanes::{LANES, Lanes};

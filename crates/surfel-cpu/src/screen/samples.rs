@@ -2,7 +2,7 @@
 //! fine, and is drawn like any other block. The pixel's colour is the mean of the block.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;

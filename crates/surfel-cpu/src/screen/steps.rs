@@ -1,7 +1,7 @@
 //! Search for the pixels that are sampled (rendering model §5, edges by samples): those on either side of a depth step.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`]). A *cell* is a part of the view that one thread draws alone
-//! ([`Cell`](crate::cull::cells::Cell)).
+//! ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::screen::gbuffer::{GBuffer, SIDE, TileRows};
 use crate::screen::layer_steps::LayerSteps;

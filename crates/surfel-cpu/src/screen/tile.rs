@@ -2,7 +2,8 @@
 //! pixels.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen ([`Record`]).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen ([`Record`]). A *tile* is
+//! a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::raster::balls::BallFragments;
 use crate::raster::block::{self, BlockScratch};

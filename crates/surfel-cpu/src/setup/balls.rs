@@ -2,7 +2,8 @@
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`]). A *cell* is a part of the view that one thread draws alone
 //! ([`Cell`](crate::cull::cells::Cell)). A ball's *record* is a [`BallRecord`]. A *slot* is the index of a ball in the
-//! columns of its object ([`StoredBalls`](crate::scene::balls::StoredBalls)).
+//! columns of its object ([`StoredBalls`](crate::scene::balls::StoredBalls)). A *tile* is a square of blocks
+//! ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::cull::balls::{BallPart, BallView};
 use crate::simd::lanes::{LANES, Lanes};

@@ -3,7 +3,8 @@
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
 //! ([`Record`](crate::setup::record::Record)). A *cheap* splat is one of
-//! [`Class::Cheap`](crate::setup::record::Class::Cheap).
+//! [`Class::Cheap`](crate::setup::record::Class::Cheap). A *lane* is one of the 16 numbers that SIMD instructions
+//! compute at once.
 
 use crate::setup::kernel::Kernel;
 use crate::setup::record::RecordLanes;

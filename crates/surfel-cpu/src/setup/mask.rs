@@ -1,6 +1,7 @@
 //! Search for the blocks (4×4 pixels) of a tile that a footprint may touch. Tiles' lists store them as bit masks.
 //!
-//! A *record* is a splat projected to the screen ([`Record`]).
+//! A *record* is a splat projected to the screen ([`Record`]). A *tile* is a square of 8 to 32 pixels a side
+//! ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::setup::record::{BlockBox, Class, Record};
 use crate::setup::rows::{Conic, HALF, MaskForms, Rows, SLACK};
@@ -36,7 +37,7 @@ pub(crate) struct Masks {
     /// Bits of the splats that touch blocks in each of four tiles. The tiles are the first tile of a splat's box, the
     /// tile on its right, and the two tiles below these. Only for boxes no larger than a tile.
     filled: [u64; 4],
-    /// Bits of the splats that may touch any block.
+    /// Bits of the splats that may touch at least one block. Splats of [`Self::large`] are all included.
     touching: u64,
     /// Masks of the blocks that each splat may touch, in each of the same four tiles as in `filled`.
     blocks: [[u64; LANES]; 4],
@@ -170,7 +171,7 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
 }
 
 impl Masks {
-    /// Returns bits of the splats that may touch any block. The test is conservative.
+    /// Returns bits of the splats that may touch at least one block. The test is conservative.
     pub(crate) fn touching(&self) -> u64 {
         self.touching
     }

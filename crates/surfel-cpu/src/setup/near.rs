@@ -1,5 +1,5 @@
 //! Splats that reach the near plane, or whose depth range is large compared with their distance. They are mapped
-//! exactly, without filter, in f64 (rendering model §3, last paragraph).
+//! exactly, without filter, in f64 (rendering model §3, "Near splats").
 //!
 //! A *record* is a splat projected to the screen ([`Record`]).
 

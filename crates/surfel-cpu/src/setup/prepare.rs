@@ -2,7 +2,7 @@
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
 //! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen
-//! ([`Record`](crate::setup::record::Record)).
+//! ([`Record`](crate::setup::record::Record)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;

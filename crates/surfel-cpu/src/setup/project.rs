@@ -2,7 +2,9 @@
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
 //! alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a splat projected to the screen ([`Record`]). A *slot* is
-//! the index of a stored splat in the columns of its object ([`StoredObject`](crate::scene::cloud::StoredObject)).
+//! the index of a stored splat in the columns of its object ([`StoredObject`](crate::scene::cloud::StoredObject)). A
+//! *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)). A *lane* is one of the 16 numbers that SIMD
+//! instructions compute at once.
 
 use crate::cull::groups;
 use crate::cull::object::{ObjectView, RegionSides};

@@ -1,7 +1,7 @@
 //! Search for the columns of blocks that a footprint may touch in each row of blocks, for a group of 16 splats at a
 //! time.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::simd::lanes::Lanes;
 use crate::tiles::grid::BLOCK;

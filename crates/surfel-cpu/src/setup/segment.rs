@@ -1,7 +1,8 @@
 //! Segments: the records of the chunks that one setup has processed, sorted into tiles.
 //!
 //! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
-//! splat projected to the screen ([`Record`](crate::setup::record::Record)).
+//! splat projected to the screen ([`Record`](crate::setup::record::Record)). A *tile* is a square of 8 to 32 pixels a
+//! side ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::setup::clips::{CellClips, ScreenClips};
 use crate::setup::near::NearSplat;

@@ -8,7 +8,8 @@
 //! other splats are evaluated. Values and their order are the same in both cases, so the image is bit-identical.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat projected to the screen
-//! ([`Record`]).
+//! ([`Record`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)). A *lane* is one of the 16 numbers
+//! that SIMD instructions compute at once.
 
 use crate::setup::evaluate::{self, Fragment, FrameConstants};
 use crate::setup::record::{CLASS, FORMS, GENERAL, Record, RecordLanes, TINY};

@@ -1,6 +1,6 @@
 //! Projection of triangles to the screen, sorted into tiles (rendering model §6).
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::cull::chunks::MeshPart;
 use crate::scene::mesh::StoredMesh;

@@ -1,6 +1,7 @@
 //! The shader `matcap` (rendering model §5): an image of a lit sphere, sampled at the normals of a block.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *lane* is one of the 16 numbers that SIMD
+//! instructions compute at once.
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};

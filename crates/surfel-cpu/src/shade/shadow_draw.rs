@@ -2,7 +2,7 @@
 //! same cells, setup and tiles as an image.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *cell* is a part of the view that one thread draws
-//! alone ([`Cell`](crate::cull::cells::Cell)).
+//! alone ([`Cell`](crate::cull::cells::Cell)). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::cull::balls::BallView;
 use crate::cull::cells::{self, CellLimits, OtherParts};

@@ -1,4 +1,6 @@
 //! Surfaces in pixels, before and after lighting.
+//!
+//! A *lane* is one of the 16 numbers that SIMD instructions compute at once.
 
 use crate::simd::lanes::Lanes;
 use crate::tiles::target::Pixels;

@@ -1,7 +1,7 @@
 //! Stable sorting of records into the lists of the tiles that they touch.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat, ball or triangle projected to
-//! the screen, as setup stores it.
+//! the screen, as setup stores it. A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::tiles::grid::Grid;
 use crate::tiles::pool::Reused;

@@ -1,6 +1,6 @@
 //! Sets of a grid's blocks, for drawing only some of them.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 

@@ -1,7 +1,8 @@
 //! Execution of jobs on all threads in a given order, the parameters by which work is divided, and counters for
 //! statistics.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)).
+//! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *tile* is a square of blocks
+//! ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::tiles::grid::TILE_BLOCKS;
 use std::sync::{Mutex, PoisonError};

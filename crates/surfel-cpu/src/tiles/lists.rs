@@ -1,7 +1,7 @@
 //! Lists of the splats, or of the triangles, that touch each block of a tile, in splat order or scene order.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`](crate::tiles::grid::BLOCK)). A *record* is a splat, ball or triangle projected to
-//! the screen, as setup stores it.
+//! the screen, as setup stores it. A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::simd::compress::{self, BITS};
 use crate::tiles::bins::Entry;

@@ -1,6 +1,6 @@
 //! Targets of drawing: the frame's planes, divided into parts that threads own, in safe Rust.
 //!
-//! A *block* is 4×4 pixels ([`BLOCK`]).
+//! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 
 use crate::scene::numbers::SplatNumbers;
 use crate::simd::compress::ones;

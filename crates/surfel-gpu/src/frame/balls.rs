@@ -1,5 +1,6 @@
 //! Balls and dots that may touch a tile (rendering model §11). They are set up in f64, as in the reference, listed by
-//! cells of pixels, and uploaded.
+//! cells of pixels, and uploaded. A *cell* is a square of a tile's pixels that has its own list of balls; a *record* is
+//! a projected ball in the uploaded buffer.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::passes::pass_list::{has_layers, is_of_shadow_map};

@@ -1,4 +1,5 @@
-//! Tile that the compute path draws, and the tiles of the samples at its edges.
+//! Tile that the compute path draws, and the tiles of the samples at its edges. A *cell* is a square of 16×16 pixels
+//! (or samples) of a tile, which one workgroup draws.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;

@@ -49,8 +49,9 @@ pub(crate) fn is_outside(
     side(left, 0, -1.0) || side(right, 0, 1.0) || side(top, 1, -1.0) || side(bottom, 1, 1.0)
 }
 
-/// True if the chunk may have a splat whose centre is before z_near, or that spans more than half of its distance from
-/// the eye. Such splats are set up in f64 (rendering model §3, last paragraph).
+/// True if the chunk may contain a near splat: one whose centre is nearer than the near plane or, in perspective, whose
+/// radius exceeds half of its depth. The CPU sets up near splats in f64 (rendering model §3, "Near splats"). The test
+/// is conservative.
 pub(crate) fn may_reach_near(chunk: &Chunk, center: DVec3, transform: &ObjectTransform, view: &View) -> bool {
     let nearest = center.z - chunk.bounding_radius * transform.stretch;
     let widest = 2.0 * chunk.largest_radius * transform.stretch;

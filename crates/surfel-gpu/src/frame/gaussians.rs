@@ -1,5 +1,6 @@
 //! Trained Gaussians (docs/gaussians.md). They are projected and sorted once per frame, in f64, and listed for each
-//! tile by cells of 16×16 pixels.
+//! tile by cells of 16×16 pixels. A *record* is a projected Gaussian in the uploaded buffer; an *entry* of a list is
+//! the index of a record.
 
 use crate::scene::limits::Limits;
 use crate::scene::segment::{UploadedGaussians, UploadedScene};

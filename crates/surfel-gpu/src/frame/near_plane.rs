@@ -1,5 +1,6 @@
 //! Setup in f64 of splats that reach the near plane or span much of their distance from the eye. They are drawn with
-//! the exact mapping and without a filter (rendering model §3, last paragraph), from records that the CPU uploads.
+//! the exact mapping and without a filter (rendering model §3, "Near splats"), from records that the CPU uploads. A
+//! *record* is a splat as set up for a tile: its projected forms, pixel boxes and colour in a buffer.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;

@@ -18,12 +18,12 @@ pub struct PlaneLayout {
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
     /// Offset of the surfaces, which are the normal and depth of every pixel. Screen-space passes of the compute path
-    /// read them. They follow the planes.
+    /// read the surfaces. They are stored after the planes.
     pub(crate) surfaces_at: u32,
-    /// Offset of the edge data of every pixel, which screen-space passes of the compute path read. They follow the
-    /// surfaces.
+    /// Offset of the edge data of every pixel, which screen-space passes of the compute path read. The edge data are
+    /// stored after the surfaces.
     pub(crate) edges_at: u32,
-    /// Number of floats of the planes, which the host reads back.
+    /// Number of floats of the planes, which the CPU reads back.
     pub floats: u32,
     /// Number of floats in the whole buffer, including surfaces and edge data.
     pub buffer_floats: u32,

@@ -53,7 +53,7 @@ impl<B> ShadowMapCache<B> {
 
 /// Job that draws one shadow map.
 pub struct ShadowMapJob {
-    /// Plan of the map. Its passes are visibility and polygons.
+    /// Plan of the map: the passes that draw splats, polygons and balls into the map.
     pub plan: FramePlan,
     /// Data that all tiles of the map share.
     pub frame: FrameScene,

@@ -1,5 +1,7 @@
 //! Data of a tile in addition to the resident scene: visible chunks, splats at the near plane, polygons, balls,
-//! Gaussians and uniforms.
+//! Gaussians and uniforms. A *segment* is the part of an object's splats that shares a buffer
+//! ([`Segment`](crate::Segment)). A *record* is a splat as set up for a tile: its projected forms, pixel boxes and
+//! colour in a buffer.
 
 use crate::frame::balls::{MOST_BALLS, TileBalls};
 use crate::frame::culling::{is_outside, may_reach_near};
@@ -44,14 +46,15 @@ pub struct SegmentData {
     pub near_bits: Vec<u32>,
     /// True if no splat of the segment can touch the tile.
     pub is_outside: bool,
-    /// Splats of the chunks that can touch the tile, as runs of the segment's records.
+    /// Ranges of the segment's records to draw. They contain all splats of the chunks that can touch the tile, and few
+    /// others between these chunks.
     pub runs: Vec<Range<u32>>,
     /// Depth of the farthest chunk that can touch the tile, in view units.
     farthest: f64,
     /// Number of splats of the chunks that can touch the tile.
     splats: u64,
-    /// Number of the compute path's workgroups that set up the segment: one per chunk, or several if the segment is
-    /// a single chunk because a host places its splats.
+    /// Number of the compute path's workgroups that set up the segment: one per chunk, or several if the segment is a
+    /// single chunk because the application places its splats.
     groups: u32,
     /// Work of the CPU on the segment.
     work: HostWork,
@@ -176,7 +179,7 @@ impl TileData {
         data
     }
 
-    /// Writes the capacity of the compute path's buffers to the uniform.
+    /// Writes the capacity of the compute path's buffers to the tile's uniform.
     pub(crate) fn put_room(&mut self, room: CellCapacity) {
         use layout::frame as at;
         let Some(cells) = &self.cells else { return };
@@ -361,8 +364,8 @@ impl TileData {
         }
     }
 
-    /// Sets the depth mapping of the host's depth buffer that the tile is composited into. The buffer stores `offset` +
-    /// `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
+    /// Sets the depth mapping of the application's depth buffer that the tile is composited into. The buffer stores
+    /// `offset` + `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
     pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
         let at = layout::frame::HOST_DEPTH / 4;
         for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
@@ -571,8 +574,8 @@ fn put_chunk(to: &mut Vec<u32>, center: DVec3, state: u32, of_cells: Option<[u32
     to.extend(words.into_words());
 }
 
-/// Fills in the data of a segment whose splats a host places: a single chunk about the object's origin, which is
-/// culled as a whole by the host's box. The device leaves out splats that reach the near plane.
+/// Fills in the data of a segment whose splats the application places: a single chunk about the object's origin, which
+/// is culled as a whole by the application's box. The device leaves out splats that reach the near plane.
 fn placed_data(
     data: &mut SegmentData,
     bounds: &PlacedBounds,

@@ -36,7 +36,7 @@ pub struct FrameScene {
     pub shadow_maps: Vec<u32>,
     /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
-    /// True if a host's shader replaces `phong`.
+    /// True if the embedding application supplies a shader function that replaces the shader `phong`.
     has_host_shader: bool,
     pub(crate) light_count: u32,
     /// Location of the shadow map that this frame draws; the default value unless the frame is a light's view.
@@ -68,7 +68,7 @@ impl FrameScene {
         Self { objects, lights, shadow_maps, matcap, has_host_shader, light_count, shadow, transforms }
     }
 
-    /// Replaces the shader `phong` by a host's, if `has_host_shader` is true.
+    /// Replaces the shader `phong` by the application's shader function, if `has_host_shader` is true.
     #[must_use]
     pub fn with_host_shader(self, has_host_shader: bool) -> Self {
         Self { has_host_shader, ..self }

@@ -1,4 +1,5 @@
-//! Dispatches of the compute path, in order.
+//! Dispatches of the compute path, in order. A *cell* is a square of 16×16 pixels of a tile, which one workgroup draws.
+//! An *entry point* is the function of a shader with which a dispatch begins.
 
 use crate::passes::cells::{CellCapacity, CellCounts, CellRound};
 use crate::passes::pass_list::distinct;
@@ -50,7 +51,8 @@ pub struct CellStage {
     pub steps: Vec<CellStep>,
 }
 
-/// Names of the entry points that rasterise the cells of a plan.
+/// Names of the shader entry points that rasterise cells (squares of 16×16 pixels), in the variants that a frame's plan
+/// requires.
 struct RasterEntries {
     cells: &'static str,
     /// Entry points for dense cells, which have more than `DENSE_PAIRS` pairs and are split into parts: thresholds,

@@ -1,5 +1,7 @@
 //! Compute path: draws opaque splats by compute shaders, without raster hardware. This module decides which frames it
-//! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm.
+//! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm. A *cell* is a square of 16×16
+//! pixels of a tile, which one workgroup draws. A *record* is a splat as set up for a tile: its projected forms, pixel
+//! boxes and colour in a buffer. A *pair* is a record and a cell that the record may touch.
 
 use crate::passes::memory::add_counter;
 use crate::scene::limits::Limits;
@@ -25,10 +27,10 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw the frames of a plan. They draw frames of opaque, unclipped splats, with sums in
-    /// f32.
+    /// True if compute shaders draw the frames of a plan. They draw frames of opaque, unclipped splats, and always sum
+    /// in f32.
     ///
-    /// Clipped or transparent splats, polygons, trained Gaussians and shadow maps need raster hardware.
+    /// Clipped or transparent splats, polygons, trained Gaussians and the drawing of shadow maps need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
@@ -54,7 +56,7 @@ const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 /// bindings and their uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellRound {
-    /// Counts the pairs (of a record and a cell that it touches) of each group of records, and emits them.
+    /// Counts the pairs of each group of records, and emits them.
     Groups,
     /// Numbers the active cells of a tile of samples, which are the cells with a sampled pixel.
     Active,

@@ -1,4 +1,5 @@
-//! Draws: the render passes of a tile, their entry points, and the targets that they write and read.
+//! Draws: the render passes of a tile, their entry points, and the targets that they write and read. A *record* is a
+//! splat as set up for a tile: its projected forms, pixel boxes and colour in a buffer.
 
 use crate::passes::pixel_pass::EDGE_SAMPLES;
 use crate::passes::probe::FillRateProbe;
@@ -225,8 +226,8 @@ impl Draw {
         !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }
 
-    /// Returns the range of vertices of the draw call with this index, which draws quads. `nearest.wgsl` computes the
-    /// index from the vertex number.
+    /// Returns the range of vertices for the draw call with this index: four vertices, which every instance of the call
+    /// draws as a quad. `nearest.wgsl` computes the index from the vertex number.
     pub fn quad(index: usize) -> std::ops::Range<u32> {
         let first = 4 * index as u32;
         first..first + 4
@@ -272,8 +273,8 @@ impl Draw {
         !self.reads().is_empty() || self.layer_composites_binding().is_some() || self.binds_as_pixel_pass()
     }
 
-    /// Returns the textures that the pass reads, as pairs of binding and target. They are in the group after that of
-    /// the records, or after that of the frame if there are no records.
+    /// Returns the textures that the pass reads, as pairs of binding and target. The index of their bind group is
+    /// [`Draw::reads_group`].
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
             Self::Visibility | Self::VisibilityWithTolerance | Self::Facing => &[],

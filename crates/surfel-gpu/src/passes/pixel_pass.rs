@@ -9,8 +9,8 @@ use surfel_render::SAMPLES_SIDE;
 pub enum PixelPass {
     /// Starts the layer composites: finds the opaque depth that occludes transparent splats.
     BeginLayers,
-    /// Starts the layer composites like [`PixelPass::BeginLayers`], with a host's depth buffer as an additional
-    /// occluder. No plan contains this pass.
+    /// Starts the layer composites like [`PixelPass::BeginLayers`], with the application's depth buffer as an
+    /// additional occluder. No plan contains this pass.
     BeginLayersInHost,
     /// Shades a peeled layer and composites it behind the layers before it.
     PeeledLayer,
@@ -36,8 +36,8 @@ pub enum PixelPass {
     ResolveSamplesBalls,
     /// Draws trained Gaussians, sorted by their centres.
     Gaussians,
-    /// Draws trained Gaussians like [`PixelPass::Gaussians`], except fragments behind a host's depth buffer. No plan
-    /// contains this pass.
+    /// Draws trained Gaussians like [`PixelPass::Gaussians`], except fragments behind the application's depth buffer.
+    /// No plan contains this pass.
     GaussiansInHost,
     /// Draws trained Gaussians, sorted in each pixel.
     GaussiansByPixel,
@@ -82,10 +82,10 @@ pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
 /// Binding of [`Target::Steps`] in the bind group of splat setup. It follows the group's buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
 
-/// Binding of a host's depth buffer.
+/// Binding of the application's depth buffer.
 pub const HOST_DEPTH_BINDING: u32 = 23;
 
-/// Binding of the planes that are composited into a host's render target.
+/// Binding of the planes that are composited into the application's render target.
 pub const HOST_PLANES_BINDING: u32 = 62;
 
 impl PixelPass {

@@ -1,4 +1,6 @@
-//! Order of the steps that draw a tile, independent of the API.
+//! Order of the steps that draw a tile, independent of the API. A *segment* is the part of an object's splats that
+//! shares a buffer ([`Segment`](crate::Segment)). A *record* is a splat as set up for a tile: its projected forms,
+//! pixel boxes and colour in a buffer.
 
 use crate::passes::draw::Draw;
 use crate::passes::pass_list::{PassEntry, pass_list, sample_pass_list};

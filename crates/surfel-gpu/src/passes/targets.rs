@@ -1,4 +1,5 @@
-//! Textures that passes draw into, independent of the API.
+//! Textures that passes draw into, independent of the API. A *record* is a splat as set up for a tile: its projected
+//! forms, pixel boxes and colour in a buffer.
 
 /// Texture that passes of a tile write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -45,7 +46,7 @@ pub enum Target {
     LayerCounts,
     /// Number of fragments, Σw·alpha, and the coverage of the pixel by an A-buffer layer.
     LayerCoverage,
-    /// Like `ThresholdTolerance`, for the nearest transparent splats.
+    /// Like `ThresholdTolerance`, for the first (nearest) transparent layer only.
     LayerTolerance,
     /// Depth buffer of the nearest splat fragment, reversed.
     NearestDepth,

@@ -1,4 +1,5 @@
-//! Chunks of neighbouring splats, with bounds for culling.
+//! Chunks of neighbouring splats, with bounds for culling. A *segment* is the part of an object's splats that shares a
+//! buffer ([`Segment`](crate::Segment)); it consists of chunks.
 
 use surfel_model::SplatCloud;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace};

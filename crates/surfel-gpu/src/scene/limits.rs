@@ -1,4 +1,5 @@
-//! Limits of a device, and of a renderer's use of it.
+//! Limits of a device, and of a renderer's use of it. A *record* is a splat as set up for a tile: its projected forms,
+//! pixel boxes and colour in a buffer.
 
 /// Limits on the use of a device. Content that exceeds them is drawn in several passes, with the same image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
-//! Scene in GPU buffers: chunks and segments of splats, their clips, textures of polygons, and splats that a
-//! host places.
+//! Scene in GPU buffers: chunks and segments of splats, their clips, textures of polygons, and splats that the
+//! embedding application places.
 
 pub(crate) mod chunk;
 pub(crate) mod clip;

@@ -1,4 +1,5 @@
-//! Objects whose splats a host places on the device, frame by frame.
+//! Objects whose splats the embedding application places on the device, frame by frame. "Host" in names of this module
+//! means the application, not the CPU.
 
 use crate::scene::segment::{Segment, UploadedScene};
 use crate::struct_writer::StructWriter;
@@ -7,7 +8,8 @@ use std::sync::Arc;
 use surfel_model::Storage;
 use surfel_shaders::layout;
 
-/// Bounding sphere of the splats of an object that a host places. The CPU has no other data about where they are.
+/// Bounding sphere of the splats of an object that the application places. The CPU has no other data about where they
+/// are.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedBounds {
     /// Centre in object space.
@@ -16,7 +18,7 @@ pub struct PlacedBounds {
     pub radius: f64,
 }
 
-/// Attribute of a splat in a host's buffer.
+/// Attribute of a splat in the application's buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HostAttribute {
     /// Offset within a splat, in bytes.
@@ -25,7 +27,7 @@ pub struct HostAttribute {
     pub format: HostFormat,
 }
 
-/// Format of an attribute in a host's buffer.
+/// Format of an attribute in the application's buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum HostFormat {
@@ -52,7 +54,7 @@ impl HostFormat {
     }
 }
 
-/// Layout of splats in a host's buffer, and the box that contains them. Offsets are relative to the splat.
+/// Layout of splats in the application's buffer, and the box that contains them. Offsets are relative to the splat.
 ///
 /// Splat i of the object begins at byte i × `stride`. The stride and all offsets are multiples of four bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,8 +127,8 @@ impl HostLayout {
 }
 
 impl UploadedScene {
-    /// Records that a host places the splats of object `source` of the scene, within the layout's box. Returns the
-    /// indices of the object's segments. The words of their `uniform`s may have changed.
+    /// Records that the application places the splats of object `source` of the scene, within the layout's box. Returns
+    /// the indices of the object's segments. The words of their `uniform`s may have changed.
     ///
     /// # Errors
     /// A message with what is wrong and what is expected.
@@ -196,7 +198,7 @@ impl UploadedScene {
         format!("object {source} consists of {what}, expected splats")
     }
 
-    /// Extends the sphere that shadow maps show by the splats that hosts place.
+    /// Extends the sphere that shadow maps show by the splats that the application places.
     pub(crate) fn cast_shadows_from_placed(&mut self) {
         self.summary.shadows.clone_from(&self.uploaded_shadows);
         let Some(shadows) = &mut self.summary.shadows else { return };
@@ -212,7 +214,7 @@ impl UploadedScene {
     }
 }
 
-/// Splats of a segment that a host places.
+/// Splats of a segment that the application places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
     /// Bounds of all the segment's splats.

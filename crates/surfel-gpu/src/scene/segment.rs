@@ -1,4 +1,5 @@
-//! Segments, which are splats that share a buffer, and the data of an uploaded scene that stays on the CPU.
+//! Segments, which are splats that share a buffer, and the data of an uploaded scene that stays on the CPU. The
+//! *records* of a segment are its splats as set up for a tile; they have a buffer, too.
 
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::Variant;
@@ -27,7 +28,7 @@ pub struct Segment {
     pub members: Vec<u32>,
     /// Words of the shaders' `Segment`.
     pub uniform: Vec<u32>,
-    /// Bounds of the splats if a host places them. The chunks then no longer apply.
+    /// Bounds of the splats if the application places them. The chunks then no longer apply.
     pub placed: Option<Placed>,
 }
 
@@ -49,8 +50,9 @@ impl UploadedObject {
         self.material.is_oriented(&self.cloud)
     }
 
-    /// Returns the coverage per unit of weight of the object (§5). It is 1 if the interior weight is unknown; then no
-    /// plan reads it.
+    /// Returns the coverage per unit of weight of the object (rendering model §5): the reciprocal of the interior
+    /// weight, which is the sum of weights inside the surface. Returns 1 if the interior weight is unknown; then no
+    /// plan reads the coverage.
     pub(crate) fn coverage(&self, plan: &FramePlan) -> f64 {
         let known = self.material.interior_weight.or(self.cloud.data().interior_weight);
         known.map_or(1.0, |weight| 1.0 / interior_weight_at_cutoff(weight, plan.splat_filter.cutoff))
@@ -60,10 +62,10 @@ impl UploadedObject {
 /// Object of polygons in an uploaded scene.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedMesh {
-    /// Index of the object in the scene.
+    /// Index of the mesh's object in [`Scene::objects`]; for the polygons of an octree, the octree's index.
     pub source: u32,
     pub mesh: Arc<Mesh>,
-    /// Index of the object in the scene; `None` unless the object is an octree.
+    /// Same index as `source` if the object is an octree, of which each frame draws only selected parts; else `None`.
     pub octree: Option<usize>,
     pub world_from_object: DAffine3,
     pub material: Material,

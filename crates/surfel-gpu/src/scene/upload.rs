@@ -1,4 +1,5 @@
-//! Upload of a scene: splits clouds into segments and packs them one at a time.
+//! Upload of a scene: splits clouds into segments and packs them one at a time. A *segment* is the part of an object's
+//! splats that shares a buffer; its *records* are the splats as set up for a tile.
 
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};

@@ -202,7 +202,8 @@ pub struct FilmWriter {
     options: FilmOptions,
     has_alpha: bool,
     pushed: u32,
-    /// Sender of frames to the encoder's thread; `None` after the thread has ended.
+    /// Channel to the encoder's thread: frames, then `None` as the end mark. [`Self::end`] drops the sender, which
+    /// closes the channel.
     frames: Option<SyncSender<Option<Pixels>>>,
     thread: Option<JoinHandle<Result<(), IoError>>>,
 }

@@ -68,7 +68,7 @@ impl Category {
     }
 }
 
-/// Source of an attribute's values.
+/// Attribute by which splats are coloured: a column of the file, the height, the normal, or the file's own colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Attribute {
     /// Values of a column of the file, by the column's index among the extra columns.

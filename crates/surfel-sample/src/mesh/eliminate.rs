@@ -3,7 +3,7 @@
 //!
 //! Candidates are sorted into blocks that fit a core's cache, by repeated halving along the longest side. Each block
 //! finds its close pairs by a sorted grid, and removes its heaviest candidates by a queue of buckets. A block depends
-//! only on its own candidates, so the result doesn't depend on the number of threads.
+//! only on its own candidates, so the result doesn't depend on the number of threads. A *cell* is a cube of the grid.
 
 use crate::parallel::map_tasks;
 use crate::progress::Progress;

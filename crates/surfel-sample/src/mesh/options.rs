@@ -56,7 +56,8 @@ pub struct MeshReport {
     pub flat: bool,
     /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// Interior weight of the cloud, as stored in it; `None` if it couldn't be measured.
+    /// Interior weight of the cloud ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)): the
+    /// typical sum of kernel weights Σw inside its surface. `None` if it couldn't be measured.
     pub interior_weight: Option<f64>,
 }
 

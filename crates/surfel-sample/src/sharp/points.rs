@@ -4,7 +4,9 @@
 //!
 //! The method is our own. Z04 and C12 clip too, but require edges as input.
 //!
-//! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints).
+//! A *slot* is a point's place in the order of [`SortedPoints`](crate::sorted::SortedPoints), and a *grid step* is the
+//! unit of its coordinates. A point's *patch* is the plane fitted to the point and its nearest neighbours. Its *wide*
+//! neighbours are the [`WIDE`] nearest ones, among whose patches planes are searched.
 
 use crate::eigen::symmetric3;
 use crate::nearest::Search;
@@ -307,7 +309,9 @@ impl<'a> Patches<'a> {
         (meeting.into_iter().filter(ends).collect(), ClipMode::And)
     }
 
-    /// Returns the turned and clipped splat of a point next to an edge; `None` if there is no edge.
+    /// Returns the splat of the point `slot`, turned into its plane and clipped by the other planes at an edge. `wide`
+    /// are the slots of its [`WIDE`] nearest neighbours. `None` if no edge clips the splat, or if the point belongs to
+    /// no plane.
     fn side(&self, slot: usize, wide: &[u32]) -> Option<Side> {
         let planes = self.planes(slot, wide);
         if planes.len() < 2 {

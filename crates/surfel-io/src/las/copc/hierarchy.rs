@@ -1,4 +1,4 @@
-//! Reading of a COPC file's hierarchy and of selected nodes.
+//! Reading of a COPC file's hierarchy and of selected nodes. A *chunk* is the compressed points of a node.
 
 use super::super::header::{ExtraField, Header, POINT_BYTES};
 use super::super::laz::{checked_vlr, chunk_points, decode_some, leave_out, of_splats};

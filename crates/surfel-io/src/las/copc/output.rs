@@ -1,4 +1,5 @@
-//! Assembly of the COPC file: header, variable length records, chunks, chunk table and hierarchy.
+//! Assembly of the COPC file: header, variable length records, chunks, chunk table and hierarchy. A *chunk* is the
+//! compressed points of a node.
 
 use super::super::header::POINT_BYTES;
 use super::octants::cell;

@@ -66,7 +66,8 @@ impl<'a> Conversion<'a> {
         Ok((Self { task: Task { limits, ..task }, layout, first, share }, Opened { inputs, grid, notes }))
     }
 
-    /// Opens a data file, of which `bytes` bytes are valid: one of the resume folder, or one without a name.
+    /// Opens the file `name` of the resume folder and truncates it to its `bytes` valid bytes. If progress isn't saved,
+    /// creates an anonymous temporary file instead.
     pub(super) fn file(&self, name: &str, bytes: u64) -> Result<File, Stop> {
         match self.task.kept {
             Some(kept) => kept.file(name, bytes),

@@ -1,4 +1,5 @@
-//! The grid that points are sorted into, and the octree over its cells.
+//! The grid that points are sorted into, and the octree over its cells. A *part* is a subtree of the octree that is
+//! built in memory.
 
 use crate::las::copc::build::CELL_BITS;
 use crate::las::copc::octants::{BITS, code};

@@ -1,4 +1,5 @@
-//! Limits of a conversion, which follow from the memory that it may use.
+//! Limits of a conversion, which follow from the memory that it may use. A *grid cell* is the unit in which points are
+//! sorted on disk ([`Grid`](super::grid::Grid)). A *part* is a subtree of the octree that is built in memory.
 
 /// Memory per point of a part, in bytes, with its normal and radius; then the fixed memory beside the points.
 const HELD_POINT_BYTES: u64 = 160;

@@ -1,4 +1,5 @@
-//! The nodes of an octree on disk: compressed chunks, and records of nodes that are still incomplete.
+//! The nodes of an octree on disk: compressed chunks, and records of nodes that are still incomplete. A *chunk* is the
+//! compressed points of a node. A *part* is a subtree of the octree that is built in memory.
 
 use super::conversion::Conversion;
 use super::inputs::Stop;

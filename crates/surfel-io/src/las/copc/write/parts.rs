@@ -1,4 +1,5 @@
-//! Building of octree nodes, part by part: splats, levels, and mean colours and normals.
+//! Building of octree nodes, part by part: splats, levels, and mean colours and normals. A *part* is a subtree of the
+//! octree that is built in memory. A *chunk* is the compressed points of a node.
 
 use super::grid::{Frame, Grid};
 use super::layout::Layout;

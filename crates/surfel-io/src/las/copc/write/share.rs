@@ -1,4 +1,5 @@
-//! The shard of one of several runs of a conversion: a range of the octree's parts.
+//! The shard of one of several runs of a conversion: a range of the octree's parts. A *part* is a subtree that is built
+//! in memory.
 //!
 //! A part depends only on its own points and those in its margin. The octree follows from the bounds in the inputs'
 //! headers, and parts of a node above them are merged in order. The merged file therefore doesn't depend on where the
