@@ -3,6 +3,7 @@
 
 mod checks;
 mod crates;
+mod emulated;
 mod programs;
 mod wheels;
 

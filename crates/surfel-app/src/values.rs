@@ -394,9 +394,9 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 1000000", |v| v > 0.0 && v <= 1e6)
 }
 
-/// Parses an angle in degrees, from 0 to 180.
-pub fn angle(text: &str) -> Result<f64, String> {
-    number(text, "degrees from 0 to 180", |v| (0.0..=180.0).contains(&v))
+/// Parses the angle of a crease in degrees, from 1 to 179.
+pub fn crease_angle(text: &str) -> Result<f64, String> {
+    number(text, "degrees from 1 to 179", |v| (1.0..=179.0).contains(&v))
 }
 
 /// Parses a depth tolerance: `K` splat radii, or `abs:D` world units; both are finite and at least 0.

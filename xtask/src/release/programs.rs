@@ -163,7 +163,7 @@ fn in_old_debian(place: &Place) -> Result<String, String> {
     let mut unreachable = Vec::new();
     for [release, glibc, mirror] in OLD_DEBIANS {
         let folder = place.out.join(release);
-        if !is_bootstrapped(&folder, release, mirror)? {
+        if !is_bootstrapped(&folder, release, mirror, &["--variant=minbase"])? {
             unreachable.push(release);
             continue;
         }
@@ -182,16 +182,16 @@ fn in_old_debian(place: &Place) -> Result<String, String> {
     Ok(format!("not tried in an old Debian: debootstrap makes none of {}", unreachable.join(", ")))
 }
 
-/// True if the folder contains the Debian release. Otherwise debootstrap creates it. The folder gets its final name
-/// when it is complete.
-fn is_bootstrapped(folder: &Path, release: &str, mirror: &str) -> Result<bool, String> {
+/// Returns true if the folder contains the Debian release. If there is no folder, debootstrap creates it with these
+/// options; false means that debootstrap failed. The folder gets its final name when it is complete.
+pub(super) fn is_bootstrapped(folder: &Path, release: &str, mirror: &str, options: &[&str]) -> Result<bool, String> {
     if folder.is_dir() {
         return Ok(true);
     }
     let part = folder.with_extension("part");
     fresh(&part)?;
     let mut bootstrap = Command::new("debootstrap");
-    bootstrap.args(["--no-check-gpg", "--variant=minbase", release]).arg(&part);
+    bootstrap.arg("--no-check-gpg").args(options).arg(release).arg(&part);
     if let Err(why) = ran(bootstrap.arg(mirror)) {
         println!("{why}");
         return fresh(&part).map(|()| false);
@@ -310,7 +310,7 @@ mod tests {
         let folder = std::env::temp_dir().join(format!("surfel-debian-{}", std::process::id()));
         let part = folder.with_extension("part");
         std::fs::create_dir_all(part.join("usr")).unwrap();
-        let made = is_bootstrapped(&folder, "no-such-release", "file:///no-such-mirror");
+        let made = is_bootstrapped(&folder, "no-such-release", "file:///no-such-mirror", &[]);
         let left = std::fs::read_dir(&part).unwrap().count();
         std::fs::remove_dir_all(&part).unwrap();
         assert_eq!((made, folder.exists(), left), (Ok(false), false, 0));

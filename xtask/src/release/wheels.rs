@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use super::emulated::Emulated;
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran};
 use crate::front_page;
 use crate::python::{self, Platform, TARGETS};
@@ -113,7 +114,7 @@ pub(super) fn build(place: &Place) -> Verdict {
 
 /// Installs each wheel into a fresh environment, and runs README.md's program there. This machine's wheel is tested in
 /// a virtual environment. All wheels are tested in containers of their platforms if docker is installed (other
-/// processors by qemu-user).
+/// processors by qemu-user). Without docker, QEMU alone tests the manylinux wheel for aarch64.
 pub(super) fn environments(place: &Place) -> Verdict {
     let made = files_in(&wheels(place), &[".whl"]);
     if made.is_empty() {
@@ -122,6 +123,7 @@ pub(super) fn environments(place: &Place) -> Verdict {
     let tried = || {
         let page = write_page(place, &[CHECKS])?;
         let has_docker = is_here("docker", "info");
+        let is_emulated = |name: &str| name.contains("manylinux") && name.ends_with("_aarch64.whl");
         let (mut tried, mut untried) = (0, Vec::new());
         for wheel in &made {
             let name = name_of(wheel);
@@ -137,8 +139,15 @@ pub(super) fn environments(place: &Place) -> Verdict {
             }
             if is_own || platform.is_some() {
                 tried += 1;
-            } else {
-                untried.push(name);
+                continue;
+            }
+            match is_emulated(&name).then(|| Emulated::new(place)) {
+                Some(Ok(emulated)) => {
+                    emulated.run(place, wheel, &page)?;
+                    tried += 1;
+                }
+                Some(Err(why)) => untried.push(format!("{name} ({why})")),
+                None => untried.push(name),
             }
         }
         Ok(outcome(tried, has_docker, &untried))

@@ -56,7 +56,7 @@ pub(super) const ROWS: &[Row] = &[
         .built(cfg!(feature = "sharp"))
         .synonyms(&["creases", "edges", "features"]),
     splat(Row::text("crease-angle", "DEG", |o, text| {
-        put(&mut o.render.splats.convert.crease_angle, values::angle(text))
+        put(&mut o.render.splats.convert.crease_angle, values::crease_angle(text))
     }))
     .help("Angle from which an edge is a crease, with --sharp (default 40).", "")
     .python("float")
