@@ -8,8 +8,8 @@ use crate::cargo;
 /// Backends that are Cargo features of surfel-bench. They are compiled only on request, since they take a minute.
 const GPU_BACKENDS: [&str; 2] = ["wgpu", "ash"];
 
-/// Runs the benchmark program with these arguments in the workspace. For the command `start`, which times the program
-/// `surfel`, builds that program first.
+/// Runs the benchmark program with these arguments, and returns true if it succeeds. For the command `start`, builds
+/// the program `surfel` first, unless `--program` names a build.
 pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
     if times_own_program(arguments) {
         let mut command = cargo(root);

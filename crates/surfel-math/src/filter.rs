@@ -187,8 +187,9 @@ fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
 /// half-axes. For a disk (half-axes equal within 1e-3), they are the half-axes of G06 eq. 10: s along p × n and t along
 /// n × s. In an orthographic projection, p is the view direction.
 ///
-/// Eq. 10 specifies neither the scale nor the case p ∥ n, for which the principal axes serve. An ellipse that isn't
-/// quite round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n.
+/// Eq. 10 specifies neither the scale nor the case p ∥ n, in which the principal half-axes are returned. For a nearly
+/// round ellipse (within 1e-3), the principal half-axes s, t are turned by the angle that is exact for a circle,
+/// atan2(d·t, d·s) with d = p × n.
 pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>) {
     let (s, t, _) = adjust_axes_turned(splat, perspective);
     (s, t)

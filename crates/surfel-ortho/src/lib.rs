@@ -479,7 +479,8 @@ fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     Ok(asked)
 }
 
-/// Returns the grid for bounds that the options state.
+/// Returns the grid of the pixels that overlap `bounds`, with the options' resolution and origin. The error names
+/// `gsd`, or else `size` or `bounds`, even if `origin` is the cause.
 fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     let size = options.size.filter(|_| options.bounds.is_none());
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))

@@ -103,8 +103,8 @@ impl Boxes {
 /// Distinct points, sorted so that neighbours in space are mostly close together in memory. A point is addressed by its
 /// *slot*, its place in that order: runs of 4096 points along a Morton curve, each run in k-d order.
 ///
-/// Coordinates are whole grid steps from the centre of all points. A step is 2⁻³⁰ of half their extent. Points closer
-/// than a step coincide. Differences of coordinates are exact however far from the origin the points are.
+/// Coordinates are rounded to whole grid steps from the centre of the points' bounding box. A step is about 2⁻³⁰ of
+/// half the longest side. Points that round to the same coordinates become one.
 #[derive(Debug)]
 pub(crate) struct SortedPoints {
     pub(crate) x: Vec<i32>,

@@ -38,7 +38,8 @@ pub struct Renderer {
     queries: Queries,
     /// Buffers of the compute path.
     cells: CellBuffers,
-    /// Work of the CPU so far that grows with scenes' splats.
+    /// Counters of the CPU work that grows with the number of splats (chunks tested, splats visited), summed over all
+    /// frames so far.
     pub(crate) host_work: HostWork,
     /// Buffer through which the last frame was read back, to be reused.
     readback: Option<wgpu::Buffer>,

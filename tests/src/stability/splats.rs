@@ -284,8 +284,9 @@ fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bo
     }
 }
 
-/// Returns a probe of a filtered splat, with weights in units of its largest weight, ∏ min(1, ℓ/h). The relative error
-/// of this weight is that of ℓ.
+/// Returns a probe of a filtered splat, with weights in units of the splat's largest weight, ∏ min(1, ℓ/h). Here ℓ are
+/// the projected half-axes and h is the filter radius, in pixels. The error bound is raised by the relative error of ℓ,
+/// 16 roundings times ℓ_major/ℓ_minor.
 fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, true);
     let [major, minor] = lengths(&splat, &probe.image.view().projection);

@@ -140,7 +140,8 @@ fn by_every_edge(case: &Case) -> [Case; 3] {
     [EdgeAa::Off, EdgeAa::Coverage, EdgeAa::Samples].map(|edge_aa| case.with("edges", |s| s.edge_aa = edge_aa))
 }
 
-/// Shaders that read neighbours do so before edges are blended, and for each sample.
+/// Compares the compute path with the raster path for four shaders and both kinds of edge antialiasing. Shaders that
+/// read neighbours (toon, edl) must run before edges are blended, and once per sample.
 fn draws_edges_of_every_shader(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     let plain = scenes::sphere_before_plane();

@@ -79,8 +79,8 @@ fn has_ended(process: u32) -> bool {
     pid.is_some_and(|pid| test_kill_process(pid) == Err(rustix::io::Errno::SRCH))
 }
 
-/// True for any process but this one: these systems have no check. Locks, which apply to all hosts here, protect the
-/// files of running writers.
+/// True unless `process` is this process: outside Unix, this program doesn't test whether a process runs. Running
+/// writers are still safe, because locked files are never removed and locks on these systems are valid across hosts.
 #[cfg(not(unix))]
 fn has_ended(process: u32) -> bool {
     process != std::process::id()

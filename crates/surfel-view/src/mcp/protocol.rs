@@ -33,7 +33,7 @@ fn failure(id: &Value, code: i32, message: &str) -> Value {
     json!({ "jsonrpc": "2.0", "id": id, "error": { "code": code, "message": message } })
 }
 
-/// Returns the answer to a message; `None` for notifications and blank lines.
+/// Returns the response to a JSON-RPC message; `None` for blank lines, notifications and responses.
 pub(super) fn answer(line: &[u8], tools: &mut Tools) -> Option<Value> {
     if line.trim_ascii().is_empty() {
         return None;

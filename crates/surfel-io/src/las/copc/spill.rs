@@ -42,8 +42,8 @@ pub(super) type Block = (u64, usize, u32);
 /// Blocks of a list, in order of writing.
 pub(super) type Blocks = Vec<Block>;
 
-/// Returns a checksum of a block, by which damage on the disk is detected. Changes within eight consecutive bytes are
-/// always detected; other changes are missed with a probability of 2⁻³².
+/// Returns a 32-bit checksum of a block, which detects damage on the disk. A damaged block is accepted with a
+/// probability of about 2⁻³².
 pub(super) fn checksum(bytes: &[u8]) -> u32 {
     let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     let (words, rest) = bytes.as_chunks::<8>();

@@ -113,7 +113,8 @@ fn counts(
     Ok(counts)
 }
 
-/// An octant whose points are built together, with the lists of its records.
+/// Octant to be read into memory, with the lists of its records. An octant with too many points is divided into its
+/// children.
 struct Octant {
     key: VoxelKey,
     /// Level of a leaf above the octant, if there is one.
@@ -129,17 +130,16 @@ struct Builder<'a> {
     nodes: Nodes,
     /// Parts in memory that are built together with the next ones.
     waiting: Vec<Loaded>,
-    /// Occupied selection cells that are larger than a part.
+    /// Occupied selection cells larger than the octants into which a part was divided.
     taken: HashSet<VoxelKey>,
     /// Number of points of all parts.
     all: u64,
 }
 
 impl Builder<'_> {
-    /// Builds the parts that no earlier run built.
-    ///
-    /// `taken` isn't part of the saved state. Its cells are octants of level 7 or more, and parts are of level 7 at
-    /// most, so no cell extends over two parts.
+    /// Builds the parts that no earlier run built, and saves progress between parts. `taken` needn't be saved. It is
+    /// used only if a part was divided into smaller octants, and each of its cells, at level 7 or finer, lies inside
+    /// one part of `parts` (level 7 or coarser).
     fn build_parts(
         &mut self,
         cells: &mut Spills<[i64; 3]>,
@@ -259,8 +259,8 @@ impl Builder<'_> {
     fn make_waiting(&mut self) -> Result<(), Stop> {
         let waiting = std::mem::take(&mut self.waiting);
         let Self { maker, frame, nodes, taken, .. } = self;
-        // Selection cells larger than a part are shared: the first part selects a point, and later parts don't. Such
-        // parts are therefore built one after another.
+        // Selection cells larger than the octants of a divided part are shared: the first part selects a point, and later
+        // parts don't. Such parts are therefore built one after another.
         let made: Vec<Made> = if waiting.iter().all(|part| part.part.depth <= CELL_BITS) {
             let made = waiting.into_par_iter().map(|part| maker.make(frame, &part, &mut HashSet::new()));
             made.collect::<io::Result<_>>()?
