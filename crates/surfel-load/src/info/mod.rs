@@ -36,7 +36,7 @@ use self::survey::{Survey, survey};
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
 pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<Value, Error> {
     if is_scene_file(path) {
-        let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
+        let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE `print_scene` shows it";
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
     }
     // Gaussians are described as they are stored: all of them, with their harmonics.

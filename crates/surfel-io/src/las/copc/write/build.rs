@@ -259,8 +259,8 @@ impl Builder<'_> {
     fn make_waiting(&mut self) -> Result<(), Stop> {
         let waiting = std::mem::take(&mut self.waiting);
         let Self { maker, frame, nodes, taken, .. } = self;
-        // Selection cells larger than the octants of a divided part are shared: the first part selects a point, and later
-        // parts don't. Such parts are therefore built one after another.
+        // Selection cells larger than the octants of a divided part are shared: the first part selects a point, and
+        // later parts don't. Such parts are therefore built one after another.
         let made: Vec<Made> = if waiting.iter().all(|part| part.part.depth <= CELL_BITS) {
             let made = waiting.into_par_iter().map(|part| maker.make(frame, &part, &mut HashSet::new()));
             made.collect::<io::Result<_>>()?
