@@ -1,7 +1,6 @@
 //! Detection of blank images and their likely causes.
 
 use glam::DVec3;
-use rayon::prelude::*;
 use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
@@ -39,14 +38,9 @@ pub fn why_blank(scene: &Scene) -> &'static str {
     if !scene.objects.is_empty() && scene.objects.iter().all(|object| invisible(&object.geometry)) {
         return "all splats have an alpha of almost 0 (--transparency off draws them opaque)";
     }
-    let bounds = |geometry: &Geometry| {
-        let Geometry::Splats(cloud) = geometry else { return None };
-        let around = |i| {
-            let (center, radius) = (cloud.center(i), cloud.radius_max(i));
-            (center - radius, center + radius)
-        };
-        let splats = (0..cloud.len()).into_par_iter().with_min_len(1 << 14).map(around);
-        splats.reduce_with(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    let bounds = |geometry: &Geometry| match geometry {
+        Geometry::Splats(cloud) => cloud.bounds(),
+        _ => None,
     };
     let [least, most] = SQUARED_IN_F32;
     let overflows =

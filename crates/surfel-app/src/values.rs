@@ -15,9 +15,9 @@ use surfel_framing::{NamedView, ViewAngles, ViewChoice};
 use surfel_io::film::FrameRate;
 use surfel_math::srgb;
 use surfel_model::{
-    Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    GroundStyle, MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount,
-    TableColumns, Transparency, Up,
+    Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance,
+    EdgeAa, Filter, GroundStyle, MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort,
+    SplatCount, TableColumns, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -396,7 +396,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 
 /// Parses the angle of a crease in degrees, from 1 to 179.
 pub fn crease_angle(text: &str) -> Result<f64, String> {
-    number(text, "degrees from 1 to 179", |v| (1.0..=179.0).contains(&v))
+    number(text, "degrees from 1 to 179", |v| ConvertOptions::CREASE_ANGLES_DEG.contains(&v))
 }
 
 /// Parses a depth tolerance: `K` splat radii, or `abs:D` world units; both are finite and at least 0.

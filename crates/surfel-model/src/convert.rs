@@ -4,6 +4,7 @@ use crate::range::positive;
 use crate::{Classes, Condition, ModelError, PointsAs, Returns, TableColumns};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 /// Options of the conversion of an object's file to splats. The keys are the long flags of `surfel convert`.
@@ -358,6 +359,9 @@ impl Colormap {
 const SPLAT_COUNT_END: u32 = 200_000_001;
 
 impl ConvertOptions {
+    /// Valid values of [`Self::crease_angle`], in degrees.
+    pub const CREASE_ANGLES_DEG: RangeInclusive<f64> = 1.0..=179.0;
+
     /// True if no option is set.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
@@ -394,7 +398,7 @@ impl ConvertOptions {
         if self.max_points == Some(0) {
             return Err(ModelError::range(field("max_points"), 0, "at least 1"));
         }
-        if let Some(angle) = self.crease_angle.filter(|a| !(1.0..=179.0).contains(a)) {
+        if let Some(angle) = self.crease_angle.filter(|a| !Self::CREASE_ANGLES_DEG.contains(a)) {
             return Err(ModelError::range(field("crease_angle"), angle, "degrees from 1 to 179"));
         }
         if self.color_by.is_none() && (self.colormap.is_some() || self.range.is_some()) {
@@ -510,7 +514,8 @@ mod tests {
             (r#"{"max_points": 0}"#, "objects[3].convert.max_points"),
             (r#"{"radius_scale": -1}"#, "objects[3].convert.radius_scale"),
             (r#"{"sharp": true, "error": 0}"#, "objects[3].convert.error"),
-            (r#"{"sharp": true, "crease_angle": 181}"#, "objects[3].convert.crease_angle"),
+            (r#"{"sharp": true, "crease_angle": 0.5}"#, "objects[3].convert.crease_angle"),
+            (r#"{"sharp": true, "crease_angle": 179.5}"#, "objects[3].convert.crease_angle"),
             (r#"{"crease_angle": 20}"#, "sharp"),
             (r#"{"sharp": true, "splats": "auto"}"#, "objects[3].convert.splats"),
             (r#"{"splats": 200000001}"#, "objects[3].convert.splats"),

@@ -31,9 +31,10 @@ pub(crate) enum GridFault {
     Gsd(f64),
     /// The image's bounds have no area or aren't finite.
     Empty,
-    /// The grid would have too many columns, rows or pixels. Or it is so far from the origin that f64 can't distinguish
-    /// pixels. `size` has the numbers of columns and rows.
+    /// The grid would have too many columns, rows or pixels. `size` has the numbers of columns and rows.
     Large { gsd: f64, size: [f64; 2] },
+    /// The grid's origin isn't finite, or is so far from the image that f64 can't distinguish pixels there.
+    Origin([f64; 2]),
 }
 
 fn out_of_range(field: &'static str, found: String, expected: &'static str) -> ModelError {
@@ -51,6 +52,7 @@ impl GridFault {
         let given = size.map_or_else(|| words(bounds), |[width, height]| format!("{width}x{height}"));
         let expected = match self {
             Self::Gsd(gsd) => return gsd_error(gsd),
+            Self::Origin(origin) => return origin_error(origin),
             Self::Empty if size.is_some() => "at least 1x1 pixels",
             Self::Empty => "X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1",
             Self::Large { .. } if size.is_some() => "at most 16777216 pixels a side and 1e11 in all",
@@ -69,6 +71,7 @@ impl GridFault {
     pub(crate) fn of_points(self, bounds: [f64; 4]) -> Error {
         match self {
             Self::Gsd(gsd) => gsd_error(gsd),
+            Self::Origin(origin) => origin_error(origin),
             Self::Empty => {
                 Error::Input(format!("the bounds of all points are {}, expected finite ones", words(bounds)))
             }
@@ -85,14 +88,21 @@ fn gsd_error(gsd: f64) -> Error {
     out_of_range("gsd", gsd.to_string(), "a finite number greater than 0, in the units of x and y").into()
 }
 
+fn origin_error([x, y]: [f64; 2]) -> Error {
+    out_of_range("origin", format!("{x},{y}"), "finite numbers, within 2^40 pixels of the image").into()
+}
+
 impl Grid {
     /// Creates the grid of the pixels that overlap `bounds`: minimum x, minimum y, maximum x, maximum y.
     pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, GridFault> {
         if !(gsd > 0.0 && gsd.is_finite()) {
             return Err(GridFault::Gsd(gsd));
         }
+        if !origin.iter().all(|v| v.is_finite()) {
+            return Err(GridFault::Origin(origin));
+        }
         let [x0, y0, x1, y1] = bounds;
-        if !(x0 < x1 && y0 < y1 && bounds.iter().chain(&origin).all(|v| v.is_finite())) {
+        if !(x0 < x1 && y0 < y1 && bounds.iter().all(|v| v.is_finite())) {
             return Err(GridFault::Empty);
         }
         let low = |v: f64, k: usize| ((v - origin[k]) / gsd + SLACK_PX).floor();
@@ -100,9 +110,12 @@ impl Grid {
         let (first, end) = ([low(x0, 0), low(y0, 1)], [high(x1, 0), high(y1, 1)]);
         let size = [0, 1].map(|k| (end[k] - first[k]).max(1.0));
         let fits = size[0] <= MAX_SIDE && size[1] <= MAX_SIDE && size[0] * size[1] <= MAX_PIXELS;
-        // Farther from the origin, neighbouring pixels would have the same coordinates in f64.
-        if !fits || first.iter().chain(&end).any(|v| v.abs() > 2f64.powi(40)) {
+        if !fits {
             return Err(GridFault::Large { gsd, size });
+        }
+        // Farther from the origin, neighbouring pixels would have the same coordinates in f64.
+        if first.iter().chain(&end).any(|v| v.abs() > 2f64.powi(40)) {
+            return Err(GridFault::Origin(origin));
         }
         Ok(Self { gsd, origin, first: first.map(|v| v as i64), size: size.map(|v| v as u32) })
     }
@@ -155,7 +168,10 @@ mod tests {
         for bounds in [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 1.0], [0.0, 0.0, f64::INFINITY, 1.0], [f64::NAN; 4]] {
             assert!(refused(1.0, bounds), "{bounds:?}");
         }
-        assert!(refused(0.1, [1e12, 0.0, 1e12 + 1.0, 1.0]));
+        let too_far = [([0.0; 2], [1e12, 0.0, 1e12 + 1.0, 1.0]), ([f64::INFINITY, 0.0], sound), ([-1e13, 0.0], sound)];
+        for (origin, bounds) in too_far {
+            assert_eq!(Grid::of_bounds(0.1, origin, bounds).err(), Some(GridFault::Origin(origin)));
+        }
         assert!(!refused(0.1, sound));
     }
 }

@@ -480,7 +480,7 @@ fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
 }
 
 /// Returns the grid of the pixels that overlap `bounds`, with the options' resolution and origin. The error names
-/// `gsd`, or else `size` or `bounds`, even if `origin` is the cause.
+/// the option that is invalid.
 fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     let size = options.size.filter(|_| options.bounds.is_none());
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))

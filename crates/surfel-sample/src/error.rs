@@ -66,6 +66,12 @@ impl SampleError {
         Self::Option { option, found: found.to_string(), expected }
     }
 
+    #[cfg(feature = "sharp")]
+    pub(crate) fn check_crease_angle(degrees: f64) -> Result<(), Self> {
+        let is_valid = surfel_model::ConvertOptions::CREASE_ANGLES_DEG.contains(&degrees);
+        if is_valid { Ok(()) } else { Err(Self::option("the crease angle", degrees, "1 to 179 degrees")) }
+    }
+
     pub(crate) fn check_count(what: &'static str, found: usize) -> Result<(), Self> {
         if found > MAX_ELEMENTS { Err(Self::TooMany { what, found, limit: MAX_ELEMENTS }) } else { Ok(()) }
     }

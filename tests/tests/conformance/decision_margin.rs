@@ -45,7 +45,7 @@ fn margin_holds_highlights_at_the_terminator() {
 }
 
 /// With edge antialiasing, rounding can change more decisions. The margin plane must mark every pixel that it marks
-/// without, and less than 2 % of all pixels.
+/// without antialiasing, and less than 2 % of all pixels.
 #[test]
 fn margin_of_edges_adds_to_that_of_fragments_and_stays_small() {
     let with = scenes::sphere_before_plane();

@@ -73,9 +73,7 @@ impl Default for SharpOptions {
 impl SharpOptions {
     fn check(&self) -> Result<(), SampleError> {
         SampleError::check_scale(self.radius_scale)?;
-        if !(1.0..=179.0).contains(&self.crease_angle_deg) {
-            return Err(SampleError::option("the crease angle", self.crease_angle_deg, "1 to 179 degrees"));
-        }
+        SampleError::check_crease_angle(self.crease_angle_deg)?;
         if self.splats == Some(0) {
             return Err(SampleError::option("the number of splats", 0, "at least 1"));
         }

@@ -83,9 +83,7 @@ pub fn sharpen_points(
     crease_angle_deg: f64,
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, SharpPointsReport), SampleError> {
-    if !(1.0..=179.0).contains(&crease_angle_deg) {
-        return Err(SampleError::option("the crease angle", crease_angle_deg, "1 to 179 degrees"));
-    }
+    SampleError::check_crease_angle(crease_angle_deg)?;
     let positions: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
     let points = Neighbours::new(&positions, FLAT_NEIGHBOURS, progress)?;
     let patches = Patches::new(&points, cloud, crease_angle_deg.to_radians(), progress);
