@@ -18,6 +18,9 @@ const MIRROR: &str = "http://deb.debian.org/debian";
 const INTERPRETER: &str = "usr/bin/python3.11";
 const PYTHON: &str = "3.11";
 
+/// Target of Rust whose wheel is tested.
+pub(super) const TRIPLE: &str = "aarch64-unknown-linux-gnu";
+
 /// Options of debootstrap: the packages are downloaded, but their installation scripts don't run.
 const OPTIONS: [&str; 4] = ["--variant=minbase", "--foreign", "--arch=arm64", "--include=python3"];
 
@@ -31,8 +34,8 @@ pub(super) struct Emulated {
 }
 
 impl Emulated {
-    /// Finds the emulator, and downloads Python for it if the folder of the dry run doesn't contain Python yet. The
-    /// error names the missing program.
+    /// Finds the emulator, and unpacks Python for it. Downloads Debian's packages if the folder of the dry run doesn't
+    /// contain them yet. The error names the missing program.
     pub(super) fn new(place: &Place) -> Result<Self, String> {
         let found = EMULATORS.into_iter().find(|emulator| is_here(emulator, "--version"));
         let emulator = found.ok_or("no qemu-aarch64-static (apt-get install qemu-user-static)")?;
@@ -41,14 +44,14 @@ impl Emulated {
                 return Err(format!("no {program} (apt-get install {package})"));
             }
         }
-        let folder = place.out.join("arm64");
-        if !is_bootstrapped(&folder, RELEASE, MIRROR, &OPTIONS)? {
+        let downloaded = place.out.join("arm64-packages");
+        if !is_bootstrapped(&downloaded, RELEASE, MIRROR, &OPTIONS)? {
             return Err(format!("debootstrap can't download Debian {RELEASE}"));
         }
-        if !folder.join(INTERPRETER).is_file() {
-            for package in files_in(&folder.join("var/cache/apt/archives"), &[".deb"]) {
-                ran(Command::new("dpkg-deb").arg("--extract").arg(package).arg(&folder))?;
-            }
+        let folder = place.out.join("arm64");
+        fresh(&folder)?;
+        for package in files_in(&downloaded.join("var/cache/apt/archives"), &[".deb"]) {
+            ran(Command::new("dpkg-deb").arg("--extract").arg(package).arg(&folder))?;
         }
         Ok(Self { emulator, folder })
     }

@@ -163,7 +163,7 @@ fn in_old_debian(place: &Place) -> Result<String, String> {
     let mut unreachable = Vec::new();
     for [release, glibc, mirror] in OLD_DEBIANS {
         let folder = place.out.join(release);
-        if !is_bootstrapped(&folder, release, mirror, &["--variant=minbase"])? {
+        if !is_bootstrapped(&folder, release, mirror, &["--no-check-gpg", "--variant=minbase"])? {
             unreachable.push(release);
             continue;
         }
@@ -191,7 +191,7 @@ pub(super) fn is_bootstrapped(folder: &Path, release: &str, mirror: &str, option
     let part = folder.with_extension("part");
     fresh(&part)?;
     let mut bootstrap = Command::new("debootstrap");
-    bootstrap.arg("--no-check-gpg").args(options).arg(release).arg(&part);
+    bootstrap.args(options).arg(release).arg(&part);
     if let Err(why) = ran(bootstrap.arg(mirror)) {
         println!("{why}");
         return fresh(&part).map(|()| false);

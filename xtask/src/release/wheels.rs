@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::emulated::Emulated;
+use super::emulated::{self, Emulated};
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran};
 use crate::front_page;
 use crate::python::{self, Platform, TARGETS};
@@ -123,31 +123,31 @@ pub(super) fn environments(place: &Place) -> Verdict {
     let tried = || {
         let page = write_page(place, &[CHECKS])?;
         let has_docker = is_here("docker", "info");
-        let is_emulated = |name: &str| name.contains("manylinux") && name.ends_with("_aarch64.whl");
+        let own = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
         let (mut tried, mut untried) = (0, Vec::new());
         for wheel in &made {
             let name = name_of(wheel);
-            let is_own = cfg!(target_env = "gnu")
-                && name.contains("manylinux")
-                && name.ends_with(&format!("_{}.whl", std::env::consts::ARCH));
+            let platform = TARGETS.iter().find(|platform| platform.made(&name));
+            let platform = platform.ok_or_else(|| format!("{name}: is for no known platform"))?;
+            let is_own = cfg!(target_env = "gnu") && platform.triple == own;
             if is_own {
                 in_environment(&place.out.join("environment"), wheel, &page)?;
             }
-            let platform = TARGETS.iter().find(|platform| has_docker && platform.made(&name));
-            if let Some(platform) = platform {
+            if has_docker {
                 in_container(place, platform, wheel)?;
             }
-            if is_own || platform.is_some() {
+            if is_own || has_docker {
                 tried += 1;
-                continue;
-            }
-            match is_emulated(&name).then(|| Emulated::new(place)) {
-                Some(Ok(emulated)) => {
-                    emulated.run(place, wheel, &page)?;
-                    tried += 1;
+            } else if platform.triple == emulated::TRIPLE {
+                match Emulated::new(place) {
+                    Ok(emulated) => {
+                        emulated.run(place, wheel, &page)?;
+                        tried += 1;
+                    }
+                    Err(why) => untried.push(format!("{name} ({why})")),
                 }
-                Some(Err(why)) => untried.push(format!("{name} ({why})")),
-                None => untried.push(name),
+            } else {
+                untried.push(name);
             }
         }
         Ok(outcome(tried, has_docker, &untried))
