@@ -6,17 +6,28 @@ use surfel_shaders::layout;
 
 /// Struct of 32-bit words. Words that aren't set are zero.
 #[derive(Clone, Debug)]
-pub(crate) struct StructWriter(Vec<u32>);
+pub(crate) struct StructWriter {
+    words: Vec<u32>,
+    /// Index of the struct's first word.
+    first: usize,
+}
 
 impl StructWriter {
     /// Creates a struct of `bytes` zero bytes, a multiple of four.
     pub(crate) fn new(bytes: usize) -> Self {
-        Self(vec![0; bytes / 4])
+        Self::after(Vec::new(), bytes)
+    }
+
+    /// Creates a struct of `bytes` zero bytes after other words, for arrays of structs.
+    pub(crate) fn after(mut words: Vec<u32>, bytes: usize) -> Self {
+        let first = words.len();
+        words.resize(first + bytes / 4, 0);
+        Self { words, first }
     }
 
     /// Sets the word at a byte offset.
     pub(crate) fn u32(&mut self, offset: usize, value: u32) -> &mut Self {
-        if let Some(word) = self.0.get_mut(offset / 4) {
+        if let Some(word) = self.words.get_mut(self.first + offset / 4) {
             *word = value;
         }
         self
@@ -24,7 +35,7 @@ impl StructWriter {
 
     /// Returns the word at a byte offset.
     pub(crate) fn get(&self, offset: usize) -> u32 {
-        self.0.get(offset / 4).copied().unwrap_or(0)
+        self.words.get(self.first + offset / 4).copied().unwrap_or(0)
     }
 
     /// Sets consecutive words, beginning at a byte offset.
@@ -85,8 +96,8 @@ impl StructWriter {
         self.f64(offset + at::HEIGHT, height).u32(offset + at::KIND, kind)
     }
 
-    /// Returns the struct's words.
+    /// Returns the words before the struct, and those of the struct.
     pub(crate) fn into_words(self) -> Vec<u32> {
-        self.0
+        self.words
     }
 }

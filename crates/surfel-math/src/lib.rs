@@ -12,8 +12,8 @@
 //!    fragment's weight and coverage.
 //!
 //! [`triangle`] does the same for polygons; [`shadow`] samples shadow maps; [`toon`], [`matcap`] and [`eye_dome`] are
-//! shaders; [`quantise`] stores numbers in 16 bits. [`gaussian`] is for trained Gaussians, which are drawn one over
-//! another.
+//! shaders; [`quantise`] stores numbers in 16 bits; [`cone`] culls back-facing splats together. [`gaussian`] is for
+//! trained Gaussians, which are drawn one over another.
 //!
 //! The main types, in reading order, are [`Real`], [`projection::Projection`], [`project::ViewSplat`],
 //! [`project::Projected`], [`mapping::Footprint`] and [`filter::Filtered`]. This example computes the weight of one
@@ -61,6 +61,7 @@ pub mod basis;
 pub mod bounds;
 pub mod clip;
 pub mod clip_paper;
+pub mod cone;
 pub mod depth;
 pub mod eye_dome;
 pub mod facing;

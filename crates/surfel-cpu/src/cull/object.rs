@@ -103,12 +103,8 @@ impl<'a> ObjectView<'a> {
         self.origin + self.linear * chunk.space.origin
     }
 
-    /// True if the material culls back faces and every splat of the chunk is back-facing.
-    ///
-    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. The cone's
-    /// half-angle is added to the half-angle of the chunk's bounding sphere as viewed from the eye. If their sum plus
-    /// the angle between cone axis and viewing direction stays below 90°, a normal within the cone faces away from
-    /// every ray through the sphere.
+    /// True if the material culls back faces and every splat of the chunk is back-facing. The test runs in object
+    /// space.
     pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
         if self.material.cull != Cull::Back {
             return false;
@@ -125,11 +121,7 @@ impl<'a> ObjectView<'a> {
             }
             ProjectionKind::Orthographic { .. } => (self.eye_in_object, 0.0),
         };
-        // cos(a) > sin(cone + spread), for both below 90° together; the slack is far above f32's rounding in setup.
-        let spread_cosine = (1.0 - spread_sine * spread_sine).max(0.0).sqrt();
-        let sine = cone.sine * spread_cosine + cone.cosine * spread_sine;
-        let cosine = cone.cosine * spread_cosine - cone.sine * spread_sine;
-        cosine > 0.0 && toward.dot(cone.axis) > sine + 1e-4
+        cone.is_back_facing(toward, spread_sine)
     }
 
     /// Returns the bounds of the pixels that a chunk may touch: minimum x and y, maximum x and y. The bounds are

@@ -9,6 +9,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::sync::Arc;
+use surfel_math::cone::NormalCone;
 use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
 use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
@@ -54,25 +55,7 @@ pub(crate) struct Chunk {
     /// Number of splats in the chunk.
     pub count: usize,
     /// A cone that contains all normals of the chunk; `None` if it would not be narrower than a half space.
-    pub cone: Option<Cone>,
-}
-
-/// A cone of directions, by its axis and the sine and cosine of its half-angle.
-pub(crate) struct Cone {
-    pub axis: DVec3,
-    pub sine: f64,
-    pub cosine: f64,
-}
-
-impl Cone {
-    /// Returns a cone around the mean of these unit vectors that contains all of them; `None` if it would not be
-    /// narrower than a half space.
-    fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
-        let axis = normals.clone().sum::<DVec3>().try_normalize()?;
-        // The margin exceeds the rounding of the stored f32 normals.
-        let cosine = normals.map(|n| axis.dot(n)).fold(1.0, f64::min) - 1e-6;
-        (cosine > 0.0).then(|| Self { axis, sine: (1.0 - cosine * cosine).sqrt(), cosine })
-    }
+    pub cone: Option<NormalCone>,
 }
 
 /// The splats of one object, as this backend stores them: columns of numbers with one entry per splat. A splat's *slot*
@@ -227,7 +210,7 @@ impl StoredObject {
                 s.append(a);
                 t.append(b);
             }
-            _ => debug_assert!(false, "parts of a cloud have its shape"),
+            _ => unreachable!("parts of a cloud have its shape"),
         }
         self.clips.iter_mut().zip(part.clips).for_each(|(clips, more)| clips.append(more));
         self.colors.iter_mut().zip(part.colors).for_each(|(column, more)| column.append(more));
@@ -261,7 +244,7 @@ impl StoredObject {
             normal: cloud.normal(i),
         });
         let mut splats: Vec<BoundedSplat> = splats.collect();
-        let cone = Cone::about(splats.iter().map(|splat| splat.normal));
+        let cone = NormalCone::about(splats.iter().map(|splat| splat.normal));
         let (mut radius, mut half, mut area) = (0.0f64, DVec3::ZERO, 0.0);
         let first = self.centers.len();
         let member = members.first().copied().unwrap_or_default();

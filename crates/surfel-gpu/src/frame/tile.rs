@@ -4,7 +4,7 @@
 //! colour in a buffer.
 
 use crate::frame::balls::{MOST_BALLS, TileBalls};
-use crate::frame::culling::{is_outside, may_reach_near};
+use crate::frame::culling::{RegionFrustum, is_back_facing, may_reach_near};
 use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
 use crate::frame::object_transform::ObjectTransform;
@@ -15,7 +15,6 @@ use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
 use crate::passes::cells::{CellCapacity, CellCounts};
 use crate::passes::pass_list::is_of_shadow_map;
 use crate::passes::schedule::VisibleSegments;
-use crate::scene::chunk::Chunk;
 use crate::scene::clip::Variant;
 use crate::scene::limits::Limits;
 use crate::scene::placement::PlacedBounds;
@@ -24,7 +23,7 @@ use crate::struct_writer::StructWriter;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_model::{ChunkSpace, ClipPolicy, CloudData, NO_LABEL};
+use surfel_model::{ClipPolicy, CloudData, Cull, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
@@ -502,21 +501,25 @@ fn segment_data(
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
         return (data, near);
     };
+    let frustum = RegionFrustum::new(setup.tile, setup.view, setup.plan);
     if let Some(placed) = segment.placed {
-        placed_data(&mut data, &placed.bounds, segment, transform, setup, by_cells);
+        placed_data(&mut data, &placed.bounds, segment, transform, &frustum, by_cells);
         return (data, near);
     }
     let selection = object.octree.as_ref().and_then(|(index, _)| setup.plan.selection_of(*index));
     let chunk_bytes = if by_cells { layout::cell_chunk::SIZE } else { layout::chunk::SIZE };
     data.chunks.reserve(segment.chunks.len() * chunk_bytes / 4);
     data.work.chunks += segment.chunks.len() as u64;
+    let culls_back = object.material.cull == Cull::Back && !is_of_shadow_map(setup.plan);
     for (number, chunk) in (0..).zip(&segment.chunks) {
         let center = transform.point(chunk.space.origin);
         let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
         let members = members.unwrap_or_default();
         // An octree's chunk is drawn as a whole or not at all, so its first splat decides.
         let is_drawn = selection.is_none_or(|chosen| members.first().is_some_and(|&splat| chosen.has_splat(splat)));
-        let state = if !is_drawn || is_outside(chunk, center, transform, setup.tile, setup.view, setup.plan) {
+        let is_culled = frustum.is_outside(center, chunk.bounding_radius * transform.stretch)
+            || (culls_back && is_back_facing(chunk, transform, setup.view));
+        let state = if !is_drawn || is_culled {
             layout::CHUNK_OUTSIDE
         } else if may_reach_near(chunk, center, transform, setup.view) {
             let near_chunk = NearPlaneChunk {
@@ -560,7 +563,7 @@ fn segment_data(
 /// `CellChunk`. `center` is the view position of its origin.
 fn put_chunk(to: &mut Vec<u32>, center: DVec3, state: u32, of_cells: Option<[u32; 3]>) {
     let bytes = if of_cells.is_some() { layout::cell_chunk::SIZE } else { layout::chunk::SIZE };
-    let mut words = StructWriter::new(bytes);
+    let mut words = StructWriter::after(std::mem::take(to), bytes);
     match of_cells {
         Some([first, count, number]) => {
             use layout::cell_chunk as at;
@@ -571,7 +574,7 @@ fn put_chunk(to: &mut Vec<u32>, center: DVec3, state: u32, of_cells: Option<[u32
             words.vec3(layout::chunk::CENTER, center).u32(layout::chunk::STATE, state);
         }
     }
-    to.extend(words.into_words());
+    *to = words.into_words();
 }
 
 /// Fills in the data of a segment whose splats the application places: a single chunk about the object's origin, which
@@ -581,16 +584,14 @@ fn placed_data(
     bounds: &PlacedBounds,
     segment: &Segment,
     transform: &ObjectTransform,
-    setup: &NearPlaneSetup<'_>,
+    frustum: &RegionFrustum,
     by_cells: bool,
 ) {
     let count = segment.members.len() as u32;
-    let space = ChunkSpace { origin: bounds.center, ..ChunkSpace::default() };
-    let whole = Chunk { space, bounding_radius: bounds.radius, largest_radius: 0.0, first: 0, count };
     let center = transform.point(bounds.center);
     data.near_bits.push(0);
     data.work.chunks += 1;
-    let is_outside = is_outside(&whole, center, transform, setup.tile, setup.view, setup.plan);
+    let is_outside = frustum.is_outside(center, bounds.radius * transform.stretch);
     let state = if is_outside { layout::CHUNK_OUTSIDE } else { layout::CHUNK_ORDINARY };
     if !is_outside {
         data.is_outside = false;

@@ -1,6 +1,7 @@
 //! Chunks of neighbouring splats, with bounds for culling. A *segment* is the part of an object's splats that shares a
 //! buffer ([`Segment`](crate::Segment)); it consists of chunks.
 
+use surfel_math::cone::NormalCone;
 use surfel_model::SplatCloud;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace};
 use surfel_shaders::layout;
@@ -16,6 +17,8 @@ pub struct Chunk {
     pub bounding_radius: f64,
     /// Largest semi-axis of all splats, in object units.
     pub largest_radius: f64,
+    /// Cone that contains the normals of all splats; `None` if it isn't narrower than a half space.
+    pub cone: Option<NormalCone>,
     /// Index of the first splat in the segment.
     pub first: u32,
     /// Number of splats.
@@ -26,7 +29,9 @@ impl Chunk {
     /// Creates the chunk of the splats `members`, which are indices into the cloud. `first` is the index of the first
     /// member in the segment.
     pub(crate) fn new(cloud: &SplatCloud, members: &[u32], space: ChunkSpace, first: u32) -> Self {
-        let mut chunk = Self { space, bounding_radius: 0.0, largest_radius: 0.0, first, count: members.len() as u32 };
+        let cone = NormalCone::about(members.iter().map(|&i| cloud.normal(i as usize)));
+        let count = members.len() as u32;
+        let mut chunk = Self { space, bounding_radius: 0.0, largest_radius: 0.0, cone, first, count };
         for &i in members {
             let radius = cloud.radius_max(i as usize);
             chunk.largest_radius = chunk.largest_radius.max(radius);
