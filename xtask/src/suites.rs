@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
 use crate::python::Tested;
 use crate::vulkan::Verdict;
@@ -30,15 +31,18 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
             return false;
         }
     };
-    let python = python::test(root, full);
-    let page = page::test(root, full);
-    let web = web::test(root, full);
+    let python = timed(|| python::test(root, full));
+    let page = timed(|| page::test(root, full));
+    let web = timed(|| web::test(root, full));
     // Like the GPU tests, the kit's script needs a Vulkan driver.
     let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
     let front_page_ok = !full || front_page::test(root);
     let total = summary.total();
     println!("\n== tests");
+    if let Some(build) = &summary.build {
+        println!("build: {build}");
+    }
     for suite in &summary.suites {
         println!("{}", suite.line());
     }
@@ -76,10 +80,15 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         && driver.is_ok()
 }
 
+fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
+    let start = Instant::now();
+    (work(), start.elapsed())
+}
+
 /// Prints the result of a test. Returns false if it failed, or if it was skipped although the environment forbids that.
-fn told(what: &str, tested: &Tested, requirement: &str) -> bool {
+fn told(what: &str, (tested, time): &(Tested, Duration), requirement: &str) -> bool {
     match tested {
-        Tested::Passed => println!("{what}: ok"),
+        Tested::Passed => println!("{what}: ok, {:.0} s", time.as_secs_f64()),
         Tested::Failed => println!("{what}: FAILED, see above"),
         Tested::Skipped(why) => println!("{what}: skipped, {why}"),
     }
@@ -146,32 +155,36 @@ fn packages(root: &Path) -> Vec<(String, PathBuf)> {
 }
 
 /// Numbers of tests of a suite by result.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 struct Suite {
     name: String,
     passed: usize,
     failed: usize,
     /// Number of ignored tests and of tests that passed only because their data was missing.
     skipped: usize,
+    /// Time of the suite's tests.
+    seconds: f64,
     /// True if the suite ended with a report; otherwise it counts as failed.
     reported: bool,
 }
 
 impl Suite {
     fn line(&self) -> String {
-        let Self { name, passed, failed, skipped, .. } = self;
+        let Self { name, passed, failed, skipped, seconds, .. } = self;
         let verdict = match (self.reported, failed) {
             (false, _) => "FAILED (ended without a report)",
             (true, 0) => "ok",
             _ => "FAILED",
         };
-        format!("{name}: {verdict}, {passed} passed, {failed} failed, {skipped} skipped")
+        format!("{name}: {verdict}, {passed} passed, {failed} failed, {skipped} skipped, {seconds:.0} s")
     }
 }
 
 #[derive(Debug, Default)]
 struct Summary {
     suites: Vec<Suite>,
+    /// Cargo's line about the build, which ends in the build's time.
+    build: Option<String>,
 }
 
 impl Summary {
@@ -233,6 +246,8 @@ impl Parser<'_> {
             self.start(suite);
         } else if let Some(package) = line.strip_prefix("Doc-tests ") {
             self.start(format!("{package} doc tests"));
+        } else if let Some(build) = line.strip_prefix("Finished ") {
+            self.summary.build.get_or_insert_with(|| build.to_owned());
         } else if let Some(counts) = line.strip_prefix("test result: ") {
             self.finish(counts);
         } else if line.starts_with("---- ") && line.ends_with(" stdout ----") {
@@ -260,12 +275,15 @@ impl Parser<'_> {
             clause.and_then(|n| n.trim().parse::<usize>().ok()).unwrap_or(0)
         };
         let (passed, failed, ignored) = (count("passed"), count("failed"), count("ignored"));
+        let seconds =
+            counts.split_once("finished in ").and_then(|(_, time)| time.strip_suffix('s')?.parse::<f64>().ok());
         // A crate's doc tests may report twice (merged and standalone); the counts are added.
         let Some(suite) = self.summary.suites.last_mut() else { return };
         let excused = self.excuses.min(passed);
         suite.passed += passed - excused;
         suite.failed += failed;
         suite.skipped += ignored + excused;
+        suite.seconds += seconds.unwrap_or(0.0);
         suite.reported = true;
         (self.excuse, self.excuses) = (CapturedOutput::Outside, 0);
     }
@@ -312,21 +330,23 @@ mod tests {
     #[test]
     fn summary_names_suites_and_adds_up() {
         let s = summary(
-            "   Compiling xtask v0.1.0\n     Running unittests src/main.rs (target/debug/deps/xtask-01ab)\n\
+            "   Compiling xtask v0.1.0\n    Finished `test` profile [optimized] target(s) in 2m 05s\n     \
+             Running unittests src/main.rs (target/debug/deps/xtask-01ab)\n\
              running 3 tests\ntest result: ok. 3 passed; 0 failed; 1 ignored; 0 measured; 0 filtered out; finished in \
-             0.1s\n Running tests/dependencies.rs (target/debug/deps/dependencies-23cd)\n\
-             test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 0.1s\n\
+             1.6s\n Running tests/dependencies.rs (target/debug/deps/dependencies-23cd)\n\
+             test result: FAILED. 1 passed; 2 failed; 0 ignored; 0 measured; 0 filtered out; finished in 75s\n\
              Doc-tests xtask\ntest result: ok. 0 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out\n",
         );
         let lines: Vec<_> = s.suites.iter().map(Suite::line).collect();
         assert_eq!(
             lines,
             [
-                "xtask unit tests of src/main.rs: ok, 3 passed, 0 failed, 1 skipped",
-                "xtask tests/dependencies.rs: FAILED, 1 passed, 2 failed, 0 skipped",
-                "xtask doc tests: ok, 0 passed, 0 failed, 0 skipped",
+                "xtask unit tests of src/main.rs: ok, 3 passed, 0 failed, 1 skipped, 2 s",
+                "xtask tests/dependencies.rs: FAILED, 1 passed, 2 failed, 0 skipped, 75 s",
+                "xtask doc tests: ok, 0 passed, 0 failed, 0 skipped, 0 s",
             ]
         );
+        assert_eq!(s.build.as_deref(), Some("`test` profile [optimized] target(s) in 2m 05s"));
         let total = s.total();
         assert_eq!((total.passed, total.failed, total.skipped), (4, 2, 1));
     }

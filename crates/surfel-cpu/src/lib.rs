@@ -72,3 +72,5 @@ pub use renderer::Renderer;
 pub use scene::resident::ResidentScene;
 pub use simd::level::SimdLevel;
 pub use surfel_model::Storage;
+#[doc(hidden)]
+pub use tiles::driver::Tuning;

@@ -20,7 +20,7 @@ pub struct Renderer {
     threads: Threads,
     instructions: Instructions,
     storage: Storage,
-    pub(crate) tuning: Tuning,
+    tuning: Tuning,
     pools: FramePools,
 }
 
@@ -48,6 +48,12 @@ impl Renderer {
         };
         let (tuning, pools) = (Tuning::default(), FramePools::default());
         Ok(Self { info, threads, instructions, storage: options.storage, tuning, pools })
+    }
+
+    /// Sets how work is divided, for tests. The default is the fastest.
+    #[doc(hidden)]
+    pub fn set_tuning(&mut self, tuning: Tuning) {
+        self.tuning = tuning;
     }
 
     /// Frees the buffers that are reused between frames. Call this after an image that is much larger than the next

@@ -1,7 +1,3 @@
-//! Tests that internal choices change no bit of an image: scenes with all features, divided in different ways.
+//! Tests of several modules together.
 
-mod background;
-mod clips;
 mod evaluators;
-mod scenes;
-mod tuning;

@@ -101,7 +101,7 @@ pub struct ThroughNear {
 /// Computes the exact mapping of a splat anywhere, even on the eye's own plane (G06 §3: adj(M) without division by
 /// det(M), times its sign). Perspective only. Few splats need it, so it is in f64 for every backend.
 pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> ThroughNear {
-    debug_assert!(projection.kind == ProjectionKind::Perspective);
+    assert!(projection.kind == ProjectionKind::Perspective);
     let ViewSplat { p, s, t, .. } = *splat;
     // A power of two keeps every product within range and changes no bit of the quotients.
     let largest = [p, s, t].iter().flat_map(|v| [v.x, v.y, v.z]).fold(0.0f64, |a, b| a.max(b.abs()));

@@ -110,7 +110,7 @@ impl<'a> Search<'a> {
         }
         let q = self.points.at(slot);
         let found = self.near_leaf(slot, q, count, guess2) || self.alone(q, count);
-        debug_assert!(found);
+        assert!(found);
         let farthest2 = self.distances2[count - 1];
         self.last = Some((q, farthest2, count));
         self.largest2 = self.largest2.max(farthest2 / count as f32);

@@ -82,7 +82,27 @@ fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
     assert_eq!(kept, cases.iter().map(|c| &c.name).collect::<Vec<_>>(), "refused, but said to be drawn");
 }
 
-fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
+/// A software driver draws each region in a third of a second, so only `--full` draws all of them.
+const REGIONS: usize = 3;
+
+fn region_is_that_part_of_the_whole(renderer: impl Renderer) {
+    regions_are_parts_of_the_whole(renderer, REGIONS);
+}
+
+#[test]
+#[ignore = "100 s on lavapipe with two cores: cargo xtask test --full"]
+fn more_regions_are_parts_of_the_whole() {
+    if let Some(renderer) = validated_gpu::wgpu() {
+        regions_are_parts_of_the_whole(renderer, 1);
+        validated_gpu::no_messages();
+    }
+    if let Some(renderer) = validated_gpu::ash() {
+        regions_are_parts_of_the_whole(renderer, 1);
+    }
+}
+
+/// Compares a region of every `step`-th scene with that part of the whole image.
+fn regions_are_parts_of_the_whole(mut renderer: impl Renderer, step: usize) {
     let cases = drawn(&renderer);
     // Some of each kind, and all whose edges need neighbours beyond the region, or which read shadow maps.
     let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
@@ -94,7 +114,7 @@ fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
     // Without shadows and with.
     let mut worst = [0.0f32; 2];
     let mut failed = Vec::new();
-    for case in some {
+    for case in some.step_by(step) {
         // The anchor of near splats' and polygons' forms is in the middle of their visible part, so their last bits
         // differ. Across a penumbra, with a third of the light per texel, the last bits of a position are 1e-4 of a
         // texel.
@@ -250,37 +270,52 @@ fn empty_scene_is_background(mut renderer: impl Renderer) {
     assert!(frame.depth().iter().all(|z| *z == f32::INFINITY) && frame.weight().iter().all(|w| *w == 0.0));
 }
 
-/// Returns some scenes, scaled to be very small and very large.
-fn scenes_of_any_size() -> &'static [Truth] {
-    static TRUTHS: OnceLock<Vec<Truth>> = OnceLock::new();
-    TRUTHS.get_or_init(|| {
-        let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
-        let mut truths = Vec::new();
-        for case in scenes::all().iter().step_by(3) {
-            for scale in [1e-15, 1e15] {
-                let mut case = scenes::scaled(case, scale);
-                for light in case.scene.lights.iter_mut().flatten() {
-                    if let Light::Point { position, .. } | Light::Spot { position, .. } = light {
-                        position.iter_mut().for_each(|p| *p *= scale);
-                    }
+/// Returns every `step`-th scene, scaled to be very small and very large.
+fn scenes_of_any_size(step: usize) -> Vec<Truth> {
+    let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
+    let mut truths = Vec::new();
+    for case in scenes::all().iter().step_by(step) {
+        for scale in [1e-15, 1e15] {
+            let mut case = scenes::scaled(case, scale);
+            for light in case.scene.lights.iter_mut().flatten() {
+                if let Light::Point { position, .. } | Light::Spot { position, .. } = light {
+                    position.iter_mut().for_each(|p| *p *= scale);
                 }
-                if let Projection::Orthographic { height } = &mut case.camera.projection {
-                    *height *= scale;
-                }
-                if let DepthTolerance::Absolute(distance) = &mut case.settings.depth_tolerance {
-                    *distance *= scale;
-                }
-                truths.push(Truth::of(&mut reference, case));
             }
+            if let Projection::Orthographic { height } = &mut case.camera.projection {
+                *height *= scale;
+            }
+            if let DepthTolerance::Absolute(distance) = &mut case.settings.depth_tolerance {
+                *distance *= scale;
+            }
+            truths.push(Truth::of(&mut reference, case));
         }
-        truths
-    })
+    }
+    truths
 }
 
-fn scene_of_any_size_agrees_with_the_reference(mut renderer: impl Renderer) {
+fn scene_of_any_size_agrees_with_the_reference(renderer: impl Renderer) {
+    static TRUTHS: OnceLock<Vec<Truth>> = OnceLock::new();
+    agrees_with(renderer, TRUTHS.get_or_init(|| scenes_of_any_size(6)));
+}
+
+#[test]
+#[ignore = "100 s on lavapipe with two cores: cargo xtask test --full"]
+fn more_scenes_of_any_size_agree_with_the_reference() {
+    let truths = scenes_of_any_size(3);
+    if let Some(renderer) = validated_gpu::wgpu() {
+        agrees_with(renderer, &truths);
+        validated_gpu::no_messages();
+    }
+    if let Some(renderer) = validated_gpu::ash() {
+        agrees_with(renderer, &truths);
+    }
+}
+
+fn agrees_with(mut renderer: impl Renderer, truths: &[Truth]) {
     let capabilities = renderer.info().capabilities;
-    let truths: Vec<&Truth> = scenes_of_any_size().iter().filter(|t| t.case.is_drawn_by(&capabilities)).collect();
-    assert!(truths.len() > 30, "{}", truths.len());
+    let truths: Vec<&Truth> = truths.iter().filter(|t| t.case.is_drawn_by(&capabilities)).collect();
+    assert!(truths.len() > 50, "{}", truths.len());
     for truth in truths {
         let report = check(&mut renderer, truth).report;
         assert!(report.is_ok(), "{report}");

@@ -59,7 +59,7 @@ impl Column {
         match (self, more) {
             (Self::F32(values), Self::F32(more)) => values.extend_from_slice(&more),
             (Self::Quantised(steps), Self::Quantised(more)) => steps.extend_from_slice(&more),
-            _ => debug_assert!(false, "columns of one storage"),
+            _ => unreachable!("columns of one storage"),
         }
     }
 
@@ -126,7 +126,7 @@ impl Column3 {
 
     /// Appends another column of the same storage format. This column must consist of whole groups of sixteen.
     pub(crate) fn append(&mut self, more: Self) {
-        debug_assert!(self.vectors.is_multiple_of(LANES));
+        assert!(self.vectors.is_multiple_of(LANES));
         self.coordinates.append(more.coordinates);
         self.vectors += more.vectors;
     }
@@ -135,7 +135,6 @@ impl Column3 {
     /// numbers there.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
-        debug_assert!(at.is_multiple_of(LANES));
         let (all, x) = (&self.coordinates, 3 * at);
         V3::new(all.load(simd, x, scale), all.load(simd, x + LANES, scale), all.load(simd, x + 2 * LANES, scale))
     }
@@ -187,7 +186,7 @@ impl Units {
                 x.append(a);
                 y.append(b);
             }
-            _ => debug_assert!(false, "columns of one storage"),
+            _ => unreachable!("columns of one storage"),
         }
     }
 

@@ -12,11 +12,10 @@ use crate::setup::record::{Batch, Class, Record};
 use crate::setup::tiny::TinyFinder;
 use crate::simd::lanes::Lanes;
 use crate::simd::level::{Instructions, SimdLevel, with_instructions};
-use crate::tests::scenes::object;
 use crate::tiles::grid::Grid;
 use fearless_simd::Simd;
 use fearless_simd::prelude::*;
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 use surfel_math::depth::{DepthForm, DepthPlane};
 use surfel_math::filter::{self, Filtered};
@@ -25,7 +24,8 @@ use surfel_math::mapping::Footprint;
 use surfel_math::project::{Projected, ViewSplat};
 use surfel_math::{V2, V3};
 use surfel_model::{
-    Camera, CloudData, Column3, Cull, Filter, Geometry, OnInvalid, Scene, Settings, Shape, SplatCloud, Storage,
+    Camera, CloudData, Column3, Cull, Filter, Geometry, Material, Object, OnInvalid, Scene, Settings, Shape,
+    SplatCloud, Storage,
 };
 use surfel_render::{FramePlan, Planes, View, plan};
 
@@ -82,7 +82,12 @@ impl Tilted {
         let [center, s, t] = self.vectors().map(|v| Column3::from_f32(vec![v]));
         let data = CloudData::new(DVec3::ZERO, center, Shape::Ellipses { s, t });
         let cloud = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
-        Scene { objects: vec![object(Geometry::Splats(Arc::new(cloud)))], ..Scene::default() }
+        let material = Material { interior_weight: Some(1.5), ..Material::default() };
+        let geometry = Geometry::Splats(Arc::new(cloud));
+        Scene {
+            objects: vec![Object { geometry, world_from_object: DAffine3::IDENTITY, material }],
+            ..Scene::default()
+        }
     }
 
     /// Returns the half-lengths in pixels of the projected ellipse, the longer first. A filter lengthens the shorter

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Parameters of the division of work. They change speed and memory, but no bit of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Tuning {
+pub struct Tuning {
     /// Number of blocks of 4×4 pixels along the side of a tile: 2, 4 or 8.
     pub tile_blocks: u32,
     /// Largest number of splats and triangles in a cell, which a thread sets up before it draws them, as near as whole

@@ -267,7 +267,7 @@ impl Copc {
             options,
         )?;
         // Positions on an integer grid are finite, so no point is dropped.
-        debug_assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
+        assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
         Ok(NodePoints { loaded, ends })
     }
 

@@ -1,7 +1,7 @@
 //! Tests that tiles with the background alone aren't written again, and that images are the same nevertheless.
 
-use crate::tests::scenes::{specks, view, walls};
-use crate::{Options, Renderer};
+use crate::scenes::{specks, view, walls};
+use surfel_cpu::{Options, Renderer};
 use surfel_model::{EdgeAa, Scene, Settings, Shader};
 use surfel_render::{Frame, Planes, Renderer as _};
 

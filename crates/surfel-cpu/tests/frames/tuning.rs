@@ -1,8 +1,7 @@
 //! Tests that sizes of tiles and cells, occlusion culling, and tiny splats change the speed, but no bit of an image.
 
-use crate::tests::scenes::{ellipses, everything, haze, specks, view, walls};
-use crate::tiles::driver::Tuning;
-use crate::{Options, Renderer};
+use crate::scenes::{ellipses, everything, haze, specks, view, walls};
+use surfel_cpu::{Options, Renderer, Tuning};
 use surfel_model::{Camera, ClipPolicy, EdgeAa, Filter, Mapping, Scene, Settings, Shader, Transparency};
 use surfel_render::{Frame, Planes, Region, Renderer as _, Stats, View};
 
@@ -12,7 +11,7 @@ fn all() -> Planes {
 
 fn draw(tuning: Tuning, scene: &Scene, view: &View, settings: &Settings, planes: Planes) -> (Vec<u32>, Stats) {
     let mut renderer = Renderer::new(Options::default().with_threads(2)).unwrap();
-    renderer.tuning = tuning;
+    renderer.set_tuning(tuning);
     let resident = renderer.upload(scene).unwrap();
     let mut frame = Frame::default();
     let stats = renderer.render_into(&resident, view, settings, planes, &mut frame).unwrap();

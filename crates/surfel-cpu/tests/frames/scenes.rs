@@ -1,6 +1,6 @@
-//! Scenes for the crate's own tests.
+//! Scenes of all kinds of geometry.
 
-use crate::simd::xorshift::Xorshift;
+use crate::xorshift::Xorshift;
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
 use surfel_model::{
@@ -12,7 +12,7 @@ use surfel_render::View;
 /// Number of splats along the side of a wall.
 const SIDE: usize = 60;
 
-pub(crate) fn object(geometry: Geometry) -> Object {
+fn object(geometry: Geometry) -> Object {
     let material = Material { interior_weight: Some(1.5), ..Material::default() };
     Object { geometry, world_from_object: DAffine3::IDENTITY, material }
 }
