@@ -13,8 +13,8 @@ pub(crate) struct ObjectTransform {
     pub origin: DVec3,
     /// Matrix of normals from object to world space, up to scale: cofactors with the sign of the determinant.
     pub normals: DMat3,
-    /// Position of the eye in object space; in an orthographic view, the unit viewing direction instead. NaN if the map
-    /// has no inverse.
+    /// Position of the eye in object space; in an orthographic view, the unit viewing direction instead. It isn't
+    /// finite, or is zero, if the map has no inverse.
     pub eye_in_object: DVec3,
     /// Upper bound of the factor by which the map lengthens a vector.
     pub stretch: f64,
