@@ -80,7 +80,7 @@ fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
 }
 
 // Draws the edges of a cell, unless it is dense.
-fn draw_edges(cell: vec2u, i: u32, full: bool) {
+fn draw_edges(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
     if range.y - range.x > DENSE_PAIRS {
         return;
@@ -93,34 +93,49 @@ fn draw_edges(cell: vec2u, i: u32, full: bool) {
     }
     clear_cell(i);
     atomicStore(&sides[i], bitcast<u32>(edge.nearest));
-    let drawn = CellPass(true, full, false, false, true);
     let limit = find_limit(range, corner, i, drawn);
     let sums = sum_pixel(range, corner, i, limit, drawn);
     if edge.is_edge {
-        blend_edge(own, sums, full);
+        blend_edge(own, sums, drawn.full);
     }
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_edges(cell.xy, i, false);
+    draw_edges(cell.xy, i, CellPass(true, false, false, false, true, false));
 }
 
 // Draws the edges of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_edges(cell.xy, i, true);
+    draw_edges(cell.xy, i, CellPass(true, true, false, false, true, false));
+}
+
+// Draws the edges of an image of any kind with clipped splats.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_edges(cell.xy, i, CellPass(true, true, false, false, true, true));
 }
 
 // Finds the depth thresholds of parts of dense cells behind their edges.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true));
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, true));
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, true, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, false, true, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, true, false, false, true, true));
 }
 
 // Draws the edges of a dense cell from its parts.
@@ -128,7 +143,7 @@ fn combine_edges(cell: vec2u, i: u32, full: bool) {
     let range = pairs_of(cell);
     let own = cell * CELL_SIDE + pixel_in_cell(i);
     if range.y - range.x > DENSE_PAIRS && edge_at(own).is_edge {
-        blend_edge(own, sums_of_parts(range, i, CellPass(true, full, false, false, true)), full);
+        blend_edge(own, sums_of_parts(range, i, CellPass(true, full, false, false, true, false)), full);
     }
 }
 

@@ -46,6 +46,8 @@ struct CellPass {
     edges: bool,
     // True to draw only fragments behind the depths in `sides`.
     behind: bool,
+    // True if records may have clips.
+    clipped: bool,
 }
 
 fn staged_part(part: u32, r: u32) -> vec4u {
@@ -151,13 +153,20 @@ struct CellRecord {
     uv: vec4f,
     w: vec2f,
     at_anchor: vec3f,
+    // Index of the record if it has clips, otherwise ABSENT.
+    clipped: u32,
 }
 
-fn staged_record(r: u32) -> CellRecord {
+// Returns record r of the batch that begins with the pair `batch`.
+fn staged_record(batch: u32, r: u32, drawn: CellPass) -> CellRecord {
     let anchor = staged_part(0u, r);
     let plane = bitcast<vec4f>(staged_part(1u, r));
     let more = staged_part(2u, r);
     let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
+    var clipped = ABSENT;
+    if drawn.clipped && (more.w & RECORD_CLIPPED) != 0u {
+        clipped = pairs_in[batch + r].record;
+    }
     return CellRecord(
         bitcast<vec2i>(anchor.xy),
         vec2f(0.5, 0.5) - bitcast<vec2f>(anchor.zw),
@@ -169,6 +178,7 @@ fn staged_record(r: u32) -> CellRecord {
         bitcast<vec4f>(staged_part(3u, r)),
         w_and_anchor.xy,
         vec3f(w_and_anchor.zw, bitcast<f32>(staged_part(5u, r).w)),
+        clipped,
     );
 }
 
@@ -190,12 +200,64 @@ struct CellSums {
     nearest: u32,
 }
 
+fn cell_clip_form(words: vec4u) -> Linear {
+    let form = bitcast<vec4f>(words);
+    return Linear(form.x, form.y, form.z);
+}
+
+// Reads a clip that `write_clip` wrote.
+fn cell_clip(record: u32, part: u32) -> Clip {
+    let chord = cell_records[part_at(part, record)];
+    let side1 = cell_records[part_at(part + 1u, record)];
+    let side3 = cell_records[part_at(part + 2u, record)];
+    let line0 = cell_records[part_at(part + 3u, record)];
+    let line1 = cell_records[part_at(part + 4u, record)];
+    let line2 = cell_records[part_at(part + 5u, record)];
+    let lines = array<Linear, 4>(
+        cell_clip_form(line0),
+        cell_clip_form(line1),
+        cell_clip_form(line2),
+        cell_clip_form(vec4u(side3.w, line0.w, line1.w, 0u)),
+    );
+    return Clip(
+        cell_clip_form(chord),
+        cell_clip_form(side1),
+        cell_clip_form(side3),
+        bitcast<f32>(chord.w),
+        lines,
+        bitcast<f32>(side1.w),
+    );
+}
+
+// True if the clip of a record keeps the unfiltered footprint at an offset from the anchor.
+fn cell_clip_keeps_visible(record: CellRecord, d: vec2f) -> bool {
+    return record.clipped == ABSENT || clip_keeps(cell_clip(record.clipped, CLIP_PART), d);
+}
+
+// True if the clips of a record keep its filtered footprint at an offset from the anchor, like `clip_keeps_filtered`.
+fn cell_clip_keeps_filtered(record: CellRecord, d: vec2f) -> bool {
+    if record.clipped == ABSENT {
+        return true;
+    }
+    // If w ≤ 0, which only happens with `clamp`, the clip is evaluated at the centre.
+    let at = select(vec2f(0.0, 0.0), d, 0.0 < form_at(record.w, d, record.at_anchor.z));
+    if clip_keeps(cell_clip(record.clipped, CLIP_PART + CLIP_PARTS), at) {
+        return true;
+    }
+    if objects[record.flags >> RECORD_OBJECT].oriented == 0u {
+        return false;
+    }
+    let uv = bitcast<vec4f>(cell_records[part_at(1u, record.clipped)]);
+    return is_in_unfiltered(d, uv, record.depth.xy, record.at_anchor, record.flags)
+        && clip_keeps(cell_clip(record.clipped, CLIP_PART), d);
+}
+
 // Returns the depth of a record's unfiltered splat at a pixel; 0 if it has no fragment there.
 fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     let d = offset_in(record, pixel);
     let z = fragment_depth(d, record.depth, record.scale, record.at_anchor.z, record.flags);
-    let is_there = is_in_unfiltered(d, record.uv, record.depth.xy, record.at_anchor, record.flags) && exists(z);
-    return select(0.0, z, is_there);
+    let is_inside = is_in_unfiltered(d, record.uv, record.depth.xy, record.at_anchor, record.flags);
+    return select(0.0, z, is_inside && exists(z) && cell_clip_keeps_visible(record, d));
 }
 
 // Maxima of a pixel in the first loop, all reversed depths (rendering model §5): thresholds of splats without a side,
@@ -258,8 +320,9 @@ fn shows_side(shown: u32, flags: u32) -> bool {
 
 // Returns the contribution of a record to a pixel.
 fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
-    return contribution_at(
-        offset_in(record, pixel),
+    let d = offset_in(record, pixel);
+    var found = contribution_at(
+        d,
         record.uv,
         record.w,
         record.at_anchor,
@@ -268,6 +331,8 @@ fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
         record.flags,
         record.weight_scale,
     );
+    found.is_there = found.is_there && cell_clip_keeps_filtered(record, d);
+    return found;
 }
 
 // True if a fragment is no deeper than the threshold.
@@ -298,7 +363,7 @@ fn add_contribution(
     drawn: CellPass,
     sums: ptr<function, CellSums>,
 ) {
-    let record = staged_record(r);
+    let record = staged_record(first, r, drawn);
     let c = contribution_of(record, pixel);
     if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
         return;
@@ -324,15 +389,16 @@ fn add_contribution(
     }
 }
 
-// Raises the thresholds of a small splat's pixels. Two invocations share the splat's rows.
-fn raise_thresholds(r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+// Raises the thresholds of the pixels of a small splat, record r of the batch that begins with the pair `batch`. Two
+// invocations share the splat's rows.
+fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
     }
     let first = first_of(box);
     let end = end_of(box);
-    let record = staged_record(r);
+    let record = staged_record(batch, r, drawn);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
             let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
@@ -347,21 +413,21 @@ fn raise_thresholds(r: u32, half: u32, corner: vec2u, drawn: CellPass) {
 // Sets the bits of the pixels whose threshold a small splat may define: pixels at which it is visible and, unless sides
 // are separated, raises the threshold. Splats that define the final threshold have their bits set in any order of
 // execution; others may or may not.
-fn mark_raised_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
+fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
     }
     let first = first_of(box);
     let end = end_of(box);
-    let record = staged_record(r);
+    let record = staged_record(batch, r, drawn);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
             let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
             if z > 0.0 {
                 let at = invocation_of(x, y);
                 var is_raised = true;
-                if !sided {
+                if !drawn.sided {
                     let threshold = bitcast<u32>(reversed_depth(z + record.epsilon));
                     is_raised = atomicMax(&thresholds[at], threshold) <= threshold;
                 }
@@ -374,14 +440,14 @@ fn mark_raised_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
 }
 
 // Sets the bits of the pixels that a small splat contributes to.
-fn mark_pixels(r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
     }
     let first = first_of(box);
     let end = end_of(box);
-    let record = staged_record(r);
+    let record = staged_record(batch, r, drawn);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
             let at = invocation_of(x, y);
@@ -429,7 +495,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit
         stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
-            raise_thresholds(i / 2u, i % 2u, corner, drawn);
+            raise_thresholds(first, i / 2u, i % 2u, corner, drawn);
         }
         for (var word = 0u; word < BATCH_WORDS; word++) {
             var bits = atomicLoad(&block_bits[bits_at + words + word]);
@@ -437,7 +503,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    let record = staged_record(r);
+                    let record = staged_record(first, r, drawn);
                     let z = visible_depth_of(record, pixel);
                     if z > 0.0 && (!drawn.behind || is_behind(i, z)) {
                         maxima = greatest(maxima, maxima_of(record, z, sided));
@@ -511,7 +577,8 @@ fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
 
 // Finds the limit like `find_limit`, and also the splat that defines the threshold. Of several such splats, the first
 // is found, because a pixel visits candidates in order.
-fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
+fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
+    let sided = drawn.sided;
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -525,7 +592,7 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> Ce
         stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
-            mark_raised_pixels(i / 2u, i % 2u, corner, sided);
+            mark_raised_pixels(first, i / 2u, i % 2u, corner, drawn);
         }
         workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
@@ -535,7 +602,7 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> Ce
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    let record = staged_record(r);
+                    let record = staged_record(first, r, drawn);
                     let z = visible_depth_of(record, pixel);
                     if z > 0.0 {
                         let own = maxima_of(record, z, sided);
@@ -575,7 +642,7 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> Ce
 // Returns the limit of the invocation's pixel.
 fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
     if drawn.edges {
-        return find_limit_and_writer(range, corner, i, drawn.sided);
+        return find_limit_and_writer(range, corner, i, drawn);
     }
     return find_limit(range, corner, i, drawn);
 }
@@ -599,7 +666,7 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellP
         stage(first, count, corner, i, bits_at, false, drawn.surface || drawn.edges);
         workgroupBarrier();
         if i / 2u < count {
-            mark_pixels(i / 2u, i % 2u, corner, drawn);
+            mark_pixels(first, i / 2u, i % 2u, corner, drawn);
         }
         workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
@@ -693,52 +760,73 @@ fn write_surface(own: vec2u, point: Point) {
 // Draws cells of an image without normals and depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(false, false, false, false, false));
+    draw_cell(cell.xy, i, CellPass(false, false, false, false, false, false));
 }
 
 // Draws cells of an image with normals or depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, false, false, false));
+    draw_cell(cell.xy, i, CellPass(true, false, false, false, false, false));
 }
 
 // Draws cells of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, false, false));
+    draw_cell(cell.xy, i, CellPass(true, true, false, false, false, false));
 }
 
 // Draws cells whose pixels show one side of oriented splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, true, false, false));
+    draw_cell(cell.xy, i, CellPass(true, false, true, false, false, false));
 }
 
 // Draws cells whose pixels show one side of oriented splats, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, false, false));
+    draw_cell(cell.xy, i, CellPass(true, true, true, false, false, false));
 }
 
-// The same passes for images with antialiased edges.
+// The same passes for frames with clipped splats. They draw images of every kind.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, true, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, false, true, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, true, true, false, true));
+}
+
+// The same passes for images with antialiased edges, without clips.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, false, true, false));
+    draw_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, true, false));
+    draw_cell(cell.xy, i, CellPass(true, true, false, true, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, true, true, false));
+    draw_cell(cell.xy, i, CellPass(true, false, true, true, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, true, false));
+    draw_cell(cell.xy, i, CellPass(true, true, true, true, false, false));
 }
 
 // Largest number of pairs of a cell that isn't dense. Dense cells are drawn in parts, each by its own workgroup, so
@@ -835,12 +923,22 @@ fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, false, false));
+    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edged_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, true, false));
+    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, true, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_edged_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
 }
 
 // Sums the contributions of a part, up to the threshold of all parts of its cell.
@@ -883,17 +981,27 @@ fn sum_part(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_colors(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(false, false, false, false, false));
+    sum_part(workgroup_number(group), i, CellPass(false, false, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, false));
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, true, false));
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, true, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_clipped_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
 }
 
 // Returns the sums of all parts of a dense cell with the pairs `range`.
@@ -944,22 +1052,22 @@ fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, false, false, false, false));
+    combine_cell(cell.xy, i, CellPass(true, false, false, false, false, false));
 }
 
 // Draws dense cells from their parts, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, true, false, false, false));
+    combine_cell(cell.xy, i, CellPass(true, true, false, false, false, false));
 }
 
 // The same passes for images with antialiased edges.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, false, false, true, false));
+    combine_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, true, false, true, false));
+    combine_cell(cell.xy, i, CellPass(true, true, false, true, false, false));
 }

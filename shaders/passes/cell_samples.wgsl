@@ -147,20 +147,31 @@ fn draw_samples(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, false, false, false, false));
+    draw_samples(workgroup_number(group), i, CellPass(true, false, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false));
+    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, false, true, false, false));
+    draw_samples(workgroup_number(group), i, CellPass(true, false, true, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false));
+    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false, false));
+}
+
+// Draws the samples of an image of any kind with clipped splats.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false, true));
 }

@@ -21,6 +21,10 @@ const CELL_BLOCK: u32 = 2048u;
 // invocations of all groups.
 const RECORD_PARTS: u32 = 9u;
 const RECORD_PLACE: u32 = 9u;
+// First part of the clips of a record's unfiltered and filtered footprint in a frame with clipped splats, and number of
+// parts of a clip.
+const CLIP_PART: u32 = 10u;
+const CLIP_PARTS: u32 = 6u;
 // Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
@@ -216,8 +220,9 @@ var<workgroup> group_first_record: u32;
 var<workgroup> group_pairs: atomic<u32>;
 
 // Writes a group's records without gaps and counts its pairs. Records without pairs are left out. All invocations of
-// the workgroup have to call it, with `may_be_there` false if they have no record.
-fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
+// the workgroup have to call it, with `may_be_there` false if they have no record. Returns the index of the
+// invocation's record, or ABSENT if it wasn't written.
+fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) -> u32 {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
     }
@@ -262,7 +267,25 @@ fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
         if frame.nearest_at != ABSENT {
             cell_records_out[part_at(RECORD_PLACE, at)] = vec4u(group * CELL_WORKGROUP + i, 0u, 0u, 0u);
         }
+        return at;
     }
+    return ABSENT;
+}
+
+// Writes a clip of a record into the parts from `part` on.
+fn write_clip(record: u32, part: u32, clip: Clip) {
+    let lines = clip.lines;
+    cell_records_out[part_at(part, record)] =
+        bitcast<vec4u>(vec4f(clip.chord.c, clip.chord.x, clip.chord.y, clip.curve_sign));
+    cell_records_out[part_at(part + 1u, record)] =
+        bitcast<vec4u>(vec4f(clip.side1.c, clip.side1.x, clip.side1.y, clip.line_sign));
+    cell_records_out[part_at(part + 2u, record)] =
+        bitcast<vec4u>(vec4f(clip.side3.c, clip.side3.x, clip.side3.y, lines[3].c));
+    cell_records_out[part_at(part + 3u, record)] =
+        bitcast<vec4u>(vec4f(lines[0].c, lines[0].x, lines[0].y, lines[3].x));
+    cell_records_out[part_at(part + 4u, record)] =
+        bitcast<vec4u>(vec4f(lines[1].c, lines[1].x, lines[1].y, lines[3].y));
+    cell_records_out[part_at(part + 5u, record)] = bitcast<vec4u>(vec4f(lines[2].c, lines[2].x, lines[2].y, 0.0));
 }
 
 // Returns the number of workgroups that set up `count` splats.
@@ -270,14 +293,21 @@ fn setup_workgroups(count: u32) -> u32 {
     return (count + (CELL_WORKGROUP - 1u)) / CELL_WORKGROUP;
 }
 
-// Sets up the splats of a chunk.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let number = workgroup_number(group);
+// A splat of a chunk after setup, and its place.
+struct CellSplat {
+    splat: SetUpSplat,
+    // Index of the splat in its segment.
+    own: u32,
+    // Group of the splat's record; ABSENT if the workgroup has no chunk.
+    group: u32,
+}
+
+// Sets up the splat of an invocation.
+fn set_up_in_chunk(number: u32, i: u32) -> CellSplat {
     let is_placed = segment.is_placed != 0u;
     let groups = select(arrayLength(&cell_chunks), setup_workgroups(segment.count), is_placed);
     if number >= groups {
-        return;
+        return CellSplat(no_set_up_splat(), 0u, ABSENT);
     }
     var chunk = cell_chunks[select(number, 0u, is_placed)];
     if is_placed {
@@ -294,41 +324,95 @@ fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
             splat = set_up(own, chunk.chunk, chunk.center);
         }
     }
-    write_group(chunk.group, i, splat.record, splat.is_there);
+    return CellSplat(splat, own, chunk.group);
+}
+
+// Sets up the splats of a chunk.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let found = set_up_in_chunk(workgroup_number(group), i);
+    if found.group == ABSENT {
+        return;
+    }
+    _ = write_group(found.group, i, found.splat.record, found.splat.is_there);
+}
+
+// Sets up the splats of a chunk in a frame with clipped splats, and writes their clips.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let found = set_up_in_chunk(workgroup_number(group), i);
+    if found.group == ABSENT {
+        return;
+    }
+    var record = found.splat.record;
+    let is_clipped = segment.clip_at != ABSENT;
+    record.flags |= select(0u, RECORD_CLIPPED, is_clipped);
+    let at = write_group(found.group, i, record, found.splat.is_there);
+    if is_clipped && at != ABSENT {
+        let clips = clips_of(found.own, found.splat.footprints);
+        write_clip(at, CLIP_PART, clips.visible);
+        write_clip(at, CLIP_PART + CLIP_PARTS, clips.filtered);
+    }
 }
 
 fn near_vec2(bits: vec2u) -> vec2f {
     return bitcast<vec2f>(bits);
 }
 
+// Returns the record that begins at an element of `near_records`.
+fn near_record(at: u32) -> Record {
+    return Record(
+        bitcast<vec2i>(near_records[at].xy), near_vec2(near_records[at].zw),
+        near_vec2(near_records[at + 1u].xy), near_vec2(near_records[at + 1u].zw),
+        near_vec2(near_records[at + 2u].xy), bitcast<f32>(near_records[at + 2u].z),
+        bitcast<f32>(near_records[at + 2u].w),
+        near_vec2(near_records[at + 3u].xy), bitcast<f32>(near_records[at + 3u].z), near_records[at + 3u].w,
+        near_vec2(near_records[at + 4u].xy), near_vec2(near_records[at + 4u].zw),
+        near_vec2(near_records[at + 5u].xy), near_vec2(near_records[at + 5u].zw),
+        bitcast<vec3f>(near_records[at + 6u].xyz), bitcast<f32>(near_records[at + 6u].w),
+        bitcast<vec3f>(near_records[at + 7u].xyz), bitcast<f32>(near_records[at + 7u].w),
+        near_records[at + 8u].xy, near_records[at + 8u].zw,
+    );
+}
+
+// Copies a record of a splat at the near plane into its group. The record has `parts` parts. Returns the index of the
+// copy, or ABSENT.
+fn copy_near_record(number: u32, i: u32, parts: u32) -> u32 {
+    let index = number * CELL_WORKGROUP + i;
+    var record: Record;
+    var is_there = index < arrayLength(&near_records) / parts;
+    if is_there {
+        record = near_record(parts * index);
+        is_there = record.visible_box.y != 0u || record.filtered_box.y != 0u;
+    }
+    return write_group(frame.cell_chunk_count + number, i, record, is_there);
+}
+
 // Copies the records of splats at the near plane, which the host has set up, into groups after those of chunks.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
-    let index = number * CELL_WORKGROUP + i;
-    let count = arrayLength(&near_records) / RECORD_PARTS;
-    if number * CELL_WORKGROUP >= count {
+    if number * CELL_WORKGROUP >= arrayLength(&near_records) / RECORD_PARTS {
         return;
     }
-    var record: Record;
-    var is_there = index < count;
-    if is_there {
-        let at = RECORD_PARTS * index;
-        record = Record(
-            bitcast<vec2i>(near_records[at].xy), near_vec2(near_records[at].zw),
-            near_vec2(near_records[at + 1u].xy), near_vec2(near_records[at + 1u].zw),
-            near_vec2(near_records[at + 2u].xy), bitcast<f32>(near_records[at + 2u].z),
-            bitcast<f32>(near_records[at + 2u].w),
-            near_vec2(near_records[at + 3u].xy), bitcast<f32>(near_records[at + 3u].z), near_records[at + 3u].w,
-            near_vec2(near_records[at + 4u].xy), near_vec2(near_records[at + 4u].zw),
-            near_vec2(near_records[at + 5u].xy), near_vec2(near_records[at + 5u].zw),
-            bitcast<vec3f>(near_records[at + 6u].xyz), bitcast<f32>(near_records[at + 6u].w),
-            bitcast<vec3f>(near_records[at + 7u].xyz), bitcast<f32>(near_records[at + 7u].w),
-            near_records[at + 8u].xy, near_records[at + 8u].zw,
-        );
-        is_there = record.visible_box.y != 0u || record.filtered_box.y != 0u;
+    _ = copy_near_record(number, i, RECORD_PARTS);
+}
+
+// Copies the records of splats at the near plane with their clips, in a frame with clipped splats.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_clipped_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    let parts = RECORD_PARTS + 2u * CLIP_PARTS;
+    if number * CELL_WORKGROUP >= arrayLength(&near_records) / parts {
+        return;
     }
-    write_group(frame.cell_chunk_count + number, i, record, is_there);
+    let at = copy_near_record(number, i, parts);
+    if at != ABSENT {
+        let clips = parts * (number * CELL_WORKGROUP + i) + RECORD_PARTS;
+        for (var k = 0u; k < 2u * CLIP_PARTS; k++) {
+            cell_records_out[part_at(CLIP_PART + k, at)] = near_records[clips + k];
+        }
+    }
 }
 
 // Returns the number of blocks of `count` elements.

@@ -253,7 +253,9 @@ const RECORD_CENTERED: u32 = 4u;
 // The splat is front-facing, or back-facing, and belongs to an oriented cloud whose sides are separated.
 const RECORD_FRONT: u32 = 8u;
 const RECORD_BACK: u32 = 16u;
-const RECORD_OBJECT: u32 = 5u;
+// The record has clips. Only set in the compute path, which draws splats with and without clips in the same passes.
+const RECORD_CLIPPED: u32 = 32u;
+const RECORD_OBJECT: u32 = 6u;
 
 struct Light {
     // Position relative to the eye, world axes.

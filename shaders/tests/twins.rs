@@ -140,7 +140,8 @@ fn facing_is_told_by_the_same_numbers_in_both() {
     assert_eq!(layout::BACK_FACING_LAG, facing::BACK_FACING_LAG as f32);
     assert_eq!(layout::RIM_SINE, facing::RIM_SINE as f32);
     assert_eq!(layout::RECORD_FACING, layout::RECORD_FRONT | layout::RECORD_BACK);
-    assert_eq!(layout::RECORD_OBJECT, (layout::RECORD_FACING + 8).trailing_zeros());
+    let flags = layout::RECORD_FACING | layout::RECORD_RECIPROCAL | layout::RECORD_CLAMP | layout::RECORD_CENTERED;
+    assert_eq!(1 << layout::RECORD_OBJECT, (flags | layout::RECORD_CLIPPED) + 1);
 }
 
 #[test]

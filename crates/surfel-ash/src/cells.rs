@@ -95,8 +95,8 @@ impl<'a> CellTile<'a> {
         };
         let rounds: HashMap<CellRound, Buffer> =
             CellRound::ALL.into_iter().map(round).collect::<Result<_, Failure>>()?;
-        let near: Vec<u32> = data.near.iter().flat_map(|near| near.records.iter().copied()).collect();
-        let near = Buffer::filled(device, "near records", if near.is_empty() { &[0] } else { &near }, storage)?;
+        let near = data.cell_near_words();
+        let near = Buffer::filled(device, "near records", &near, storage)?;
         let mut segments = HashMap::new();
         for (index, segment) in data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside) {
             let chunks = Buffer::filled(device, "chunks of cells", &segment.chunks, storage)?;

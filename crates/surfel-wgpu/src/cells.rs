@@ -75,8 +75,8 @@ impl<'a> CellTile<'a> {
             .into_iter()
             .map(|round| (round, filled(device, queue, "round", &round.words(counts, room), uniforms)))
             .collect();
-        let near: Vec<u32> = data.near.iter().flat_map(|near| near.records.iter().copied()).collect();
-        let near = filled(device, queue, "near records", if near.is_empty() { &[0] } else { &near }, storage);
+        let near = data.cell_near_words();
+        let near = filled(device, queue, "near records", &near, storage);
         let seen = data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
         let segments: HashMap<usize, [wgpu::Buffer; 2]> = seen
             .map(|(index, segment)| {

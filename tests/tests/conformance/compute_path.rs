@@ -5,12 +5,12 @@ use crate::validated_gpu;
 use glam::DVec3;
 use std::sync::Arc;
 use surfel_ash::Limits;
-use surfel_conformance::build::{Splat, camera, scene};
+use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, object, scene};
 use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::{Truth, check_all};
 use surfel_conformance::scenes::{self, Case};
 use surfel_gpu::{CELL_PAIRS, GpuPath};
-use surfel_model::{Cull, EdgeAa, Geometry, Shader, SplatCloud, Storage};
+use surfel_model::{ClipCurve, ClipLine, ClipMode, Cull, EdgeAa, Geometry, Shader, SplatCloud, Storage};
 use surfel_render::{Frame, Planes, Renderer, SceneSummary, Stats, plan};
 
 fn planes() -> Planes {
@@ -29,16 +29,39 @@ fn is_for_cells(case: &Case, renderer: &impl Renderer) -> bool {
 }
 
 /// Returns disks side by side over the whole image, and behind each other.
-fn wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
+fn wall_splats(count: usize, radius: f64, spread: f64) -> Vec<Splat> {
     let disk = |i: usize| {
         let angle = i as f64 * 2.399_963;
         let at = DVec3::new(angle.cos(), angle.sin(), 0.0) * (spread * (i as f64 / count as f64).sqrt());
         let color = [0.1 + 0.8 * (i % 7) as f32 / 7.0, 0.5, 0.9 - 0.8 * (i % 3) as f32 / 3.0];
         Splat::disk(at - DVec3::Z * (0.001 * (i % 5) as f64), DVec3::Z, radius, color)
     };
-    let splats: Vec<Splat> = (0..count).map(disk).collect();
-    let mut case = Case::new("wall", scene(&splats), camera(4.0, 30.0, size));
+    (0..count).map(disk).collect()
+}
+
+fn wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
+    let mut case = Case::new("wall", scene(&wall_splats(count, radius, spread)), camera(4.0, 30.0, size));
     case.scene.objects[0].material.interior_weight = Some(2.0);
+    case
+}
+
+/// Returns a wall whose splats are halved by a clip line, except for every third. Every fourth has a clip curve, too.
+fn clipped_wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
+    let clipped = |(i, splat): (usize, Splat)| {
+        let (sin, cos) = (i as f32).sin_cos();
+        Clipped {
+            splat,
+            curve: (i % 4 == 0).then_some(ClipCurve { theta1: 0.3, theta3: 2.5, u: 0.2, v: 0.1, w: 0.8 }),
+            lines: if i % 3 == 0 { Vec::new() } else { vec![ClipLine { a: cos, b: sin, c: 0.1 }] },
+            mode: ClipMode::And,
+        }
+    };
+    let splats: Vec<Clipped> = wall_splats(count, radius, spread).into_iter().enumerate().map(clipped).collect();
+    let mut clipped = object(clipped_cloud(&splats));
+    clipped.material.interior_weight = Some(2.0);
+    let mut case = wall(count / 10, radius, spread, size);
+    case.name = "clipped wall".into();
+    case.scene.objects.push(clipped);
     case
 }
 
@@ -90,7 +113,7 @@ fn raster_hardware_agrees_with_the_reference_on_every_scene() {
 fn rule_decides_which_path_draws() {
     let follows = |renderer: &mut dyn FnMut(&Case) -> (bool, Stats)| {
         let mut drawn = [0; 2];
-        for case in scenes::all().iter().step_by(9) {
+        for case in scenes::all().iter().step_by(18) {
             let (is_for_cells, stats) = renderer(case);
             assert_eq!(is_by_cells(&stats), is_for_cells, "{}", case.name);
             drawn[usize::from(is_for_cells)] += 1;
@@ -214,9 +237,15 @@ fn every_run_and_both_backends_have_the_same_bits() {
     let mut sides = scenes::closed_sphere().with("sides", |_| ());
     sides.scene.objects[0].material.oriented = Some(true);
     sides.scene.objects[0].material.cull = Cull::None;
-    // The last case has dense cells.
-    let plain = [scenes::closed_sphere(), sides, wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])];
-    for case in plain.map(with_rows).iter().flat_map(by_every_edge) {
+    // The fourth and the last case have dense cells.
+    let cases = [
+        scenes::closed_sphere(),
+        sides,
+        wall(300, 0.4, 1.2, [70, 50]),
+        wall(9000, 0.02, 0.1, [40, 40]),
+        clipped_wall(9000, 0.02, 0.1, [40, 40]),
+    ];
+    for case in cases.map(with_rows).iter().flat_map(by_every_edge) {
         let (first, stats) = drawn_once(&mut ash, &case, planes().with_index(true));
         assert!(is_by_cells(&stats), "{}", case.name);
         assert_eq!(first, drawn_once(&mut ash, &case, planes().with_index(true)).0, "{}", case.name);
@@ -231,13 +260,13 @@ fn every_run_and_both_backends_have_the_same_bits() {
 /// A cell with more pairs than one workgroup draws is drawn in parts.
 fn draws_dense_cells(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
-    for (count, radius) in [(4000, 0.02), (9000, 0.02), (5000, 0.4)] {
-        for case in by_every_edge(&wall(count, radius, 0.1, [40, 40])) {
-            let (ours, stats) = drawn_once(renderer, &case, planes());
-            let name = format!("{count} of {radius}, {:?}", case.settings.edge_aa);
-            assert!(is_by_cells(&stats), "{name}");
-            are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &name);
-        }
+    let size = [40, 40];
+    let walls = [wall(4000, 0.02, 0.1, size), wall(5000, 0.4, 0.1, size), clipped_wall(9000, 0.02, 0.1, size)];
+    for case in walls.iter().flat_map(by_every_edge) {
+        let (ours, stats) = drawn_once(renderer, &case, planes());
+        let name = format!("{} of {} splats, {:?}", case.name, stats.splats, case.settings.edge_aa);
+        assert!(is_by_cells(&stats), "{name}");
+        are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &name);
     }
 }
 

@@ -15,7 +15,7 @@ use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
 use crate::passes::cells::{CellCapacity, CellCounts};
 use crate::passes::pass_list::is_of_shadow_map;
 use crate::passes::schedule::VisibleSegments;
-use crate::scene::clip::Variant;
+use crate::scene::clip::{CELL_CLIP_WORDS, Variant, cell_clip_words};
 use crate::scene::limits::Limits;
 use crate::scene::placement::PlacedBounds;
 use crate::scene::segment::{Segment, UploadedScene};
@@ -156,6 +156,7 @@ impl TileData {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),
             near: data.near.iter().map(NearRecords::count).sum(),
             has_places: plan.planes.index,
+            has_clips: plan.clip != ClipPolicy::Off,
             ..CellCounts::default()
         };
         for segment in &mut data.segments {
@@ -422,6 +423,34 @@ impl TileData {
             group -= groups;
         }
         self.identity(scene, self.segments.len() as i32, group * layout::CELL_WORKGROUP as usize + n)
+    }
+
+    /// Returns the words of the shaders' `near_records` for the compute path: all records of splats at the near plane.
+    /// In a tile with clipped splats, the clips of its footprints follow each record.
+    pub fn cell_near_words(&self) -> Vec<u32> {
+        let has_clips = self.cells.as_ref().is_some_and(|cells| cells.has_clips);
+        let record_words = layout::record::SIZE / 4;
+        let mut words = Vec::new();
+        for near in &self.near {
+            let mut clips = near.clips.chunks_exact(layout::clip::SIZE / 4);
+            for record in near.records.chunks_exact(record_words) {
+                let first = words.len();
+                words.extend_from_slice(record);
+                if !has_clips {
+                    continue;
+                }
+                let is_clipped = near.variant == Variant::Clipped;
+                if let (true, Some(flags)) = (is_clipped, words.get_mut(first + layout::record::FLAGS / 4)) {
+                    *flags |= layout::RECORD_CLIPPED;
+                }
+                for _ in 0..2 {
+                    let clip = if is_clipped { clips.next() } else { None };
+                    words.extend(clip.map_or([0; CELL_CLIP_WORDS], cell_clip_words));
+                }
+            }
+        }
+        // A buffer isn't empty.
+        if words.is_empty() { vec![0] } else { words }
     }
 
     /// Returns the segments that may touch the tile.

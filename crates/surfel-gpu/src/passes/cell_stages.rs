@@ -4,7 +4,7 @@
 use crate::passes::cells::{CellCapacity, CellCounts, CellRound};
 use crate::passes::pass_list::distinct;
 use crate::passes::pixel_pass::EDGE_SAMPLES;
-use surfel_model::Shader;
+use surfel_model::{ClipPolicy, Shader};
 use surfel_render::{FramePlan, Pass};
 use surfel_shaders::layout;
 
@@ -69,21 +69,37 @@ struct RasterEntries {
 impl RasterEntries {
     fn of(plan: &FramePlan) -> Self {
         let has_surface = plan.attributes.normal || plan.attributes.depth;
-        let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
+        let is_clipped = plan.clip != ClipPolicy::Off;
+        // The entry points for clipped splats draw images of every kind.
+        let is_full = is_clipped || !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
         let (by_coverage, by_samples) = (plan.has(Pass::EdgeAntialiasing), plan.has(Pass::EdgeSamples));
-        let [whole, combined] = match is_full {
-            false => ["cell_edges", "cell_combine_edges"],
-            true => ["cell_shadowed_edges", "cell_combine_shadowed_edges"],
+        let whole = match (is_clipped, is_full) {
+            (true, _) => "cell_clipped_edges",
+            (false, true) => "cell_shadowed_edges",
+            (false, false) => "cell_edges",
         };
-        let edges = by_coverage.then_some([whole, "cell_part_edge_thresholds", "cell_part_edges", combined]);
-        let samples = by_samples.then_some(match (plan.keeps_facings, is_full) {
-            (false, false) => "cell_samples",
-            (false, true) => "cell_shadowed_samples",
-            (true, false) => "cell_sided_samples",
-            (true, true) => "cell_sided_shadowed_samples",
+        let combined = if is_full { "cell_combine_shadowed_edges" } else { "cell_combine_edges" };
+        let [thresholds, sums] = match is_clipped {
+            true => ["cell_part_clipped_edge_thresholds", "cell_part_clipped_edges"],
+            false => ["cell_part_edge_thresholds", "cell_part_edges"],
+        };
+        let edges = by_coverage.then_some([whole, thresholds, sums, combined]);
+        let samples = by_samples.then_some(match (is_clipped, plan.keeps_facings, is_full) {
+            (true, false, _) => "cell_clipped_samples",
+            (true, true, _) => "cell_clipped_sided_samples",
+            (false, false, false) => "cell_samples",
+            (false, false, true) => "cell_shadowed_samples",
+            (false, true, false) => "cell_sided_samples",
+            (false, true, true) => "cell_sided_shadowed_samples",
         });
         let is_edged = by_coverage || by_samples;
-        let cells = match (plan.keeps_facings, is_full, is_edged) {
+        let of_clipped = match (plan.keeps_facings, is_edged) {
+            (false, false) => "cell_clipped_surfaces",
+            (true, false) => "cell_clipped_sided_surfaces",
+            (false, true) => "cell_clipped_edged_surfaces",
+            (true, true) => "cell_clipped_sided_edged_surfaces",
+        };
+        let of_whole = match (plan.keeps_facings, is_full, is_edged) {
             (true, false, false) => "cell_sided_surfaces",
             (true, true, false) => "cell_sided_shadowed_surfaces",
             (true, false, true) => "cell_sided_edged_surfaces",
@@ -94,11 +110,19 @@ impl RasterEntries {
             (false, false, false) if has_surface => "cell_surfaces",
             (false, false, false) => "cell_colors",
         };
-        let thresholds = if is_edged { "cell_part_edged_thresholds" } else { "cell_part_thresholds" };
-        let sums = match (is_edged, is_full || has_surface) {
-            (true, _) => "cell_part_edged_surfaces",
-            (false, true) => "cell_part_surfaces",
-            (false, false) => "cell_part_colors",
+        let cells = if is_clipped { of_clipped } else { of_whole };
+        let thresholds = match (is_clipped, is_edged) {
+            (false, false) => "cell_part_thresholds",
+            (false, true) => "cell_part_edged_thresholds",
+            (true, false) => "cell_part_clipped_thresholds",
+            (true, true) => "cell_part_clipped_edged_thresholds",
+        };
+        let sums = match (is_clipped, is_edged, is_full || has_surface) {
+            (true, false, _) => "cell_part_clipped_surfaces",
+            (true, true, _) => "cell_part_clipped_edged_surfaces",
+            (false, true, _) => "cell_part_edged_surfaces",
+            (false, false, true) => "cell_part_surfaces",
+            (false, false, false) => "cell_part_colors",
         };
         let combine = match (is_full, is_edged) {
             (false, false) => "cell_combine",
@@ -108,6 +132,21 @@ impl RasterEntries {
         };
         let of_parts = (!plan.keeps_facings).then_some([thresholds, sums, combine]);
         Self { cells, of_parts, edges, samples }
+    }
+}
+
+/// Names of the entry points that write records of splats: those of a chunk, and those at the near plane.
+struct SetupEntries {
+    chunks: &'static str,
+    near: &'static str,
+}
+
+impl SetupEntries {
+    fn of(plan: &FramePlan) -> Self {
+        match plan.clip {
+            ClipPolicy::Off => Self { chunks: "cell_setup", near: "cell_near" },
+            _ => Self { chunks: "cell_clipped_setup", near: "cell_clipped_near" },
+        }
     }
 }
 
@@ -127,16 +166,17 @@ fn begin(cells: &CellCounts, room: CellCapacity) -> CellStep {
 }
 
 /// Returns the steps that set up the splats.
-fn setup(cells: &CellCounts) -> Vec<CellStep> {
+fn setup(plan: &FramePlan, cells: &CellCounts) -> Vec<CellStep> {
+    let entries = SetupEntries::of(plan);
     let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
     let mut steps: Vec<CellStep> = of_segments
         .map(|(segment, &chunks)| CellStep {
             segment: Some(segment),
-            ..CellStep::of("cell_setup", CellRound::Groups, u64::from(chunks))
+            ..CellStep::of(entries.chunks, CellRound::Groups, u64::from(chunks))
         })
         .collect();
     if cells.near > 0 {
-        steps.push(CellStep::of("cell_near", CellRound::Groups, u64::from(cells.near_groups())));
+        steps.push(CellStep::of(entries.near, CellRound::Groups, u64::from(cells.near_groups())));
     }
     steps
 }
@@ -173,7 +213,7 @@ pub(crate) fn cell_stages(
 ) -> Vec<CellStage> {
     let entries = RasterEntries::of(plan);
     let mut first = vec![begin(cells, room)];
-    first.extend(setup(cells));
+    first.extend(setup(plan, cells));
     let mut stages = vec![CellStage { name: "setup", steps: first }];
     if cells.groups() > 0 {
         stages.push(CellStage { name: "sort", steps: sort(cells, room) });
@@ -213,7 +253,7 @@ pub(crate) fn sample_stages(
     edges.push(CellStep::of("cell_list_active", CellRound::Groups, list));
     let mut stages = vec![CellStage { name: "edges", steps: edges }];
     if cells.groups() > 0 {
-        stages.push(CellStage { name: "setup of samples", steps: setup(cells) });
+        stages.push(CellStage { name: "setup of samples", steps: setup(plan, cells) });
         stages.push(CellStage { name: "sort of samples", steps: sort(cells, room) });
     }
     let steps = vec![CellStep::of(samples, CellRound::Sorted, u64::from(room.active))];
@@ -233,10 +273,11 @@ pub fn is_cell_entry(entry: &str) -> bool {
 /// Returns all entry points that the compute path may need for a plan, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     let RasterEntries { cells, of_parts, edges, samples } = RasterEntries::of(plan);
+    let SetupEntries { chunks, near } = SetupEntries::of(plan);
     let before = [
         "cell_begin",
-        "cell_setup",
-        "cell_near",
+        chunks,
+        near,
         "cell_scan_blocks",
         "cell_scan_add",
         "cell_emit",
@@ -267,7 +308,7 @@ mod tests {
 
     fn cells(chunks: &[u32], near: u32, is_of_samples: bool) -> CellCounts {
         let splats = 256 * u64::from(chunks.iter().sum::<u32>());
-        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, is_of_samples, has_places: false }
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, is_of_samples, ..CellCounts::default() }
     }
 
     fn room(pairs: u32) -> CellCapacity {
@@ -308,6 +349,37 @@ mod tests {
         let is_of_edges = |name: &str| name.contains("edge") || name.contains("sample") || name.contains("active");
         assert!(!cell_entries(&plan).into_iter().any(is_of_edges));
         assert!(sample_stages(&plan, &cells(&[3], 0, true), room(1), [8, 8]).is_empty());
+    }
+
+    #[test]
+    fn clips_are_evaluated_only_where_a_plan_does() {
+        let clipped = SceneSummary { clips: true, ..SceneSummary::default() };
+        let both = SceneSummary { both_facings: true, ..clipped.clone() };
+        for (summary, edge_aa) in [
+            (&clipped, EdgeAa::Off),
+            (&clipped, EdgeAa::Coverage),
+            (&clipped, EdgeAa::Samples),
+            (&both, EdgeAa::Off),
+            (&both, EdgeAa::Samples),
+        ] {
+            let by = |clip| {
+                let plan = planned(summary, |s| (s.edge_aa, s.clip) = (edge_aa, clip));
+                let pairs = layout::DENSE_PAIRS + 1;
+                let mut stages = cell_stages(&plan, &cells(&[3], 5, false), room(pairs), [8, 8]);
+                stages.extend(sample_stages(&plan, &cells(&[3], 5, true), room(pairs), [8, 8]));
+                let used: Vec<&'static str> =
+                    stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect();
+                assert!(used.iter().all(|name| cell_entries(&plan).contains(name)), "{used:?}");
+                // Passes that read clips, or records as splats.
+                let of_splats = ["setup", "near", "surfaces", "thresholds", "part", "samples", "edges"];
+                let reads = |name: &&str| of_splats.iter().any(|word| name.contains(word));
+                used.into_iter().filter(reads).filter(|name| !name.contains("combine")).collect::<Vec<_>>()
+            };
+            for clip in [ClipPolicy::Exact, ClipPolicy::Line] {
+                assert!(by(clip).iter().all(|name| name.contains("clipped")), "{edge_aa:?} {:?}", by(clip));
+            }
+            assert!(by(ClipPolicy::Off).iter().all(|name| !name.contains("clipped")), "{edge_aa:?}");
+        }
     }
 
     #[test]

@@ -5,7 +5,6 @@
 
 use crate::passes::memory::add_counter;
 use crate::scene::limits::Limits;
-use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
@@ -27,10 +26,10 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw the frames of a plan. They draw frames of opaque, unclipped splats, and always sum
-    /// in f32.
+    /// True if compute shaders draw the frames of a plan. They draw frames of opaque splats, clipped or not, and always
+    /// sum in f32.
     ///
-    /// Clipped or transparent splats, polygons, trained Gaussians and the drawing of shadow maps need raster hardware.
+    /// Transparent splats, polygons, trained Gaussians and the drawing of shadow maps need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
@@ -40,8 +39,7 @@ impl GpuPath {
             is_of_splats || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
-        let is_whole = plan.clip == ClipPolicy::Off && !plan.separates_transparent;
-        self != Self::Raster && has_splats && is_whole && plan.passes.iter().all(is_drawn)
+        self != Self::Raster && has_splats && !plan.separates_transparent && plan.passes.iter().all(is_drawn)
     }
 }
 
@@ -237,6 +235,8 @@ pub struct CellCounts {
     pub is_of_samples: bool,
     /// True if records store the index of their splat, which planes such as `index` need.
     pub has_places: bool,
+    /// True if records of clipped splats store their clips.
+    pub has_clips: bool,
 }
 
 impl CellCounts {
@@ -407,8 +407,13 @@ impl CellCapacity {
     }
 
     fn record_bytes(self, cells: &CellCounts) -> u64 {
-        let place = if cells.has_places { 16 } else { 0 };
-        (layout::record::SIZE as u64 + place) * u64::from(self.records)
+        // Parts are stored one after another, so a part that no pass writes has room before later parts.
+        let parts = match (cells.has_clips, cells.has_places) {
+            (true, _) => layout::CLIP_PART + 2 * layout::CLIP_PARTS,
+            (false, true) => layout::RECORD_PLACE + 1,
+            (false, false) => layout::RECORD_PARTS,
+        };
+        16 * u64::from(parts) * u64::from(self.records)
     }
 
     /// Returns the maximum number of parts into which dense cells are split; 0 if there are too few pairs for any dense
@@ -431,7 +436,7 @@ impl CellCapacity {
 mod tests {
     use super::*;
     use crate::passes::cell_stages::is_cell_entry;
-    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Shader};
+    use surfel_model::{Accumulate, Camera, ClipPolicy, EdgeAa, Projection, Settings, Shader};
     use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
     use surfel_shaders::{BindingKind, ENTRIES};
 
@@ -450,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn compute_shaders_draw_opaque_whole_splats_and_nothing_else() {
+    fn compute_shaders_draw_opaque_splats_and_nothing_else() {
         let plain = SceneSummary::default();
         for shader in [Shader::Unlit, Shader::Phong, Shader::Normal, Shader::Toon, Shader::Edl, Shader::Matcap] {
             let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
@@ -467,7 +472,6 @@ mod tests {
             summary
         };
         let others = [
-            planned(&with(|s| s.clips = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
             planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
@@ -480,7 +484,10 @@ mod tests {
         // Sums are in f32 whatever the settings permit.
         assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16)));
         assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::ALL.with_index(true), |_| ())));
-        // With clipping and transparency disabled, all splats are opaque and unclipped.
+        for clip in [ClipPolicy::Exact, ClipPolicy::Line, ClipPolicy::Off] {
+            assert!(GpuPath::Auto.draws_cells(&planned(&with(|s| s.clips = true), Planes::ALL, |s| s.clip = clip)));
+        }
+        // With transparency disabled, all splats are opaque.
         let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
             s.clip = ClipPolicy::Off;
             s.transparency = "off".parse().unwrap();

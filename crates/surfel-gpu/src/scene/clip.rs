@@ -76,6 +76,30 @@ pub(crate) fn clip_words(clip: &Clip<f64>) -> Vec<u32> {
     words.into_words()
 }
 
+/// Size of a clip in a record of the compute path, in words.
+pub(crate) const CELL_CLIP_WORDS: usize = 4 * layout::CLIP_PARTS as usize;
+
+/// Returns the words of a clip in a record of the compute path, as the shaders' `write_clip` arranges them. `clip` has
+/// the words of the shaders' `Clip`.
+pub(crate) fn cell_clip_words(clip: &[u32]) -> [u32; CELL_CLIP_WORDS] {
+    use layout::clip as at;
+    let word = |offset: usize, k: usize| clip.get(offset / 4 + k).copied().unwrap_or(0);
+    let form = |offset: usize, fourth: u32| [word(offset, 0), word(offset, 1), word(offset, 2), fourth];
+    let line = |i: usize| at::LINES + i * layout::linear::SIZE;
+    let last = |k: usize| word(line(3), k);
+    let parts = [
+        form(at::CHORD, word(at::CURVE_SIGN, 0)),
+        form(at::SIDE1, word(at::LINE_SIGN, 0)),
+        form(at::SIDE3, last(0)),
+        form(line(0), last(1)),
+        form(line(1), last(2)),
+        form(line(2), 0),
+    ];
+    let mut words = [0; CELL_CLIP_WORDS];
+    words.iter_mut().zip(parts.as_flattened()).for_each(|(word, value)| *word = *value);
+    words
+}
+
 fn linear_words(form: &Linear<f64>) -> Vec<u32> {
     use layout::linear as at;
     let mut words = StructWriter::new(at::SIZE);
