@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Instant;
 
 use super::emulated::{self, Emulated};
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran};
@@ -76,10 +77,15 @@ pub(super) fn build(place: &Place) -> Verdict {
     }
     let built = || {
         let (first, second) = (wheels(place), place.out.join("wheels-again"));
-        for (folder, target) in [(&first, "wheels-target"), (&second, "wheels-again-target")] {
+        let builds = [(&first, place.build_folder()), (&second, place.out.join("wheels-again-target"))];
+        for (folder, _) in &builds {
             fresh(folder)?;
-            for platform in &installed {
-                python::wheel_of(&place.root, platform, folder, &place.out.join(target), &epoch(&place.root))?;
+        }
+        for platform in &installed {
+            for (folder, target) in &builds {
+                let start = Instant::now();
+                python::wheel_of(&place.root, platform, folder, target, &epoch(&place.root))?;
+                println!("{}: built in {:.0} s", platform.triple, start.elapsed().as_secs_f64());
             }
         }
         let made = files_in(&first, &[".whl"]);
