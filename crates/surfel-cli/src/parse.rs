@@ -14,8 +14,10 @@ use surfel_app::options::{Commands, Near, Row, Setter, table};
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
-    let bare = insert_render(&mut arguments, &words);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| print_parse_error(&e, &arguments))?;
+    // The grammar takes 4 million instructions to build, so it is built once.
+    let grammar = command();
+    let bare = insert_render(&mut arguments, &words, &grammar);
+    let matches = grammar.try_get_matches_from(&arguments).map_err(|e| print_parse_error(&e, &arguments))?;
     let cli = args::parsed(&matches).map_err(|e| print_parse_error(&e, &arguments))?;
     let Some(path) = &cli.program.config else { return completed(cli, bare) };
     let extra = config::arguments(path, &matches).map_err(|failure| tell(&failure))?;
@@ -84,8 +86,7 @@ pub(crate) fn default_color_bar_path(output: &Path) -> PathBuf {
 
 /// Inserts `render` if the first word after global flags isn't a command, so that `surfel INPUT …` means `surfel render
 /// INPUT …`. Returns true if it did.
-fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
-    let commands: Vec<String> = command().get_subcommands().map(|s| s.get_name().to_owned()).collect();
+fn insert_render(arguments: &mut Vec<OsString>, words: &[String], grammar: &clap::Command) -> bool {
     let mut i = 0;
     while let Some(word) = words.get(i).map(String::as_str) {
         match word {
@@ -93,7 +94,7 @@ fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
             "--threads" | "--config" => i += 2,
             _ if word.starts_with("--threads=") || word.starts_with("--config=") => i += 1,
             "-h" | "--help" | "-V" | "--version" | "help" => return false,
-            _ if commands.iter().any(|c| c == word) => return false,
+            _ if grammar.get_subcommands().any(|command| command.get_name() == word) => return false,
             _ => break,
         }
     }
@@ -190,7 +191,7 @@ mod tests {
         let inserted = |line: &str| {
             let mut arguments: Vec<OsString> = line.split(' ').map(Into::into).collect();
             let words: Vec<String> = line.split(' ').skip(1).map(Into::into).collect();
-            let inserted = insert_render(&mut arguments, &words);
+            let inserted = insert_render(&mut arguments, &words, &command());
             assert_eq!(inserted, arguments.len() > words.len() + 1);
             arguments.get(1).is_some_and(|a| a == "render") && inserted
         };

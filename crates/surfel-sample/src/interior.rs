@@ -234,6 +234,7 @@ enum Axes {
 }
 
 impl Splat {
+    #[inline(always)]
     fn of(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64) -> Self {
         let normal = cloud.normal(j);
         let axes = match &cloud.data().shape {
@@ -261,6 +262,7 @@ impl Splat {
     /// A line that meets the splat starts at a height of at most `largest` over the splat's plane, and at most 60° off
     /// its normal. The start is therefore within √3 heights of the ellipse. The test excludes most probes for a sliver;
     /// a test by the splat's bounding ball would accept all probes of a fan.
+    #[inline(always)]
     fn may_meet(&self, (low, high): (DVec3, DVec3), largest: f64) -> bool {
         // Tolerance for rounding, also of the coordinates themselves.
         let hair =
