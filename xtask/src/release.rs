@@ -34,13 +34,6 @@ pub(crate) struct Place {
     out: PathBuf,
 }
 
-impl Place {
-    /// Returns cargo's target folder for wheels and programs, which share the compiled dependencies.
-    fn build_folder(&self) -> PathBuf {
-        self.out.join("build")
-    }
-}
-
 /// Step of the release: its name, and the function that performs it.
 type Step = (&'static str, fn(&Place) -> Verdict);
 

@@ -57,9 +57,8 @@ pub(super) fn tarball(place: &Place) -> Verdict {
             command.args(["zigbuild", "--release", "--locked", "--package", "surfel-cli", "--all-features"]);
             command.args(["--target", &format!("{triple}.{GLIBC}")]);
             command.env("PATH", python::path(&place.root)?).env("CARGO_ZIGBUILD_PYTHON_PATH", &python);
-            command.env("CARGO_TARGET_DIR", place.build_folder());
             ran(&mut command)?;
-            let program = place.build_folder().join(triple).join("release").join("surfel");
+            let program = python::target(&place.root).join(triple).join("release").join("surfel");
             symbols.push(needed_glibc(&program)?);
             made.push(pack(place, &program, triple)?);
         }
@@ -78,7 +77,7 @@ pub(super) fn tarball(place: &Place) -> Verdict {
 /// Copies the files of an installation into a folder: program, completions, manual page and texts.
 fn stage(place: &Place, program: &Path, folder: &Path, documents: &str) -> Result<(), String> {
     // Completions and the manual page don't depend on the processor, so the host's program generates them if it exists.
-    let host = place.build_folder().join(PLATFORMS[0].0).join("release").join("surfel");
+    let host = python::target(&place.root).join(PLATFORMS[0].0).join("release").join("surfel");
     let printer = if host.is_file() { &host } else { program };
     let write = |name: &str, bytes: &[u8]| {
         let file = folder.join(name);
@@ -208,7 +207,7 @@ pub(super) fn debian(place: &Place) -> Verdict {
     let built = || {
         let mut made = Vec::new();
         for (triple, processor) in PLATFORMS {
-            let program = place.build_folder().join(triple).join("release").join("surfel");
+            let program = python::target(&place.root).join(triple).join("release").join("surfel");
             if program.is_file() {
                 made.push(package(place, &program, processor)?);
             }

@@ -77,7 +77,7 @@ pub(super) fn build(place: &Place) -> Verdict {
     }
     let built = || {
         let (first, second) = (wheels(place), place.out.join("wheels-again"));
-        let builds = [(&first, place.build_folder()), (&second, place.out.join("wheels-again-target"))];
+        let builds = [(&first, place.out.join("wheels-target")), (&second, place.out.join("wheels-again-target"))];
         for (folder, _) in &builds {
             fresh(folder)?;
         }
