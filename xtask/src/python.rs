@@ -12,7 +12,7 @@ pub(crate) const SOURCE: &str = "crates/surfel-python/python";
 /// Folder of the package's tests, relative to the workspace.
 const TESTS: &str = "crates/surfel-python/tests";
 /// Packages that the tests need: pip requirement and module name.
-const TEST_PACKAGES: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
+const TEST_PACKAGES: [(&str, &str); 3] = [("numpy", "numpy"), ("pytest", "pytest"), ("pytest-xdist", "xdist")];
 /// Packages that build the wheels: pip requirement and module name.
 pub(crate) const BUILD_PACKAGES: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
 /// Packages for the tests with `full` (notebooks, rendering engines, comparisons with other programs, tests of other
@@ -125,7 +125,8 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         build(root)
     };
     let quick = "not engines and not packages";
-    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", quick, TESTS]) {
+    // One process of pytest per core.
+    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "auto", "-m", quick, TESTS]) {
         return Tested::Failed;
     }
     if !full {
