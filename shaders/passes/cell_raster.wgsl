@@ -411,8 +411,9 @@ fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPas
 }
 
 // Sets the bits of the pixels whose threshold a small splat may define: pixels at which it is visible and, unless sides
-// are separated, raises the threshold. Splats that define the final threshold have their bits set in any order of
-// execution; others may or may not.
+// are separated, raises the threshold. Whatever the order of execution, splats that define the final threshold have
+// their bits set. Bits of other splats depend on the order, and change no result: the pixel finds that they don't
+// define its threshold.
 fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -787,7 +788,8 @@ fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(loc
     draw_cell(cell.xy, i, CellPass(true, true, true, false, false, false));
 }
 
-// The same passes for frames with clipped splats. They draw images of every kind.
+// The next four entry points draw cells in frames with clipped splats: with one side of oriented splats shown (sided)
+// or not, and with antialiased edges (edged) or not. They sum and shade all that the entry points above do.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, true, false, false, false, true));
@@ -808,7 +810,7 @@ fn cell_clipped_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builti
     draw_cell(cell.xy, i, CellPass(true, true, true, true, false, true));
 }
 
-// The same passes for images with antialiased edges, without clips.
+// The next four entry points draw cells of images with antialiased edges, in frames without clipped splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
@@ -849,8 +851,8 @@ struct CellPart {
     range: vec2u,
 }
 
-// Returns the part with this number. Let b be a block of PART_PAIRS pairs. Part 2b + 1 belongs to a dense cell whose
-// pairs begin in the block, part 2b to one whose pairs begin before it.
+// Returns the part with this number. Sorted pairs are divided into runs of PART_PAIRS. Part 2k + 1 is of the dense cell
+// whose pairs begin in run k, part 2k of one whose pairs begin before the run.
 fn part_of(number: u32) -> CellPart {
     let count = pair_count();
     let begin = (number / 2u) * PART_PAIRS;

@@ -25,7 +25,8 @@ const RECORD_PLACE: u32 = 9u;
 // parts of a clip.
 const CLIP_PART: u32 = 10u;
 const CLIP_PARTS: u32 = 6u;
-// Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
+// Number of words that `cell_groups` stores for each group (the records of one workgroup of setup) after the counts of
+// pairs: the group's first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
 // Kinds of elements to scan (CellRound.scanned): counts of pairs per group, counts of digits per block, or a number per
@@ -65,9 +66,9 @@ struct CellCounts {
     active_cells: u32,
 }
 
-// A record and a cell that it may touch. A buffer of pairs begins with one element per cell, which stores the begin and
-// end of the cell's sorted pairs instead. For samples these are elements of active cells. They are followed by one more
-// element per active cell: its number in the grid, and 1.
+// A record and a cell that it may touch. A buffer of pairs has a header of one element per cell. Its fields `cell` and
+// `record` store the begin and the end of the cell's sorted pairs. For samples, the header has elements for active
+// cells alone, and then a second list: the number of each active cell in the grid, and 1 to mark the element as used.
 struct CellPair {
     cell: u32,
     record: u32,

@@ -1,4 +1,5 @@
-// Entry points for clipped splats (rendering model §7). Their vertices also pass the index of the record whose clip the
+// Entry points of raster hardware for clipped splats (rendering model §7); the compute path has its own in cells.wgsl
+// and cell_raster.wgsl. Their vertices also pass the index of the record whose clip the
 // fragments evaluate. Splats without a clip have separate entry points, so that drawing them doesn't cost more.
 
 @group(1) @binding(1) var<storage, read> record_clips: array<RecordClip>;

@@ -22,7 +22,7 @@ const FOV_Y_DEG: f64 = 30.0;
 pub(crate) enum Source {
     /// Bumpy ball with this number of splats.
     Ball(usize),
-    /// Points of the bumpy ball as balls, with this number of points.
+    /// Spheres at this number of points of the bumpy ball.
     Balls(usize),
     /// Wavy sheet with this number of splats.
     Sheet(usize),

@@ -322,7 +322,7 @@ pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
 /// Statistics of the stray points that [`frame_camera`] excludes from the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOut {
-    /// Number of stray splats.
+    /// Number of stray points.
     pub count: usize,
     /// Distance of the farthest stray point from the centre of the framed sphere, as a multiple of the sphere's radius.
     pub times: f64,

@@ -370,7 +370,7 @@ fn gltf_textures_of_other_formats_are_left_out() {
     assert_eq!(mesh(loaded).texture.unwrap().srgba8, [[255, 0, 0, 255]]);
 }
 
-/// 2×2 texels: red, green; blue with alpha 128, white with alpha 0. Lossless.
+/// Lossless WebP file in hexadecimal, with 2×2 texels: red, green; blue with alpha 128, white with alpha 0.
 #[cfg(feature = "webp")]
 const WEBP: &str =
     "524946462a000000574542505650384c1d0000002f014000101fb0ff028222ff479b7f8100c1b973918d2a611722fa1f0200";

@@ -35,8 +35,8 @@ pub(crate) enum Sides {
     Both,
 }
 
-/// Interval of the directions that are summed for the back in [`Sides::FrontAndSparseBack`]. Each of them stands for as
-/// many directions.
+/// Step between the directions that are summed for the back in [`Sides::FrontAndSparseBack`]: every fourth one is, and
+/// counts four times.
 const SPARSE: usize = 4;
 
 /// Smallest number of depth maps that are drawn before a pass over the receivers looks all of them up.

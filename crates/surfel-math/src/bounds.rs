@@ -39,6 +39,7 @@ impl<R: Real> Extent<R> {
 }
 
 /// Returns the box of a projective ellipse: of the offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| ≤ ½.
+/// J has the columns `j_s` and `j_t`, in pixels, and a is `slope`.
 ///
 /// Source: the dual conic (Sigg 2006), relative to the projected centre. With j a row of J, its extremes k solve k²(1 −
 /// |a|²) + 2k·(j·a) − |j|² = 0. In absolute pixel coordinates the terms of the same conic cancel, with an error of up

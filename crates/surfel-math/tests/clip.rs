@@ -24,7 +24,8 @@ fn cross(a: &[Q; 2], b: &[Q; 2], c: &[Q; 2]) -> Q {
     (&b[0] - &a[0]) * (&c[1] - &a[1]) - (&b[1] - &a[1]) * (&c[0] - &a[0])
 }
 
-/// Evaluates §7's definition in exact arithmetic, at the homogeneous point (U, V, W), W > 0.
+/// True if a clip curve keeps the homogeneous point (U, V, W), W > 0. Evaluates the definition of rendering model §7 in
+/// exact arithmetic.
 fn exactly_kept(curve: &Curve, point: &[Q; 3]) -> bool {
     let exact = |v: V2<f64>| [q(v.x), q(v.y)];
     let (p1, p2, p3) = (exact(curve.p1), exact(curve.p2), exact(curve.p3));

@@ -16,8 +16,8 @@ pub(crate) const RIM_PX: f64 = 1e-3;
 /// Largest difference between a ball's coverage of a pixel and the limit for solid fragments at which rounding could
 /// change the comparison.
 pub(crate) const BALL_COVERAGE: f64 = 2e-3;
-/// Largest relative difference of the two sides of any other comparison, such as of depths, at which rounding could
-/// change the result.
+/// Largest relative difference of two compared values, such as depths, at which rounding could change the result of the
+/// comparison. Rims and a ball's coverage have limits of their own.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
 /// True if the offset `d` from the footprint's anchor is at most `rim_px` pixels of the view from the footprint's rim.

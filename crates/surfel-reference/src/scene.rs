@@ -15,7 +15,8 @@ pub struct ResidentScene {
     pub(crate) meshes: Vec<ResidentMesh>,
     /// Clouds of trained Gaussians with their matrices from object to world space; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<(Arc<GaussianCloud>, DAffine3)>,
-    /// Material of the scene's first object, whose factors all splats have if all objects share them.
+    /// Material of the scene's first object. Its factors are used for all splats in scenes whose objects have equal
+    /// materials.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,

@@ -94,7 +94,7 @@ pub(crate) fn picked_json(picked: Picked, at: [u32; 2], inputs: &[String]) -> Va
     })
 }
 
-/// Returns a frame's colours as an image for the comparison.
+/// Returns a frame's colours as an image that FLIP compares with another frame's.
 fn image_of(frame: &Frame) -> Result<Image<'_>, String> {
     Image::new(frame.width(), frame.height(), frame.color().as_flattened()).map_err(|e| e.to_string())
 }

@@ -14,7 +14,7 @@ const MAX_BLOCKS: usize = 64;
 /// Function that fills a buffer from a byte offset of the host's file.
 type ReadAt = fn(u64, &mut [u8]) -> io::Result<()>;
 
-/// File of the host. Small parts are read in blocks, which are cached in memory.
+/// File that the page's JavaScript reads by byte ranges. Small parts are read in blocks, which are cached in memory.
 #[derive(Debug)]
 pub(crate) struct RangeFile {
     file_bytes: u64,

@@ -82,8 +82,8 @@ struct DrawKey {
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
-    /// Layout of the bindings of the frame's group that splat setup uses. With the whole group, setup would use more
-    /// buffers than every adapter supports.
+    /// Layout of those bindings of the group `frame` that splat setup uses. With the whole group, setup would bind more
+    /// buffers than the limit that all adapters support.
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,

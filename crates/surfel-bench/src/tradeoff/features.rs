@@ -154,7 +154,7 @@ fn colors(data: &mut CloudData) {
     data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
 }
 
-/// Adds input rows and class labels to the splats.
+/// Adds numbers of input rows and class labels to the splats.
 pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());

@@ -16,7 +16,7 @@ use super::truth::{self, SurfaceHit};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// Name of this setting in the tables.
+/// Name in the tables of the compared setting: how both sides of thin sheets are drawn.
 const KNOB: &str = "sheets";
 /// Number of splats of the roof and the walls.
 const SPLATS: usize = 30_000;

@@ -162,8 +162,8 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// Writes the planes that edge antialiasing needs of a block. `sums` are those of the splats, and `polygon` the
-    /// depth range of the nearest polygons, +∞ for none.
+    /// Writes the pixels of a block into the planes that edge antialiasing reads. `sums` are the sums of the splats.
+    /// `polygon` is the depth range of each pixel's nearest polygon, +∞ where there is none; `None` without polygons.
     #[inline(always)]
     pub(crate) fn put_edges<S: Simd>(&mut self, block: u32, sums: &Sums<S>, polygon: Option<Reach<S>>) {
         let Self { all, tile } = self;

@@ -271,8 +271,8 @@ fn for_tiles(extent: [f32; 4], index: u32, (grid, drawn): (&Grid, DrawnBlocks<'_
     }
 }
 
-/// Returns the first and last block that has pixels in the interval from `min` to `max` along one axis. Pixels are
-/// limited to the range [start, length], and blocks count from the grid's origin. `None` if there are none.
+/// Returns the first and last block with pixels in the interval from `min` to `max` along one axis. Only the `length`
+/// pixels from `start` on count. Blocks are numbered from the grid's `origin`. `None` if there is no such pixel.
 #[inline(always)]
 fn blocks(min: f32, max: f32, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (start as f32, (start + length) as f32);

@@ -30,8 +30,9 @@ pub(crate) fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
     V2::new(form.x, form.y)
 }
 
-/// Computes [`surfel_math::filter::adjust_axes_turned`] for a group of splats, one by one in f64, since its turns need
-/// arctangents.
+/// Computes [`surfel_math::filter::adjust_axes_turned`] for the splats of all lanes: the adjusted axes, and the
+/// rotation of each footprint in its splat's plane. The splats are computed one by one in f64, since the rotations need
+/// arctangents, which have no SIMD version here.
 #[cold]
 pub(crate) fn adjust_axes<S: Simd>(
     splat: &ViewSplat<Lanes<S>>,

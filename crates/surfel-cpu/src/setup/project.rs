@@ -52,7 +52,7 @@ pub(crate) struct SetupOutput<'a> {
     /// Region in which splats, by their centres, are counted as drawn. Regions of different cells don't overlap,
     /// although their grids may.
     pub counted: Region,
-    /// Finder of tiny splats, if setup computes the fragments of tiny splats.
+    /// Test for splats of few pixels, whose fragments setup computes itself; `None` if all splats become records.
     pub tiny: Option<&'a TinyFinder>,
     pub segment: &'a mut Segment,
     /// Entries, which assign records to tiles, in splat order.

@@ -120,7 +120,7 @@ struct Hit {
 /// The backend's evaluation of a single splat, at all pixels of the blocks that list it.
 struct Drawn {
     class: Class,
-    /// Method by which a batch of four such splats is evaluated.
+    /// Method that evaluates a batch of four splats of this class.
     batch: Batch,
     hits: Vec<Hit>,
     /// The same evaluation by the evaluator of batches, if the splat has one.

@@ -265,7 +265,9 @@ fn has_neighbour_passes(plan: &FramePlan) -> bool {
     plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome))
 }
 
-/// True if the entry point belongs to the compute path. Its pipeline then has its own layout of the frame's buffers.
+/// True if the entry point belongs to the compute path: its name begins with `cell_`. Its pipeline then has its own
+/// layout of the frame's buffers, and its SPIR-V for `ash` has neither checks of indices nor loop bounds
+/// (`shaders/build/spirv.rs`).
 pub fn is_cell_entry(entry: &str) -> bool {
     entry.starts_with("cell_")
 }

@@ -1,5 +1,5 @@
-//! Clip variants of splats, their entry points, and the layout of clips in buffers. A *record* is a splat as set up for
-//! a tile: its projected forms, pixel boxes and colour in a buffer.
+//! Clip variants of splats, their entry points for raster hardware, and the layout of clips in buffers of both paths. A
+//! *record* is a splat as set up for a tile: its projected forms, pixel boxes and colour in a buffer.
 
 use crate::struct_writer::StructWriter;
 use surfel_math::clip::Clip;

@@ -18,11 +18,10 @@ const MAX_GROWTH: f32 = 4.0;
 /// area.
 const MIN_FADE_RADIUS: f64 = 0.05;
 
-/// Name of the internal column with the point spacing of a point's level where finer points are missing, and 0
-/// elsewhere. The column is removed when splats are made.
+/// Name of the internal column of [`Mark::spacing`]. The column is removed when splats are made.
 const SPACING: &str = "surfel_level_spacing";
-/// Name of the internal column with the radius of each point that is fading in, as a fraction of its final radius. The
-/// column is added only if the file states no radii, and removed when splats are made.
+/// Name of the internal column of [`Mark::growth`]. The column is added only if the file states no radii, and removed
+/// when splats are made.
 const GROWTH: &str = "surfel_level_growth";
 
 /// Drawing parameters of a point, which depend on the levels that are selected around it.

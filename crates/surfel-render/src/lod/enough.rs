@@ -29,10 +29,11 @@ const STEPS: i32 = 64;
 ///
 /// On a slanted surface, such as land toward the horizon, a splat's size is a poor measure of the number of points per
 /// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
-/// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. Splats may be up to [`MOST_ERRORS`] times
-/// too large in at most a quarter of the views. If the fraction is larger, the allowed error decreases evenly
-/// ([`MAX_SKIPPED_FRACTIONS`]). The largest splats are refined first, so the farthest nodes are skipped. At the end of
-/// a selection, levels fade in ([`FADE_OCTAVES`]). A node that has not faded in completely counts as skipped. The
+/// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. The remaining nodes are skipped: since the
+/// largest splats are refined first, these are the farthest ones. Splats of skipped nodes may be up to [`MOST_ERRORS`]
+/// times too large while they cover at most a quarter of the views' area. Over a larger part, the allowed error
+/// decreases evenly ([`MAX_SKIPPED_FRACTIONS`]). At the end of a selection, levels fade in ([`FADE_OCTAVES`]). A node
+/// that has not faded in completely counts as skipped. The
 /// decision depends only on the nodes and the views, so an image is the same for any threads and caches. The constants
 /// are measured on land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
 pub(super) struct Enough<'a> {

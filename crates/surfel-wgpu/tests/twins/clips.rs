@@ -66,8 +66,9 @@ fn adjust_axes_turned(x: &[f64]) -> Vec<f64> {
     [vec![s.x, s.y, s.z, t.x, t.y, t.z], turn_list(&turn)].concat()
 }
 
-/// Scale of errors: the rotation of an ellipse's axes is ill-conditioned if the axes are nearly equal, and a disk's if
-/// it faces the eye.
+/// Returns the size to which errors of an output group of `adjust_axes_turned` are relative. Groups 0 and 1 are the
+/// half-axes s and t, group 2 is the rotation. The size grows where rounding does: the rotation of an ellipse is
+/// ill-conditioned if its axes are nearly equal, and that of a disk if the disk faces the eye.
 fn adjust_terms(x: &[f64], group: usize) -> f64 {
     let length = |v: &[f64]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
     let (s, t) = (length(&x[3..6]), length(&x[6..9]));

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 /// Callback that receives a stage's name, the amount done and the total.
 pub(super) type Progress<'a> = &'a dyn Fn(&'static str, u64, u64);
 
-/// Task of a conversion.
+/// Inputs, folders, shard and limits of one conversion to COPC.
 #[derive(Clone, Copy)]
 pub(super) struct Task<'a> {
     pub(super) sources: Sources<'a>,
