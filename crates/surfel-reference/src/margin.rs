@@ -25,11 +25,12 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> boo
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;
     let gradient = |fu: f64, fv: f64, fw: f64| 2.0 * (u * fu + v * fv - w * fw);
-    let slope =
-        [gradient(footprint.u.x, footprint.v.x, footprint.w.x), gradient(footprint.u.y, footprint.v.y, footprint.w.y)];
-    // A length is at most the sum of its components. Most pixels are so far from the rim that this bound decides.
-    let may_be_near = value.abs() <= rim_px * 1.01 * (slope[0].abs() + slope[1].abs());
-    (may_be_near && value.abs() <= rim_px * slope[0].hypot(slope[1])) || value.abs() <= RELATIVE * w * w
+    let slope = gradient(footprint.u.x, footprint.v.x, footprint.w.x).hypot(gradient(
+        footprint.u.y,
+        footprint.v.y,
+        footprint.w.y,
+    ));
+    value.abs() <= rim_px * slope || value.abs() <= RELATIVE * w * w
 }
 
 /// True if rounding could change whether offset `d` is inside a footprint and not clipped. The first argument has two

@@ -328,10 +328,10 @@ impl BandPass<'_> {
                 return;
             }
             let admitted = self.limits.admit(at, z) && self.limits.reach_polygon(at, z, splat.epsilon);
-            if self.run.plan.planes.margin && !sums[at].marginal {
+            if self.run.plan.planes.margin {
                 let near_polygon = self.limits.polygon.is_some_and(|p| margin::on_depth(z - splat.epsilon, p[at]));
                 let near_limit = (self.limits.are_near(at, z) || near_polygon) && z <= thresholds[at].depth;
-                sums[at].marginal = (admitted && margin::is_marginal(splat, pixel, z, &thresholds[at], self.run.view))
+                sums[at].marginal |= (admitted && margin::is_marginal(splat, pixel, z, &thresholds[at], self.run.view))
                     || (near_limit && splat.rho_squared_at(pixel).is_some());
             }
             if !admitted || z > thresholds[at].depth {
@@ -389,14 +389,11 @@ impl BandPass<'_> {
         });
         // A fragment that barely fails to exist would be among the nearest, or the only one.
         self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
-            if sums[at].marginal {
-                return;
-            }
             let z = splat.depth_nearly_at(pixel, self.run.view);
             if z.is_none_or(|z| !self.limits.admit(at, z) || z > thresholds[at].depth) {
                 return;
             }
-            sums[at].marginal = splat.is_visible_at(pixel) || splat.rho_squared_at(pixel).is_some();
+            sums[at].marginal |= splat.is_visible_at(pixel) || splat.rho_squared_at(pixel).is_some();
         });
         for (at, [nearest, farthest]) in sides.iter().enumerate() {
             let (thresholds, open) = margin::possible_of_sides(nearest, farthest);

@@ -72,7 +72,7 @@ fn splats_of_models_have_no_holes_from_any_side() {
 }
 
 #[test]
-#[ignore = "120 s: cargo xtask test --full"]
+#[ignore = "61 s: cargo xtask test --full"]
 fn splats_of_a_curved_part_and_a_scan_have_no_holes_from_any_side() {
     check_models(&["rocker-arm.obj", "igea.ply"]);
 }

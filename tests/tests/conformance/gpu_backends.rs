@@ -139,6 +139,18 @@ fn regions_are_parts_of_the_whole(mut renderer: impl Renderer, step: usize) {
     println!("worst difference {worst:?}");
 }
 
+/// Renderers of the other tests are never dropped.
+#[test]
+fn dropped_wgpu_renderer_leaves_nothing_behind() {
+    let Some(mut renderer) = validated_gpu::unpooled_wgpu() else { return };
+    // One scene for each path.
+    for case in [scenes::closed_sphere(), scenes::panes()] {
+        render(&mut renderer, &case, Planes::COLOR).unwrap();
+    }
+    drop(renderer);
+    validated_gpu::no_messages();
+}
+
 fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Renderer) {
     // z ≤ z decides, so the passes must compute bit-identical depths.
     let planes = Planes::COLOR.with_weight(true);
@@ -157,7 +169,28 @@ fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Render
     }
 }
 
-fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
+fn abuffer_has_every_surface_or_is_refused(renderer: impl Renderer) {
+    // Fewer surfaces than the first layers, as many, and more that need further rounds; with samples, too.
+    let off = [3, 16, 40].map(|count| (count, EdgeAa::Off));
+    abuffer_has_every_surface(renderer, &[off[0], off[1], off[2], (20, EdgeAa::Samples)]);
+}
+
+#[test]
+#[ignore = "55 s on lavapipe with two cores: cargo xtask test --full"]
+fn abuffer_has_every_one_of_many_surfaces() {
+    let counts = [(40, EdgeAa::Samples), (130, EdgeAa::Off)];
+    if let Some(renderer) = validated_gpu::wgpu() {
+        abuffer_has_every_surface(renderer, &counts);
+        validated_gpu::no_messages();
+    }
+    if let Some(renderer) = validated_gpu::ash() {
+        abuffer_has_every_surface(renderer, &counts);
+    }
+}
+
+/// Compares A-buffers of stacks of surfaces, given by number and edges, with the reference. Checks that a stack of more
+/// surfaces than a GPU's A-buffer has is refused.
+fn abuffer_has_every_surface(mut renderer: impl Renderer, stacks: &[(usize, EdgeAa)]) {
     let stack = |count: usize, edge_aa| {
         let disks: Vec<Splat> = (0..count)
             .map(|i| {
@@ -177,8 +210,7 @@ fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
         })
     };
     let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
-    // Fewer surfaces than the first layers, as many, and more that need further rounds; with samples, too.
-    for (count, edge_aa) in [(3, EdgeAa::Off), (16, EdgeAa::Off), (40, EdgeAa::Off), (20, EdgeAa::Samples)] {
+    for &(count, edge_aa) in stacks {
         let case = stack(count, edge_aa);
         let want = reference_frame(&mut reference, &case).unwrap();
         let (frame, stats) = drawn_once(&mut renderer, &case, Planes::ALL.with_fragments(true));

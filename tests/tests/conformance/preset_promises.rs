@@ -194,7 +194,7 @@ fn preset_model_errors_hold() {
 }
 
 #[test]
-#[ignore = "80 s: cargo xtask test --full"]
+#[ignore = "108 s: cargo xtask test --full"]
 fn preset_model_errors_hold_in_every_case() {
     hold_model_errors(1);
 }

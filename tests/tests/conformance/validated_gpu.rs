@@ -165,6 +165,12 @@ fn wgpu_as(options: surfel_wgpu::Options) -> Option<Wgpu> {
     })
 }
 
+/// Starts a validated wgpu backend outside of the pool. Dropping it destroys its device.
+pub(crate) fn unpooled_wgpu() -> Option<surfel_wgpu::Renderer> {
+    listen();
+    started("wgpu", surfel_wgpu::Renderer::new(surfel_wgpu::Options::default().with_validation(true)))
+}
+
 /// Returns the backend's images of every scene with their reports, drawn once per process for each backend name.
 pub(crate) fn every_scene(renderer: &mut impl Renderer) -> &'static [Checked] {
     static ASH: OnceLock<Vec<Checked>> = OnceLock::new();
