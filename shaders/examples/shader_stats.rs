@@ -17,11 +17,11 @@ struct Counts {
     instructions: usize,
     loops: usize,
     barriers: usize,
-    /// Size of the workgroup's variables, bytes.
+    /// Size of the variables in workgroup memory, in bytes.
     workgroup_bytes: u32,
 }
 
-/// Opcodes of SPIR-V, version 1.3, §3.32.
+/// Opcodes of SPIR-V (specification of version 1.3, §3.32).
 mod op {
     pub(super) const TYPE_INT: u32 = 21;
     pub(super) const TYPE_FLOAT: u32 = 22;
@@ -126,7 +126,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let sums = sums.map(|sum| sum.to_string()).join(" | ");
     println!("| all {} | | {sums} | | | |", ENTRIES.len());
-    println!("\nRegisters depend on the driver, and no compiler of a GPU is run here.");
     Ok(())
 }
 

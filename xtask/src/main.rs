@@ -82,7 +82,9 @@ Commands:
           Write docs/data/gpu.md of what the kit measured
   shader-stats
           Print a table of the shaders' SPIR-V: bytes, instructions, loops, barriers and workgroup
-          memory of each entry point, and what naga's checks add
+          memory of each entry point, and what naga's checks add. A second table has registers and
+          occupancy of compute shaders on an AMD GPU (RADV_FORCE_FAMILY, by default navi21), where
+          Mesa's driver for AMD is installed; the GPU need not be there
   licences
           Write the licences of all dependencies to THIRD-PARTY.txt and the bill of materials (SBOM)
           to packaging/surfel.cdx.json
@@ -147,9 +149,24 @@ fn main() -> ExitCode {
 
 /// Prints the statistics of the shaders, by a program of their package.
 fn shader_stats(root: &Path) -> bool {
-    let mut command = cargo(root);
-    command.args(["run", "--quiet", "--package", "surfel-shaders", "--example", "shader_stats"]);
-    command.status().is_ok_and(|status| status.success())
+    let example = |package: &str, name: &str| {
+        let mut command = cargo(root);
+        command.args(["run", "--quiet", "--package", package, "--example", name]);
+        command
+    };
+    let is_counted = example("surfel-shaders", "shader_stats").status().is_ok_and(|status| status.success());
+    let Some(driver) = vulkan::amd_driver() else {
+        println!("\nRegisters aren't counted: Mesa's Vulkan driver for AMD's GPUs is missing (mesa-vulkan-drivers).");
+        return is_counted;
+    };
+    println!();
+    let mut registers = example("surfel-ash", "registers");
+    // Both variables name the driver: the second is that of loaders before 1.3.207.
+    registers.env("VK_DRIVER_FILES", &driver).env("VK_ICD_FILENAMES", &driver);
+    if std::env::var_os("RADV_FORCE_FAMILY").is_none() {
+        registers.env("RADV_FORCE_FAMILY", "navi21");
+    }
+    is_counted && registers.status().is_ok_and(|status| status.success())
 }
 
 /// Returns the folder of the workspace, which is the parent of this package's folder.

@@ -166,6 +166,16 @@ impl System {
     }
 }
 
+/// Returns the manifest of Mesa's driver for AMD's GPUs, if it is installed.
+pub(crate) fn amd_driver() -> Option<PathBuf> {
+    let system = System::from_environment();
+    let is_of_amd = |path: &PathBuf| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("radeon_icd"))
+            && system.manifest_works(path)
+    };
+    manifests(&system.drivers).find(is_of_amd)
+}
+
 /// Returns the JSON files among `paths`, and those in folders among `paths`.
 fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
     let files = paths.iter().flat_map(|path| match std::fs::read_dir(path) {
