@@ -11,7 +11,7 @@ pub struct Figure {
     pub title: Option<String>,
     /// Texts above the columns of panels; empty for none.
     pub headings: Vec<String>,
-    /// Rows of panels.
+    /// Rows of panels, from top to bottom.
     pub rows: Vec<Row>,
     /// Colour bars and legends, in a column to the right of the panels.
     pub keys: Vec<Key>,
@@ -65,7 +65,8 @@ impl Panel {
         Self { caption: Some(caption.to_owned()), ..self }
     }
 
-    /// Returns the rows of the image with a pixel that differs from a colour; `None` without an image or such a pixel.
+    /// Returns the range from the first to the last row of the image that has a pixel of another colour than `color`.
+    /// Returns `None` if the panel has no image, or the whole image has this colour.
     pub fn rows_unlike(&self, color: [u8; 4]) -> Option<Range<u32>> {
         let picture = self.picture.as_ref()?;
         let width = picture.size[0].max(1) as usize;
@@ -146,7 +147,7 @@ pub struct Axis {
     pub color: Rgb,
 }
 
-/// Key to the colours of panels: a colour bar or a legend.
+/// Explanation of the colours of panels: a colour bar or a legend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Key {
     /// Text above the colour bar or legend; empty for none.
@@ -220,7 +221,7 @@ impl Style {
         Self { font, background: [255; 4], width: None }
     }
 
-    /// Returns the colour of text and lines: white on dark backgrounds, black on light and on transparent ones.
+    /// Returns the colour of text and lines: white on dark backgrounds, nearly black on light and on transparent ones.
     pub fn ink(&self) -> Rgb {
         if self.is_dark() { [255; 3] } else { [20, 20, 20] }
     }

@@ -42,7 +42,8 @@ pub(crate) struct SizedKey {
 }
 
 impl SizedKey {
-    /// Lays out a key for a height in pixels, that of the panels beside it.
+    /// Lays out a key beside panels that are `height` pixels high. A colour bar fills this height within the limits of
+    /// [`BAR_HEIGHT`], and a legend gets as many columns as it needs.
     pub(crate) fn new(key: &Key, height: f64, style: &Style) -> Self {
         let mut sized = Self { size: [0.0; 2], drawing: Drawing::default() };
         let title = if let KeyContent::Bar { range, .. } = &key.content {
@@ -127,7 +128,7 @@ impl SizedKey {
         let shown = &entries[..entries.len().min(MOST_ENTRIES)];
         let more = Some(entries.len() - shown.len()).filter(|more| *more > 0);
         let count = shown.len() + usize::from(more.is_some());
-        // Columns of equal height.
+        // Entries are divided evenly among the columns.
         let columns = count.div_ceil(room).max(1);
         let in_column = count.div_ceil(columns).max(1);
         let texts: Vec<(String, Option<Rgb>)> = shown

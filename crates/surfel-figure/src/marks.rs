@@ -25,7 +25,7 @@ const MOST_MOVE: f64 = 5.0;
 /// Distance between the positions that are tried for a corner mark, in ems.
 const MOVE: f64 = 0.25;
 /// Largest difference per channel, in 8-bit levels, between a pixel and the figure's background at which the pixel
-/// counts as background. Pixels with at most this alpha level do too.
+/// counts as background. Pixels with at most this alpha level count as background, too.
 const SAME_LEVELS: u8 = 24;
 /// Largest range per channel, in 8-bit levels, within an area that counts as one colour. The shades of one surface in
 /// soft light differ by less, and the colours of two classes by more.
@@ -35,7 +35,8 @@ const ONE_COLOR_LEVELS: u8 = 48;
 pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawing) {
     let marks = &panel.marks;
     let mut placer = Placer { panel: at, picture: panel.picture.as_deref(), style, drawing, taken: Vec::new() };
-    // Lines lie below all words. Scale bars avoid the marks in fixed corners, and labels avoid all marks.
+    // Lines are drawn first, so that they are below all texts. Axes and north arrows are placed next, then scale bars,
+    // which avoid them, and then labels, which avoid all other marks.
     let order = |mark: &Mark| match mark {
         Mark::Line { .. } => 0,
         Mark::Axes(_) | Mark::North { .. } => 1,
@@ -78,8 +79,9 @@ impl Placer<'_> {
     }
 
     /// Returns the area for a mark that is wanted in one of these corners of the panel, in order of preference. From
-    /// each corner, the nearest free area is searched in which the image has one colour. If there is none, the result
-    /// is the nearest area wholly inside the content of the image or wholly outside of it; otherwise the first corner.
+    /// each corner, the nearest free area is searched in which the image has one colour. Otherwise, the result is the
+    /// nearest free area that covers either only background pixels or none of them. If there is no such area either,
+    /// the result is the first corner.
     fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
         let steps = (MOST_MOVE / MOVE) as i32;
@@ -201,8 +203,8 @@ impl Placer<'_> {
         self.take(Rect::new([center[0] - reach, center[1] - reach], [2.0 * reach; 2]));
     }
 
-    /// Draws a point and its text. The text is placed beside the point, where it overlaps no other mark or the panel's
-    /// border, and preferably where the image has one colour.
+    /// Draws a labelled point. Its text is placed beside the point so that it overlaps neither another mark nor the
+    /// panel's border, and preferably where the image has one colour.
     fn label(&mut self, at: [f64; 2], text: &str) {
         let em = self.em();
         let at = [self.panel.at[0] + at[0], self.panel.at[1] + at[1]];

@@ -22,6 +22,8 @@ const TO_UNICODE: Ref = Ref::new(9);
 /// PDF object number of the first image. Each image takes two numbers, for its colours and its alpha.
 const FIRST_IMAGE: i32 = 10;
 
+/// Name of the graphics state with the opacity of the background.
+const BACKGROUND_STATE: Name<'static> = Name(b"B");
 const FONT_NAME: Name<'static> = Name(b"SURFEL+Inter-Regular");
 const SYSTEM: SystemInfo<'static> = SystemInfo { registry: Str(b"Adobe"), ordering: Str(b"Identity"), supplement: 0 };
 /// Number of PDF units (points) per inch.
@@ -49,6 +51,10 @@ impl Drawing {
             objects.pair(Name(image_name(i).as_bytes()), references(i).0);
         }
         objects.finish();
+        let background_state = self.has_translucent_background().then(|| references(pictures.len()).0);
+        if let Some(state) = background_state {
+            resources.ext_g_states().pair(BACKGROUND_STATE, state);
+        }
         resources.finish();
         page.finish();
         let content = self.content(scale);
@@ -56,8 +62,16 @@ impl Drawing {
         for (i, picture) in pictures.iter().enumerate() {
             put_image(&mut pdf, picture, references(i));
         }
+        if let Some(state) = background_state {
+            pdf.ext_graphics(state).non_stroking_alpha(f32::from(self.background[3]) / 255.0);
+        }
         self.put_font(&mut pdf);
         pdf.finish()
+    }
+
+    /// True if the background has an opacity between 0 and 1.
+    fn has_translucent_background(&self) -> bool {
+        (1..255).contains(&self.background[3])
     }
 
     /// Returns the content stream of the page. Coordinates are pixels with y down; the first operator maps them to PDF
@@ -66,13 +80,19 @@ impl Drawing {
         let mut content = Content::new();
         let (s, height) = (scale as f32, f64::from(self.size[1]) * scale);
         content.transform([s, 0.0, 0.0, -s, 0.0, height as f32]);
-        // Line ends are square, and joins round.
+        // Line ends are square, and joins are mitred.
         content.set_line_cap(pdf_writer::types::LineCapStyle::ProjectingSquareCap);
         content.set_line_join(pdf_writer::types::LineJoinStyle::MiterJoin);
         let [r, g, b, a] = self.background;
         if a > 0 {
+            if self.has_translucent_background() {
+                content.save_state().set_parameters(BACKGROUND_STATE);
+            }
             fill_color(&mut content, [r, g, b]);
             content.rect(0.0, 0.0, self.size[0] as f32, self.size[1] as f32).fill_nonzero();
+            if self.has_translucent_background() {
+                content.restore_state();
+            }
         }
         let mut images = 0;
         for item in &self.items {
@@ -101,7 +121,7 @@ impl Drawing {
     }
 
     fn put_font(&self, pdf: &mut Pdf) {
-        // First character of each glyph that is used.
+        // Glyphs that the drawing uses, each with the first character that it shows.
         let mut used: BTreeMap<u16, char> = BTreeMap::new();
         for text in self.texts() {
             for c in text.text.chars() {
@@ -171,7 +191,7 @@ fn put_image(pdf: &mut Pdf, picture: &Picture, (colors, alpha): (Ref, Ref)) {
 fn put_text(content: &mut Content, text: &Text) {
     let glyphs: Vec<u8> = text.text.chars().flat_map(|c| font::glyph(c).0.to_be_bytes()).collect();
     let (lead, [x, y]) = (text.lead(), text.at);
-    // Glyphs have y up.
+    // In the font, y points up, so the matrix mirrors it.
     let matrix = if text.is_turned { [0.0, -1.0, -1.0, 0.0, x, y + lead] } else { [1.0, 0.0, 0.0, -1.0, x - lead, y] };
     if let Some(halo) = text.halo {
         // The halo is drawn as outlines, so that the words are in the file only once.

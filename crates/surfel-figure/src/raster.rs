@@ -113,7 +113,7 @@ impl Canvas {
     }
 }
 
-/// Converts a polygon to an outline.
+/// Converts a polygon to a closed outline of lines.
 fn outline(points: &[[f64; 2]]) -> Vec<Segment> {
     let next = points.iter().cycle().skip(1);
     points.iter().zip(next).map(|(a, b)| Segment::Line(*a, *b)).collect()

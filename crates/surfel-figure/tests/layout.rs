@@ -1,9 +1,9 @@
-//! Layouts at several sizes: nothing overlaps, everything fits, and SVG and PDF contain the words.
+//! Tests of layouts at several sizes: nothing overlaps, everything fits, and SVG and PDF contain the words.
 
 use std::process::Command;
 use surfel_figure::{Axis, Drawing, Figure, Item, Key, Mark, Panel, Picture, Rect, Row, Style};
 
-/// Sizes of panels, and of the text in them.
+/// Width and height of panels in pixels, each with the font size in pixels.
 const SIZES: [([u32; 2], f64); 5] =
     [([64, 48], 9.0), ([200, 200], 12.0), ([512, 384], 16.0), ([300, 900], 20.0), ([2048, 1024], 40.0)];
 
@@ -95,7 +95,7 @@ fn marks_lie_in_their_panels_and_avoid_each_other() {
     }
 }
 
-/// True if a rectangle contains a part of the border of another.
+/// True if `area` contains a part of the border of `content`, and isn't entirely inside or outside of it.
 fn straddles(area: Rect, content: Rect) -> bool {
     area.overlaps(&content) && !content.contains(&area)
 }
@@ -260,4 +260,19 @@ fn pdf_has_the_words_and_the_size() {
         assert!(drawn.status.success() && drawn.stderr.is_empty(), "{}", String::from_utf8_lossy(&drawn.stderr));
     }
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn pdf_has_the_opacity_of_the_background() {
+    let opacity = |alpha: u8| {
+        let mut drawing = figure([200, 200], 12.0).layout();
+        drawing.background = [10, 20, 30, alpha];
+        let pdf = String::from_utf8_lossy(&drawing.pdf(144.0)).into_owned();
+        let (_, state) = pdf.split_once("/Type /ExtGState")?;
+        let (_, value) = state.split_once("/ca ")?;
+        value.split_whitespace().next()?.parse::<f64>().ok()
+    };
+    // Transparent and opaque backgrounds need no graphics state.
+    assert_eq!([0, 255].map(opacity), [None; 2]);
+    assert!((opacity(51).unwrap() - 0.2).abs() < 1e-6);
 }
