@@ -83,10 +83,8 @@ struct Probes {
     /// Index in `all` of each requested probe, including repeated ones.
     of: Vec<usize>,
     tree: KdTree,
-    /// Largest reach among the probes below each node of the tree.
-    largest: Vec<f64>,
-    /// Bounding box of the probes below each node of the tree.
-    bounds: Vec<(DVec3, DVec3)>,
+    /// Bounds of the probes below each node of the tree.
+    bounds: Vec<ProbeBounds>,
 }
 
 impl Probes {
@@ -95,7 +93,8 @@ impl Probes {
         let (all, of) = distinct((0..m).map(|i| probe(cloud, nth(i, m, cloud.len()))).collect());
         let tree = KdTree::new(&all.iter().map(|p| p.at).collect::<Vec<_>>());
         let reach: Vec<f64> = all.iter().map(|p| p.reach).collect();
-        Self { largest: tree.largest_below(&reach), bounds: tree.bounds_below(), tree, all, of }
+        let bounds = tree.bounds_below().into_iter().zip(tree.largest_below(&reach));
+        Self { bounds: bounds.map(|(ends, reach)| ProbeBounds::new(ends, reach)).collect(), tree, all, of }
     }
 
     /// Creates as many probes as the interior weight needs, or fewer if splats meet too many of them.
@@ -109,7 +108,7 @@ impl Probes {
             let mut met = 0;
             probes.visit(&splat, &mut |i| {
                 let Probe { at, reach, .. } = probes.all[i];
-                met += usize::from(splat.may_meet((at, at), reach));
+                met += usize::from(splat.may_meet(&ProbeBounds::new((at, at), reach)));
             });
             met
         });
@@ -119,7 +118,7 @@ impl Probes {
 
     /// Calls `visit` with the index of every probe whose line may meet a splat. Some other probes are visited too.
     fn visit(&self, splat: &Splat, visit: &mut impl FnMut(usize)) {
-        let enters = |node: usize| splat.may_meet(self.bounds[node], self.largest[node]);
+        let enters = |node: usize| splat.may_meet(&self.bounds[node]);
         self.tree.visit_below(&enters, &mut |slot| visit(self.tree.index(slot)));
     }
 
@@ -129,6 +128,26 @@ impl Probes {
 
     fn reach(&self) -> Vec<f64> {
         self.all.iter().map(|p| p.reach).collect()
+    }
+}
+
+/// Axis-aligned box around the places of some probes, and the largest of their reaches.
+struct ProbeBounds {
+    /// Centre of the box.
+    middle: DVec3,
+    /// Half of the box's size along each axis.
+    half: DVec3,
+    /// Largest reach of the probes.
+    reach: f64,
+    /// Tolerance for rounding, also of the coordinates themselves. [`Splat::hair`] is added.
+    hair: f64,
+}
+
+impl ProbeBounds {
+    /// Creates the bounds of probes between the corners `low` and `high` whose reaches are at most `reach`.
+    fn new((low, high): (DVec3, DVec3), reach: f64) -> Self {
+        let hair = 1e-9 * reach + 1e-14 * low.abs().max(high.abs()).max_element();
+        Self { middle: 0.5 * (low + high), half: 0.5 * (high - low), reach, hair }
     }
 }
 
@@ -223,6 +242,8 @@ struct Splat {
     axes: Axes,
     /// Unit directions in the splat's plane, and the splat's extent along each.
     sides: [(DVec3, f64); 2],
+    /// Tolerance for rounding, also of the coordinates themselves. [`ProbeBounds::hair`] is added.
+    hair: f64,
 }
 
 /// Axes of a splat by which (u, v) of a point in its plane is computed.
@@ -253,34 +274,32 @@ impl Splat {
             let side = surfel_math::basis::unit(axis);
             (side, s.dot(side).hypot(t.dot(side)))
         });
-        Self { center, radius, normal, axes, sides }
+        let hair = 1e-9 * radius + 1e-14 * center.abs().max_element();
+        Self { center, radius, normal, axes, sides, hair }
     }
 
-    /// False if no line of the probes within these bounds can meet the splat; `largest` is the largest reach of the
-    /// probes.
+    /// False if no line of the probes within these bounds can meet the splat.
     ///
-    /// A line that meets the splat starts at a height of at most `largest` over the splat's plane, and at most 60° off
-    /// its normal. The start is therefore within √3 heights of the ellipse. The test excludes most probes for a sliver;
-    /// a test by the splat's bounding ball would accept all probes of a fan.
+    /// A line that meets the splat starts at a height of at most the probe's reach over the splat's plane, and at most
+    /// 60° off its normal. The start is therefore within √3 heights of the ellipse. The test excludes most probes for a
+    /// sliver; a test by the splat's bounding ball would accept all probes of a fan.
     #[inline(always)]
-    fn may_meet(&self, (low, high): (DVec3, DVec3), largest: f64) -> bool {
-        // Tolerance for rounding, also of the coordinates themselves.
-        let hair =
-            1e-9 * (self.radius + largest) + 1e-14 * (low.abs().max(high.abs()).max(self.center.abs())).max_element();
-        let beyond = (low - self.center).max(self.center - high).max(DVec3::ZERO);
-        if beyond.length_squared() > (self.radius + largest + hair).powi(2) {
+    fn may_meet(&self, bounds: &ProbeBounds) -> bool {
+        let hair = self.hair + bounds.hair;
+        let middle = bounds.middle - self.center;
+        let beyond = (middle.abs() - bounds.half).max(DVec3::ZERO);
+        if beyond.length_squared() > (self.radius + bounds.reach + hair).powi(2) {
             return false;
         }
-        let (middle, half) = (0.5 * (low + high) - self.center, 0.5 * (high - low));
         // Distance of the bounds' middle from the centre along a direction, and the bounds' half-extent.
-        let ends = |n: DVec3| (middle.dot(n).abs(), half.dot(n.abs()));
+        let ends = |n: DVec3| (middle.dot(n).abs(), bounds.half.dot(n.abs()));
         let (height, thickness) = ends(self.normal);
-        let aside = 3f64.sqrt() * (height + thickness).min(largest) + hair;
+        let aside = 3f64.sqrt() * (height + thickness).min(bounds.reach) + hair;
         let is_near = |(side, length): &(DVec3, f64)| {
             let (along, reach) = ends(*side);
             along - reach <= length + aside
         };
-        height - thickness <= largest + hair && self.sides.iter().all(is_near)
+        height - thickness <= bounds.reach + hair && self.sides.iter().all(is_near)
     }
 
     /// Returns the splat's weight where the probe's line meets its plane; 0 if the line misses the splat.
