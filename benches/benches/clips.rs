@@ -1,9 +1,9 @@
-//! Compares ways to evaluate a clip curve, over blocks of sixteen pixels. Run it as `cargo bench -p surfel-benches
-//! --bench clips`.
+//! Compares ways to evaluate the clip curve of a splat, over blocks of sixteen pixels. Run it as `cargo bench -p
+//! surfel-benches --bench clips`.
 //!
 //! It uses one thread. Curves and splats are random, and blocks lie anywhere on the splat's disk. Before the times, it
-//! prints how often each way differs from the implicit test in f64. It counts both pixels of those blocks and pixels
-//! beside the curves.
+//! prints how often each way differs from the implicit test in f64. It prints this for all pixels of the blocks, and
+//! for pixels within [`NEAR_PX`] of the curves.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use fearless_simd::prelude::*;
@@ -37,11 +37,12 @@ const COUNTED: usize = 1 << 16;
 enum Way {
     /// Implicit form of the conic, composed with the mapping into forms over pixels.
     Implicit,
-    /// `Implicit` if a pixel of the block is within the control triangle, else the chord (C12 §3.3).
+    /// `Implicit` if a pixel of the block is within the triangle of the curve's control points, else the chord (C12
+    /// §3.3).
     ImplicitBounded,
-    /// C12 eq. 7, corrected, evaluated in (u, v).
+    /// Test by C12 eq. 7, corrected (see [`PaperCurve`]), evaluated in (u, v).
     Paper,
-    /// `Paper` if a pixel of the block is within the control triangle, else the chord (C12 §3.3).
+    /// `Paper` if a pixel of the block is within the triangle of the curve's control points, else the chord (C12 §3.3).
     PaperBounded,
     /// The chord in place of the curve (C12 §3.3).
     Chord,
@@ -79,17 +80,19 @@ impl Random {
 /// Largest distance, in pixels, from the curve to the first pixel of a block that is chosen beside the curve.
 const NEAR_PX: f64 = 1e-4;
 
-/// Returns the pixel offset at which a footprint has the coordinates `q`.
+/// Returns the pixel offset at which a footprint has the coordinates (u, v) = `q`.
 fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
     let Footprint { u, v, w } = footprint;
-    // U(d) = q.x·W(d), V(d) = q.y·W(d).
+    // Solves U(d) = q.x·W(d) and V(d) = q.y·W(d) for the offset d; U, V and W are the footprint's homogeneous
+    // coordinates.
     let row = |l: &Linear<f64>, k: f64| (V2::new(l.x - k * w.x, l.y - k * w.y), k * w.c - l.c);
     let ((a, e), (b, f)) = (row(u, q.x), row(v, q.y));
     V2::new(e * b.y - f * a.y, f * a.x - e * b.x) * (1.0 / a.cross(b))
 }
 
-/// Returns pairs of a splat and a block. Curves are like those of `convert --sharp`, from nearly straight to strongly
-/// bent in either direction. The longer half-axes of splats are 4 to 32 pixels.
+/// Returns `count` pairs of a splat and a block of its pixels. If `near` is true, the first pixel of each block is
+/// beside the clip curve; otherwise blocks lie anywhere on the disk. Curves are like those of `convert --sharp`, from
+/// nearly straight to strongly bent in either direction. The longer half-axes of splats are 4 to 32 pixels.
 fn pairs(count: usize, near: bool) -> Vec<Pair> {
     let mut random = Random(5);
     let pair = |_| {
@@ -158,7 +161,8 @@ fn paper<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> mask32x16<S> {
     PaperCurve { p1: point(p1), p2: point(p2), p3: point(p3), w: k(*w), turn: k(*turn) }.keeps(q)
 }
 
-/// Returns true if some pixel is within the control triangle, and the mask of the pixels inside the chord.
+/// Returns true if some pixel of the block is within the triangle of the curve's control points, and the mask of the
+/// pixels that the chord alone retains.
 #[inline(always)]
 fn bounded<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> (bool, mask32x16<S>) {
     let zero = d.x.zero();
@@ -187,7 +191,8 @@ fn keeps<S: Simd>(simd: S, way: Way, pair: &Pair) -> mask32x16<S> {
     }
 }
 
-/// Calls `each` with the mask of each pair's pixels.
+/// Calls `each` with the index of each pair, and the mask of its block's pixels that the clip retains, one bit per
+/// pixel.
 #[inline(always)]
 fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u64)) {
     macro_rules! all {

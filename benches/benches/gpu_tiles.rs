@@ -1,5 +1,5 @@
-//! Times the CPU's work for a frame on a GPU: testing chunks of splats against the view, and writing those that can
-//! touch it. Run it as `cargo bench -p surfel-benches --bench gpu_tiles`. It needs no GPU.
+//! Times the CPU's work for a frame on a GPU: tests chunks of 256 splats against the view, and lists the chunks that
+//! may be visible. Run it as `cargo bench -p surfel-benches --bench gpu_tiles`. It needs no GPU.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::f64::consts::PI;
@@ -8,10 +8,10 @@ use surfel_gpu::{FrameScene, FrameTiles, GpuPath, Limits, UNSUPPORTED, Upload};
 use surfel_model::{Camera, Cull, Scene, Settings, SplatCloud, Storage};
 use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
 
-/// Number of splats: a segment is full, and has 4096 chunks.
+/// Number of splats: 4096 chunks, which fill one segment of an uploaded scene.
 const SPLATS: u32 = 1 << 20;
 
-/// Returns a unit sphere of disks.
+/// Returns a cloud of [`SPLATS`] disks on the unit sphere.
 fn sphere() -> SplatCloud {
     let golden = PI * (3.0 - 5.0f64.sqrt());
     let directions: Vec<[f32; 3]> = (0..SPLATS)

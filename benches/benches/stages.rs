@@ -51,7 +51,7 @@ fn pixels(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Times one stage of repeated frames.
+/// Draws frames repeatedly and times one stage of them, as the renderer reports its time.
 fn measure(
     group: &mut BenchmarkGroup<'_, WallTime>,
     id: BenchmarkId,

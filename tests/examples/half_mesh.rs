@@ -18,7 +18,7 @@ use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Maximum distance from the seam of the pixels that are measured.
+/// Maximum distance of the measured pixels from the seam, in pixels.
 const REACH: usize = 6;
 const LIGHT: [f64; 3] = [-0.6, -0.8, -1.0];
 const LIGHT_COLOR: f64 = 0.9;
@@ -50,7 +50,7 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
         Ok(render(&mut reference, &case, Planes::ALL)?)
     };
     let truth = draw(false, None, Shader::Phong)?;
-    // With such a small interior weight, a splat hides the polygon up to its rim.
+    // With such a small interior weight, coverage is 1 up to a splat's rim, so that the splat hides the polygon there.
     let naive = draw(true, Some(1e-6), Shader::Phong)?;
     let smooth = draw(true, None, Shader::Phong)?;
     // Albedo, normals and depths are blended, and then lit once. This is the deferred shading of G06, applied to
@@ -78,7 +78,8 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
 }
 
 /// Returns a case in which the leaves left of the middle are drawn as splats with their transitions, and the others as
-/// polygons. Without `half`, all leaves are polygons.
+/// polygons. If `half` is false, all leaves are polygons. `weight` is the interior weight of the splats; `None` uses
+/// the stored one.
 fn case(octree: &Octree, place: DAffine3, camera: &Camera, half: bool, weight: Option<f64>) -> Result<Case, Failure> {
     let is_splats = |i: u32| half && octree.nodes()[i as usize].center[0] < octree.nodes()[0].center[0];
     let leaves = || (0u32..).zip(octree.nodes()).filter(|(_, n)| n.is_leaf());
@@ -161,8 +162,10 @@ fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Differences ("steps") between neighbouring pixels at the seam. `value` is the largest step of the image. The other
-/// fields are steps beyond those of the ideal image: the largest, and the 99.9 % quantile.
+/// Differences of an image from the ideal image in pairs of neighbouring pixels at the seam. A step is the difference
+/// within a pair. `value` is the largest step of a colour channel. `value_beyond` (colour) and `degrees_beyond`
+/// (normals) are steps beyond those of the ideal image: the largest, and the 99.9 % quantile. `rmse` is that of the
+/// green channel.
 struct Steps {
     value: f64,
     value_beyond: [f64; 2],

@@ -63,7 +63,7 @@ pub struct Clipped {
     pub curve: Option<ClipCurve>,
     /// Clip lines; at most four.
     pub lines: Vec<ClipLine>,
-    /// Combination of the clip lines.
+    /// Rule that joins the clip lines: a point must be inside all of them, or inside at least one.
     pub mode: ClipMode,
 }
 
@@ -107,7 +107,8 @@ pub fn with_alpha(cloud: SplatCloud, alpha: impl Fn(usize) -> f32) -> SplatCloud
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// Creates an object of a cloud at its own position, with the default material.
+/// Creates an object of a cloud with the default material. Its matrix is the identity, so that world and object space
+/// are the same.
 pub fn object(cloud: SplatCloud) -> Object {
     Object {
         geometry: Geometry::Splats(Arc::new(cloud)),

@@ -1,5 +1,5 @@
 //! Measurement of filters on a checkerboard that extends to the horizon: the detail that a filter preserves, and the
-//! aliasing that remains (rendering model §5).
+//! aliasing that remains (docs/decisions/017-principal-filter.md).
 //!
 //! The scene is a square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, with 40×40 fields and
 //! 400×400 disks of r = spacing = 0.005; fov_y 60°, 512². The truth is the exact pattern under a box filter of one
@@ -58,7 +58,7 @@ fn is_white(a: f64, b: f64) -> bool {
     (index(a) + index(b)).rem_euclid(2) == 0
 }
 
-/// Returns the scene with default settings.
+/// Returns the scene of the checkerboard with its camera and default settings.
 pub fn case() -> Case {
     let (away, normal) = directions();
     // The camera at the origin looks along −z with +y up, so y and z of view space are negated.

@@ -124,7 +124,7 @@ impl Report {
         self.broken.iter().cloned().chain(off.map(words)).collect()
     }
 
-    /// Returns the plane with the largest error.
+    /// Returns the plane with the largest error; `None` if no plane was compared.
     pub fn worst_plane(&self) -> Option<&PlaneError> {
         self.planes.iter().max_by(|a, b| a.worst.total_cmp(&b.worst))
     }

@@ -13,7 +13,7 @@
 //! - [`truths`]: the reference's images in a file, for machines on which drawing them would take too long;
 //! - [`raycast`]: exact images of meshes by ray casting, which images of splats made from the meshes are compared with;
 //! - [`stability`]: sweeps of one parameter to extreme values, compared with exact arithmetic;
-//! - [`checkerboard`]: the error of each filter on a pattern that extends to the horizon (§5);
+//! - [`checkerboard`]: the error of each filter on a pattern that extends to the horizon;
 //! - [`test_data`]: location of test data that isn't shipped.
 //!
 //! A new backend implements [`surfel_render::Renderer`] and is checked like this:

@@ -45,7 +45,7 @@ const SWINGS: usize = 24;
 /// file.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
 
-/// Placeholder in these scenes for the path of the models' folder.
+/// Placeholder for the path of the models' folder, in the scene files of [`MODELS`].
 const PLACEHOLDER: &str = "MODELS/";
 
 /// Output folder of the models' images, relative to the workspace. It is in the build folder, which git ignores.
@@ -146,8 +146,8 @@ fn page(root: &Path) -> bool {
     })
 }
 
-/// Returns the images of a page that follow a command of the program. Each has a name and the words of its command. The
-/// words have no output, and the size of the page's images.
+/// Returns the images on a page that follow a command of the program. Each has its name, and the words of its command
+/// with the page's image size and without an output file.
 fn commands(page: &str) -> Vec<(String, Vec<String>)> {
     let (mut command, mut is_command, mut found) = (String::new(), false, Vec::new());
     for line in page.lines() {
@@ -192,7 +192,8 @@ fn expanded(word: &str) -> Vec<String> {
     list.split(',').flat_map(|item| rest.iter().map(move |after| format!("{before}{item}{after}"))).collect()
 }
 
-/// Returns the words of a command with another output and size.
+/// Returns the words of a command without its output file, and with the size [`IMAGE_SIZE`] or, for figures, the width
+/// [`FIGURE_WIDTH`].
 fn sized(words: &[String]) -> Vec<String> {
     let is_figure = words.first().is_some_and(|word| word == "figure");
     // The size of a figure's panel determines the proportions of the figure, so it isn't replaced.

@@ -152,7 +152,7 @@ fn problems(results: &str, page: &str) -> Vec<String> {
     problems
 }
 
-/// Text of the page until a GPU is measured.
+/// Text that the page [`PAGE`] contains until a GPU is measured.
 pub(crate) const NOT_MEASURED: &str = "**Not measured.**";
 
 fn is_of_gpu(line: &str) -> bool {

@@ -36,7 +36,8 @@ impl Package {
     }
 }
 
-/// Returns all packages that `roots` contain on Linux, including the roots, sorted by name and version.
+/// Returns all packages that are linked into the packages `roots` on Linux, including `roots`, sorted by name and
+/// version.
 pub(crate) fn shipped(root: &Path, roots: &[&str]) -> Result<Vec<Package>, String> {
     let metadata = metadata(root)?;
     let lock = std::fs::read_to_string(root.join("Cargo.lock")).map_err(|error| format!("Cargo.lock: {error}"))?;

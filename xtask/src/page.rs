@@ -5,7 +5,7 @@ use std::process::{Command, Stdio};
 
 use crate::python::{self, Tested};
 
-/// Folder of the tests' sources.
+/// Folder of the tests' sources, relative to the workspace.
 const TESTS: &str = "crates/surfel-view/tests/page";
 /// Scripts of the page, whose syntax is checked if node is installed.
 const SCRIPTS: [&str; 6] = [

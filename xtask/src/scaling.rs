@@ -98,7 +98,7 @@ fn parse<'a>(words: &[&'a str]) -> Result<Arguments<'a>, String> {
     Ok(arguments)
 }
 
-/// Returns all shapes.
+/// Returns all kinds of hostile input: of meshes, points, documents and scenes.
 fn shapes() -> Vec<Shape> {
     [meshes::shapes(), points::shapes(), documents::shapes(), scenes::shapes()].into_iter().flatten().collect()
 }

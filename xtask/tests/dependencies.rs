@@ -210,7 +210,8 @@ fn workspace_keeps_its_layers_and_one_version_of_each_dependency() {
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
 }
 
-/// Creates a graph of packages written as `name version`. Packages of version 0.1.0 belong to the workspace.
+/// Creates a graph of packages. Each is given by `name version`, its dependencies and its development dependencies.
+/// Packages of version 0.1.0 belong to the workspace.
 fn made(packages: &[(&str, &[&str], &[&str])]) -> Graph {
     let owned = |ids: &[&str]| ids.iter().map(ToString::to_string).collect();
     let package = |(id, needs, tests_with): &(&str, &[&str], &[&str])| {

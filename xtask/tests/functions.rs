@@ -12,7 +12,7 @@ const MAX_LINES: usize = 100;
 /// only to that file.
 const LONGER: [(&str, &str); 0] = [];
 
-/// A function of a source.
+/// Function that was found in a source file: its name and its lines.
 #[derive(Debug, PartialEq, Eq)]
 struct Function {
     name: String,

@@ -5,8 +5,8 @@ use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
 
-/// Two limits, in object units, within which f32 can represent squares: smallest extent of an object, and largest
-/// coordinate. Beyond them, an image may be blank.
+/// Smallest extent of an object and largest coordinate, in object units, whose squares f32 can represent. The image of
+/// an object beyond these limits may be blank.
 const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
 /// Largest difference from the background, in 8-bit sRGB levels, at which a pixel still counts as background. Single

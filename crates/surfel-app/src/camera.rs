@@ -35,8 +35,9 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.tile.is_some()
 }
 
-/// Returns a camera that frames the scene from the direction of `--view`; `None` without this option. Only the part
-/// inside the sphere `kept` is framed. The projection is that of `camera`, unless the options state another.
+/// Returns a camera that frames the scene from the direction of `--view`; `None` without this option. The camera frames
+/// the part of the scene inside the world-space sphere `kept`, or all of it if `kept` is `None`. The projection is that
+/// of `camera`, unless the options state another.
 pub(crate) fn reframe(
     camera: &Camera,
     scene: &Scene,
@@ -73,8 +74,8 @@ pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
     Camera { size, projection, ..camera.clone() }
 }
 
-/// Applies the options to a camera. `own_near` is true if neither options nor files state a near plane, which is then
-/// fitted to the scene.
+/// Applies the options for eye, target, up direction, projection and size to a camera. `own_near` is true if neither
+/// options nor files state a near plane. The near plane is then fitted to the scene.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {
@@ -215,7 +216,7 @@ impl Turntable {
     }
 }
 
-/// Creates the view of a camera, and validates the camera.
+/// Creates the view of a camera, or of the region of its image that the options state. Validates the camera.
 ///
 /// # Errors
 /// [`Error::Usage`] if options changed the camera, otherwise [`Error::Model`].

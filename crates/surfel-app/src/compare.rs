@@ -18,7 +18,7 @@ pub struct ImageComparison {
     pub planes: Vec<(String, PlaneComparison)>,
 }
 
-/// Compares image `b` with the reference image `a`. Messages use their `names`.
+/// Compares image `b` with the reference image `a`. `names` are the paths of `a` and `b`, for messages.
 ///
 /// # Errors
 /// [`Error::Input`] if the sizes differ, or if one image has no colours.

@@ -56,11 +56,12 @@ pub struct FigureOptions {
     pub frusta: Option<PathBuf>,
     /// Labels, each a point in world space and the text that is placed there.
     pub texts: Vec<([f64; 3], String)>,
-    /// Width of the whole figure; `None` derives it from the size of the panels.
+    /// Width of the whole figure; `None` derives the width from the size of the panels.
     pub width: Option<Length>,
-    /// Resolution in pixels per inch, more than 0.
+    /// Resolution in pixels per inch, more than 0; `None` means 300.
     pub dpi: Option<f64>,
-    /// Font size in points, more than 0.
+    /// Font size in points, more than 0. `None` uses 8 points for a width on paper, and otherwise derives the size from
+    /// the width in pixels or from the size of a panel.
     pub font_pt: Option<f64>,
 }
 

@@ -23,7 +23,7 @@ pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 pub const VERSION_KEY: &str = "surfel:version";
 /// Metadata key of the scene file, whose paths are relative to the image's folder.
 pub const SCENE_KEY: &str = "surfel:scene";
-/// Metadata key of the drawing options that aren't part of the scene, such as the backend and the region.
+/// Metadata key of the drawing options that aren't part of the scene, such as the backend and the region ([`drawn`]).
 pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Metadata key of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
@@ -63,7 +63,7 @@ pub enum Content {
 }
 
 /// Returns the input files of a scene with their hashes, each file once. Inputs are the files that the scene names, and
-/// the files in `beside`, which the former refer to. Paths are absolute. `stdin` is the content of the input named `-`.
+/// the files in `beside`, to which these refer. Paths are absolute. `stdin` is the content of the input named `-`.
 ///
 /// # Errors
 /// [`Error::Io`] for a file that can't be read.
@@ -78,7 +78,7 @@ pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>
     names.into_iter().map(|path| Ok(Input { content: content(&path, stdin)?, path })).collect()
 }
 
-/// Returns size and hash of a file, or of `stdin` if the path is `-`.
+/// Returns size and hash of a file. If the path is `-`, returns those of `stdin`, or [`Content::Unknown`] without it.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read.
@@ -101,7 +101,7 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// Hashes a file of `bytes` bytes. Returns the text for [`Content::Known`].
+/// Hashes a file of `bytes` bytes. Returns the text of `sha256` in [`Content::Known`].
 fn hash(mut file: impl Read + Seek, bytes: u64) -> std::io::Result<String> {
     let mut hash = Sha256::new();
     let mut block = vec![0; PART_BYTES as usize];
@@ -127,7 +127,7 @@ fn digits(hash: Sha256) -> String {
 }
 
 /// Returns the options that determine an image in addition to its scene, by the long names of `surfel render`'s flags.
-/// The caller adds the options of the file format.
+/// `quantised` is true if the backend stores splats as 16-bit numbers. The caller adds the options of the file format.
 ///
 /// # Errors
 /// Errors of [`RenderOptions::region_of`].
@@ -161,7 +161,8 @@ pub fn drawn(
     Ok(drawn)
 }
 
-/// Returns the metadata entries, as keys and values, of an image in `folder`. The scene's paths are absolute.
+/// Returns the metadata entries, as keys and values, of an image in `folder`. The scene's paths are absolute. `drawn`
+/// has the options from [`drawn`]. `is_exr` is true for an EXR file, which gets more entries.
 ///
 /// Returns `None` if a path isn't UTF-8, since JSON must be UTF-8.
 ///

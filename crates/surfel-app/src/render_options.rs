@@ -54,7 +54,8 @@ pub struct RenderOptions {
     pub size: Option<[u32; 2]>,
     /// Camera: a file or a value, in the form of a scene file's camera object.
     pub camera: Option<CameraSource>,
-    /// Lights that replace the scene's own or default lights. Only programs can set them; there is no flag.
+    /// Lights that replace the scene's own or default lights. `None` uses the scene's own or default lights. There is
+    /// no flag for lights; only programs can set them.
     pub lights: Option<Vec<Light>>,
     /// True if the images have another program's cameras. One light along the view then serves all cameras, and near
     /// planes are fitted to the scene.
@@ -67,12 +68,12 @@ pub struct RenderOptions {
     pub target: Option<[f64; 3]>,
     /// Direction in world space that appears upward in the image; not zero.
     pub camera_up: Option<[f64; 3]>,
-    /// Up axis of the scene. `Some(None)` uses the axis that the file or its format states, or else an estimate from
-    /// the shape.
+    /// Up axis of the scene. `None` and `Some(None)` use the axis that the scene file, the input file or its format
+    /// states, or else an estimate from the shape.
     pub up: Option<Option<Up>>,
-    /// Rectangle of the image that is rendered.
+    /// Rectangle of the image that is rendered; `None` renders the whole image.
     pub region: Option<Region>,
-    /// Tile of the image that is rendered: one of several bands of rows.
+    /// Tile of the image that is rendered: one of several bands of rows. `None` renders all rows.
     pub tile: Option<Part>,
     /// Vertical field of view, in degrees between 0 and 180.
     pub fov_y: Option<f64>,
@@ -124,13 +125,14 @@ pub struct RenderOptions {
     pub ground: Option<Option<GroundStyle>>,
     /// Style: named set of defaults for options that aren't set.
     pub style: Option<Style>,
-    /// Colour of all objects, which replaces the colours in their files.
+    /// Colour of all objects, which replaces the colours in their files; `None` shows the colours in the files.
     pub color: Option<Color>,
     /// Method of edge antialiasing.
     pub edge_aa: Option<EdgeAa>,
     /// Background colour: linear RGB, and straight alpha in [0, 1].
     pub background: Option<[f64; 4]>,
-    /// Number of unfiltered samples along a pixel's side, 1 to 64 (backend reference only).
+    /// Number of unfiltered samples along a pixel's side, 1 to 64 (backend reference only). `None` draws with the
+    /// filter.
     pub samples: Option<u32>,
     /// Names of additional planes, from [`RenderOptions::MORE_PLANES`].
     pub planes: Vec<String>,
@@ -154,7 +156,7 @@ pub struct SplatOptions {
     pub cull: Option<Cull>,
     /// True if several images, one per input, share one range of values ([`crate::request::shared_coloring`]).
     pub shared_range: bool,
-    /// Path of the image file to which the colour bar is written.
+    /// Path of the image file to which the colour bar is written; `None` writes none.
     pub colorbar: Option<PathBuf>,
     /// Colouring shared with other images; `None` derives it from the values of this image.
     pub legend: Option<Arc<Coloring>>,
@@ -285,7 +287,8 @@ impl RenderOptions {
         self.label.is_some() || self.asks_for("label")
     }
 
-    /// Returns the name of the first option in use that applies only to surfaces, not to trained Gaussians.
+    /// Returns the name of the first option in use that applies only to surfaces, not to trained Gaussians; `None` if
+    /// no such option is in use.
     pub(crate) fn first_surface_option(&self) -> Option<&'static str> {
         let convert = ConvertOptions {
             repair: false,

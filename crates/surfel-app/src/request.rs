@@ -1,4 +1,5 @@
-//! Resolves inputs and options into one scene. In order of precedence: option, scene-file key, preset, default.
+//! Resolution of inputs and options into one scene. Options take precedence over the keys of a scene file, keys over
+//! the preset, and the preset over the defaults.
 
 mod geometry;
 
@@ -17,7 +18,7 @@ use surfel_framing::{LeftOut, Upright};
 use surfel_load::coloring::together::Tallies;
 use surfel_load::coloring::{ColorScale, Coloring, Colorings};
 use surfel_load::labels::DEFAULT_LABEL;
-use surfel_load::levels::{Levels, Seen};
+use surfel_load::levels::{Levels, ViewSelection};
 use surfel_load::paths::{self, absolute, display, is_stdin};
 use surfel_load::steps::check_size;
 use surfel_load::{Error, LevelStore, LoadOptions};
@@ -137,8 +138,8 @@ impl Resolved {
         camera
     }
 
-    /// Returns the camera of the image `index`. Also returns a scene if its lights differ from those of the first
-    /// image.
+    /// Returns the camera of image `index` of `pictures`. Also returns a scene with other lights, if the image's lights
+    /// differ from those of the first image; otherwise `None`.
     pub fn picture(&self, pictures: &Pictures, index: u32) -> (Camera, Option<Scene>) {
         let own = &self.file.camera;
         match pictures {
@@ -289,7 +290,7 @@ impl Request {
         Ok(request)
     }
 
-    /// Takes settings, objects and camera from a scene file, and applies the options to them.
+    /// Sets settings, objects and camera of the request from a scene file, with the options applied.
     fn set_scene(&mut self, source: SceneSource) -> Result<(), Error> {
         let SceneSource { mut file, keys, name, base } = source;
         let options = &self.options;
@@ -464,7 +465,7 @@ impl Request {
         }
     }
 
-    /// Reads the LOD nodes of large files that the images need.
+    /// Reads the LOD nodes of large files that the images need, and returns the objects with these nodes.
     fn refine(
         &self,
         mut loaded: LoadedObjects,
@@ -476,9 +477,9 @@ impl Request {
             let views = self.pictures.views(&file.camera, turntable, &self.options)?;
             // Geometry outside the frustum may cast a shadow into it.
             let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
-            let sight_px = (!casts_shadows).then(|| SplatVisibility::margin_px(&file.settings));
-            let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
-            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(), &seen, progress)?;
+            let margin_px = (!casts_shadows).then(|| SplatVisibility::margin_px(&file.settings));
+            let selection = ViewSelection { views: &views, error_px: file.settings.lod_error_px, margin_px };
+            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(), &selection, progress)?;
             tell(&loaded, &self.options, note)?;
         }
         Ok(loaded)
@@ -636,8 +637,8 @@ fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
     Ok(Some(camera))
 }
 
-/// Returns the settings of a preset, with those settings of the scene file that the file states. `keys` are the stated
-/// ones.
+/// Returns the settings of a preset, overridden by the settings that the scene file states. `file` has the settings of
+/// the scene file, and `keys` the names of those that it states. Returns `file` if there is no preset.
 fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>) -> Settings {
     let Some(preset) = preset else { return file };
     let mut settings = preset.apply(file);
@@ -709,8 +710,8 @@ fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
     })
 }
 
-/// Loads the matcap image that the option names, or else the file. Makes its path in `file` absolute. Returns `None`
-/// for the built-in matcap and if no matcap is named.
+/// Loads the matcap image that the options name, or else the one that the scene file names. Makes its path in `file`
+/// absolute. Returns `None` for the built-in matcap and if no matcap is named.
 fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Matcap>>, Error> {
     if let Some(given) = &options.matcap {
         file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };
@@ -718,7 +719,8 @@ fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Ma
     load_matcap(file, Path::new(""))
 }
 
-/// Passes a note to `note` with the number of stray points outside of the frame, if there are any.
+/// Passes a note to `note` with the number of stray points outside of the framed sphere `kept`, if there are any.
+/// `None` for the sphere means that all points are framed.
 fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)) {
     if let Some(LeftOut { count, times }) = kept.and_then(|kept| surfel_framing::left_out(scene, &kept)) {
         let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };

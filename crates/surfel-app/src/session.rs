@@ -23,7 +23,7 @@ use surfel_sample::NoProgress;
 use surfel_sample::Progress;
 use surfel_stage::Estimates;
 
-/// Number of splats above which only one loaded scene stays in memory. It is compared with the sum over two scenes.
+/// Largest number of splats that two loaded scenes may have together for both to stay in memory.
 const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 
 /// Loaded scenes of one set of input files. The scene shown last is resident in a backend.
@@ -128,9 +128,10 @@ pub struct Picked {
     pub normal: [f32; 3],
     /// Depth: distance from the eye along the viewing direction, in world units.
     pub depth: f64,
-    /// Index of the object, and row of the nearest splat in the object's file. `None` for polygons and Gaussians.
+    /// Index of the object, and row of the nearest splat in the object's file. `None` for polygons and Gaussians, and
+    /// if splats have no row numbers.
     pub row: Option<(usize, u32)>,
-    /// Names and values of the splat's attributes.
+    /// Names and values of the splat's attributes; empty if `row` is `None`.
     pub values: Vec<(String, f64)>,
 }
 
@@ -355,7 +356,7 @@ impl Session {
         Ok(true)
     }
 
-    /// Draws the scene shown last. `options` are those with which it was shown.
+    /// Draws the scene shown last into [`Session::frame`]. `options` are those with which it was shown.
     ///
     /// # Errors
     /// [`Error::Render`], and [`Error::Usage`] for a camera out of range.
@@ -372,8 +373,8 @@ impl Session {
         Ok(self.backend.render_into(resident, view, settings, planes, &mut self.frame)?)
     }
 
-    /// Draws the scene shown last from another camera. The region comes from the options. If not all points fit into
-    /// memory, the levels of detail for the camera are read first.
+    /// Draws the scene shown last from another camera into [`Session::frame`]. `options` state the region. If not all
+    /// points fit into memory, the levels of detail for the camera are read first.
     ///
     /// # Errors
     /// Errors of [`Session::show`] and [`Session::draw`].
@@ -443,8 +444,9 @@ impl Session {
         Ok(loaded.hashes.clone().unwrap_or_default())
     }
 
-    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes,
-    /// and the legend of its colours. The value changes only when other files or points are loaded.
+    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, centre, columns with their ranges,
+    /// classes, and the legend of its colours. Up axis and centre follow the scene; the rest changes only when other
+    /// files or points are loaded. Returns null before a scene is loaded.
     pub fn description(&mut self) -> Value {
         let Some(loaded) = self.loaded.first_mut() else { return Value::Null };
         if loaded.description.is_null() {
@@ -458,8 +460,8 @@ impl Session {
         description
     }
 
-    /// Returns the properties of the surface at a pixel (column, row) of the scene shown last; `None` if the pixel
-    /// shows the background.
+    /// Returns the properties of the surface at a pixel of the scene shown last. `at` is its column and row, counted
+    /// from the top left corner. `None` if the pixel shows the background.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].

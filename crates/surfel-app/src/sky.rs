@@ -84,7 +84,8 @@ pub(crate) fn ground(style: GroundStyle, scene: &Scene, kept: Option<Sphere>, up
 }
 
 /// Returns the smallest height of an object along `up`, within the sphere `kept`. Balls are measured at their lowest
-/// points, other splats at their centres.
+/// points, other splats at their centres. `None` if the object has no point in the sphere, and for octrees and
+/// Gaussians.
 fn lowest(object: &Object, kept: Option<Sphere>, up: DVec3) -> Option<f64> {
     let m = &object.world_from_object;
     let is_kept = |p: &DVec3| kept.is_none_or(|kept| kept.contains(*p));

@@ -46,7 +46,8 @@ impl ConvertRequest<'_> {
         load(self.path, &self.load_options()?.with_interior_weight(true), progress)
     }
 
-    /// Returns the splats of a loaded file. Passes notes for the user to `note`, as sentences without a full stop.
+    /// Returns the splats of a loaded file, and writes the colour bar if the options name a file for it. Passes notes
+    /// for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that have no effect on the file.
@@ -63,7 +64,7 @@ impl ConvertRequest<'_> {
         if loaded.up != Up::PlusY || cloud.data().up.is_some() {
             cloud.set_up(loaded.up);
         }
-        match (self.options.cull, loaded.closed) {
+        match (self.options.cull, loaded.is_watertight) {
             (Some(cull), _) => culled(cloud, cull),
             (None, true) => culled(cloud, Cull::Back),
             // The edges of a mesh show that it is open. For splats this isn't determined, so that no comment is added.

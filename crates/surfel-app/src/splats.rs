@@ -92,7 +92,8 @@ fn absolute(file: Option<&PathBuf>) -> Result<Option<PathBuf>, Error> {
     file.map(absolute).transpose()
 }
 
-/// Checks that all options have an effect on some input. Notes keys of a scene file that have none.
+/// Checks that all options have an effect on some input. Passes a note to `note` for each key of a scene file without
+/// effect. `unused` has the options and keys without effect, each with the path of an input.
 ///
 /// # Errors
 /// [`Error::Usage`] for an option without effect, [`Error::Input`] for an attribute that the files don't have.
@@ -117,7 +118,8 @@ pub fn check_used(
     Ok(())
 }
 
-/// Writes the colour bar if the options name a file for it. It shows the first colouring of the files.
+/// Writes the colour bar if the options name a file for it. It shows the options' own colouring (`legend`), or else the
+/// first of `colorings` that represents values.
 ///
 /// # Errors
 /// [`Error::Usage`] if no file is coloured by values, [`Error::Io`] if the image can't be written.

@@ -3,7 +3,7 @@
 //!
 //! POINTS is a file of f64, three per point; NORMALS is an output file of the same format. The program prints durations
 //! in seconds: of the neighbour search, of search and normals, and of everything up to splats. It also prints the
-//! memory in bytes per point, without POINTS.
+//! largest amount of memory in use, in bytes per point, besides the points themselves.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;

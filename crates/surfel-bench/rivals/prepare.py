@@ -159,7 +159,8 @@ def normals_of(folder, rivals):
                     run(who, 2, source, target)
                 dots = np.sum(np.fromfile(target).reshape(-1, 3) * normals, axis=1)
                 angles = np.degrees(np.arccos(np.clip(np.abs(dots), 0, 1)))
-                # The rivals know no outside: what agrees is right, if need be turned around.
+                # The rivals don't estimate the outside. A normal that agrees with the majority counts as right, even if
+                # all face inward.
                 is_wrong = dots * np.sign(np.mean(np.sign(dots))) < 0
                 parts = [(name, ~is_edge), (f"{name}, edges", is_edge)] if is_edge.any() else [(name, ~is_edge)]
                 for part, chosen in parts:

@@ -54,7 +54,7 @@ impl Drop for Temporary {
     }
 }
 
-/// Returns the arguments for running a build.
+/// Returns the command-line arguments with which a build of this program measures what `a` requests.
 fn words(a: &Arguments) -> Vec<OsString> {
     let mut words: Vec<OsString> =
         vec!["--backend".into(), a.backend.name().into(), "--simd".into(), a.simd.name().into()];

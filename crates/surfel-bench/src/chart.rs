@@ -50,7 +50,7 @@ impl Axis {
         Self { range: Some(range), ..self }
     }
 
-    /// Returns the logarithmic axis that fits these values.
+    /// Returns the range of the drawn axis: the axis's own range, or else a range that fits `values`.
     fn fit(&self, values: impl Iterator<Item = f64>) -> LogAxis {
         let values = self.range.map_or_else(|| values.collect(), |range| range.to_vec());
         let exponents = values.iter().filter(|v| v.is_finite() && **v > 0.0).map(|v| v.log10());
@@ -162,7 +162,7 @@ impl Series {
         self.color >= COLORS.len()
     }
 
-    /// Returns the points without the gaps.
+    /// Returns the points without those that contain NaN, which mark gaps.
     fn places(&self) -> impl Iterator<Item = (f64, f64)> {
         self.points.iter().filter(|p| !is_gap(p)).map(|p| (p[0], p[1]))
     }
@@ -183,7 +183,7 @@ pub struct Chart {
     pub y: Axis,
     /// Series, from back to front.
     pub series: Vec<Series>,
-    /// Shaded range along x, with its name.
+    /// Shaded range along x, with its name; `None` shades nothing.
     pub shaded: Option<([f64; 2], String)>,
 }
 

@@ -80,7 +80,7 @@ struct Ready {
     samples: Vec<Samples>,
 }
 
-/// Measures all scenes.
+/// Draws all scenes with every number of threads of the plan, and returns the report of their times.
 pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     let machine = Machine::this();
     let mut backends = plan.threads.iter().map(|&n| plan.start(n)).collect::<Result<Vec<_>, _>>()?;

@@ -60,7 +60,7 @@ pub(crate) struct Row {
     /// CPU time of every frame, summed over threads, in milliseconds; empty for GPUs, and if the system doesn't report
     /// it.
     pub busy_frames_ms: Vec<f64>,
-    /// Median CPU time per frame, summed over threads, in milliseconds.
+    /// Median CPU time per frame, summed over threads, in milliseconds; `None` if `busy_frames_ms` is empty.
     pub busy_ms: Option<f64>,
     /// Median time of each stage, in milliseconds, by the name of the stage.
     pub stages_ms: BTreeMap<String, f64>,
@@ -78,20 +78,22 @@ pub(crate) struct Row {
     pub drawn_per_s: f64,
     /// Number of fragments divided by the median time, per second; `None` if the backend doesn't count fragments.
     pub fragments_per_s: Option<f64>,
-    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets.
+    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets; `None` if
+    /// fragments or the fill rate aren't known.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
     /// Fragments per second of the whole frame, as a fraction of the GPU's fill rate for the targets of the attribute
-    /// pass.
+    /// pass; `None` as for `share_of_blend`.
     #[serde(default)]
     pub frame_share_of_blend: Option<f64>,
-    /// Mean number of fragments per drawn splat.
+    /// Mean number of fragments per drawn splat; `None` if the backend doesn't count fragments.
     pub fragments_per_splat: Option<f64>,
-    /// Mean number of fragments per covered pixel.
+    /// Mean number of fragments per covered pixel; `None` if the backend doesn't count fragments.
     pub fragments_per_px: Option<f64>,
-    /// Number of pairs of a splat and a block of 4×4 pixels that the CPU backend computed.
+    /// Number of pairs of a splat and a block of 4×4 pixels that the CPU backend computed; `None` for other backends.
     pub block_pairs: Option<f64>,
-    /// Time of the tile loops per thread and pair, in nanoseconds.
+    /// Time of the tile loops per thread and pair (see `block_pairs`), in nanoseconds; `None` for backends other than
+    /// the CPU backend.
     pub ns_per_pair: Option<f64>,
     /// Memory of the uploaded scene in the backend (device memory on a GPU), in bytes per splat. Culled splats count,
     /// too.
@@ -100,10 +102,10 @@ pub(crate) struct Row {
     pub resident_mb: f64,
     /// Memory of the records and lists of each thread's largest cell, summed over the threads, in units of 10⁶ bytes. A
     /// cell is a part of the image that one thread of the CPU backend draws alone. This is the memory of a frame
-    /// besides the scene and the image.
+    /// besides the scene and the image; `None` for other backends.
     pub batch_mb: Option<f64>,
     /// Estimated memory traffic, in units of 10⁹ bytes per second. Splats that are set up are read once; their records
-    /// and lists are written once and read once.
+    /// and lists are written once and read once. `None` if the backend doesn't count bytes.
     pub gb_per_s: Option<f64>,
     /// All counters of the backend, by name.
     pub counters: BTreeMap<String, f64>,

@@ -119,7 +119,7 @@ fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     bar
 }
 
-/// Formats a rate in steps per second with three digits.
+/// Formats a rate in steps per second with three significant digits.
 fn rate(per_second: f64) -> String {
     let (scaled, unit) = match per_second {
         r if r >= 999.5e6 => (r / 1e9, " G/s"),

@@ -37,12 +37,12 @@ pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
     save(args, &converted(args, console)?, console)
 }
 
-/// Returns the first input.
+/// Returns the path of the first input.
 fn input(args: &Options) -> &Path {
     args.inputs.first().map_or(Path::new(""), PathBuf::as_path)
 }
 
-/// Returns the file to write.
+/// Returns the path of the file to write; empty if none is given.
 fn output(args: &Options) -> &Path {
     args.output.as_deref().unwrap_or(Path::new(""))
 }

@@ -83,7 +83,8 @@ struct TaskFiles {
 }
 
 impl TaskFiles {
-    /// Creates the description of `count` files. `name` contains `placeholder` for the number of a file.
+    /// Creates the description of `count` files. `name` contains `placeholder` for the number of a file. `step` is the
+    /// name of the merging step, and `whole` the name of the merged file.
     fn new([name, placeholder]: [&str; 2], count: usize, step: &'static str, whole: &str) -> Self {
         let files: Vec<String> = (0..count).map(|i| name.replace(placeholder, &format!("{i:04}"))).collect();
         let command = if step == "stitch" { "stitch" } else { "convert" };
@@ -341,7 +342,7 @@ fn text_of(path: &Path) -> Result<String, Failure> {
     path.to_str().map(str::to_owned).ok_or_else(not)
 }
 
-/// Returns the output name with `{tile}` inserted before its extension.
+/// Returns the output name with `{tile}` inserted before its extension, unless the name contains `{tile}` already.
 fn tile_name(output: &str) -> String {
     if output.contains("{tile}") {
         return output.to_owned();

@@ -154,7 +154,8 @@ impl Output {
         Some(name.into())
     }
 
-    /// Refuses a file that couldn't be written. Called before the image is drawn.
+    /// Checks that the file at `path` can be written: that it doesn't exist or may be replaced, and that its folder
+    /// exists. Does nothing for stdout (`None`). Called before the image is drawn.
     pub(crate) fn check(&self, path: Option<&Path>) -> Result<(), Failure> {
         let Some(path) = path else { return Ok(()) };
         if path.is_file() && !self.force {

@@ -69,7 +69,8 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     drawn.verified.map_or(Ok(()), |verified| verified.judge())
 }
 
-/// Returns the options with the range of values of all inputs, even inputs that this run doesn't draw.
+/// Returns the options with one range of values for the colours of all inputs, even of inputs that this run doesn't
+/// draw.
 fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failure> {
     let sources = args.inputs.iter().map(|input| match is_stdin(input) {
         true => Err(surfel_load::Error::Usage(
@@ -88,7 +89,8 @@ fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failu
     Ok(args)
 }
 
-/// Returns the output of `surfel INPUT` without `-o`: the name of INPUT with .png, in the current folder.
+/// Returns the output of `surfel INPUT` without `-o`: the name of INPUT with .png, in the current folder. `None` for
+/// other command lines.
 pub(crate) fn default_output(args: &Options) -> Option<PathBuf> {
     let wanted = args.names_output && !args.print_scene && !args.stats && !args.render.verify;
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
@@ -146,7 +148,7 @@ impl<'a> Session<'a> {
         Ok(Self { args, output, stdin, threads, console, series, encoder, input_numbers, pictures, backend })
     }
 
-    /// Returns the numbers of the frames that are drawn of an input.
+    /// Returns the numbers of the frames that are drawn of the input with the path `label`.
     fn frames_of(&self, label: &Path) -> &[u32] {
         self.pictures.of_input(self.input_numbers.get(label).copied().unwrap_or(0))
     }
@@ -179,7 +181,7 @@ impl<'a> Session<'a> {
         Some(Film::new(&path, output, encoder, frames as u32, series::rate(self.args)))
     }
 
-    /// Refuses files that couldn't be written. Called before anything is drawn.
+    /// Checks that the image files of an input can be written ([`Output::check`]). Called before anything is drawn.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
         self.check_distinct_files(&[label])?;
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
@@ -668,7 +670,8 @@ struct Job<'a> {
     runs: Vec<Stats>,
     frame: Frame,
     scene: Option<BackendScene>,
-    /// Likely reason for which images are blank, for a note. It is determined before the scene's geometry is freed.
+    /// Likely reason for which images are blank, for a note; `None` if no reason is needed. It is determined before the
+    /// scene's geometry is freed.
     why_blank: Option<&'static str>,
 }
 

@@ -16,7 +16,8 @@ pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failur
     Ok(Source::of(inputs, bytes.as_deref())?)
 }
 
-/// Loads a scene and resolves its images: cameras, settings and planes.
+/// Loads the objects of a source, resolves them into a scene with camera, settings and planes, and passes the scene to
+/// `each`. With `--progressive`, coarse scenes are passed to `each` before the full one.
 pub(crate) fn resolve(
     source: Source,
     pictures: &Pictures,

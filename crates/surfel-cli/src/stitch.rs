@@ -108,8 +108,8 @@ impl TileMetadata {
         Ok(Self { tile, file, version, drawn, inputs })
     }
 
-    /// Returns the name of the first property in which the tiles differ, although tiles of one image share it. Paths of
-    /// inputs may differ, but not their content.
+    /// Returns the name of the first property in which two tiles differ, although tiles of one image share it; `None`
+    /// if there is none. Paths of inputs may differ, but not their content.
     fn differs(&self, other: &Self) -> Option<&'static str> {
         let scene = |said: &Self| {
             let mut file = said.file.clone();

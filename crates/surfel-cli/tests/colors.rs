@@ -6,7 +6,7 @@ use common::{Folder, scene};
 use serde_json::{Value, json};
 use surfel_io::Planes;
 
-/// Returns a tile of a slope of 60×100 units, six tiles wide and ten deep, as text with a class per point.
+/// Returns tile `i` of a slope of 60×100 units, which is divided into six by ten tiles, as text with a class per point.
 fn tile(i: u32) -> String {
     let mut text = "x,y,z,classification\n".to_owned();
     for k in 0..144 {
@@ -16,7 +16,7 @@ fn tile(i: u32) -> String {
     text
 }
 
-/// Returns the same tile as splats.
+/// Returns tile `i` of the same slope as [`tile`], as splats.
 fn splat_tile(i: u32) -> String {
     let properties =
         ["x", "y", "z", "nx", "ny", "nz", "radius"].map(|name| format!("property float {name}\n")).concat();

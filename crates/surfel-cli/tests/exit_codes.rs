@@ -116,7 +116,7 @@ fn backends_that_are_not_here_exit_with_4() {
     assert!(f.run("backends").code(0).stdout().contains("reference"));
 }
 
-/// The program with its default features.
+/// Tests the program without the Cargo feature `wgpu`, as it is built by default.
 #[cfg(not(feature = "wgpu"))]
 #[test]
 fn backend_that_is_not_built_in_names_its_feature() {
@@ -150,7 +150,8 @@ fn abuffer_is_drawn_by_any_backend_that_starts() {
     }
 }
 
-/// Without their environment, Mesa's layers and libwayland write to stderr.
+/// Tests that nothing is printed about a missing `XDG_RUNTIME_DIR`, without which Mesa's layers and libwayland write to
+/// stderr.
 #[test]
 fn stderr_is_silent_without_a_runtime_folder() {
     let f = Folder::new("runtime");

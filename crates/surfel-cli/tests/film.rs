@@ -9,7 +9,8 @@ use std::process::Command;
 /// Pixels of a frame: sRGB-encoded RGBA.
 type Pixels = Vec<u8>;
 
-/// Returns the frames of a PNG, which may be animated, and the delay of the first.
+/// Returns the frames of a PNG, which may be animated, and the delay of the first frame: a fraction of a second as
+/// numerator and denominator. The delay is `None` without animation.
 fn png_frames(path: &Path) -> (Vec<Pixels>, Option<(u16, u16)>) {
     let mut reader = png::Decoder::new(BufReader::new(File::open(path).unwrap())).read_info().unwrap();
     let info = reader.info();
@@ -25,7 +26,7 @@ fn png_frames(path: &Path) -> (Vec<Pixels>, Option<(u16, u16)>) {
     ((0..count).map(frame).collect(), delay)
 }
 
-/// Returns the frames of a GIF, and their delays.
+/// Returns the frames of a GIF, each with its delay in hundredths of a second.
 fn gif_frames(path: &Path) -> Vec<(Pixels, u16)> {
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::RGBA);
@@ -44,7 +45,7 @@ fn rmse(a: &[u8], b: &[u8]) -> f64 {
     (square / a.len() as f64).sqrt()
 }
 
-/// Returns `count` points at random places on an ellipsoid, as XYZ; each `seed` has others.
+/// Returns `count` points at random places on an ellipsoid, as XYZ. Different seeds give different points.
 fn sampled(count: usize, seed: u64) -> String {
     let mut random = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     let mut next = || {
@@ -280,7 +281,8 @@ fn wrong_films_are_refused_and_leave_nothing() {
     assert_eq!(f.names(), before);
 }
 
-/// Writes a program `ffmpeg` that lists encoders, and else runs a script.
+/// Writes a program `ffmpeg` that lists encoders if asked to, and otherwise runs `script`. Returns a PATH with its
+/// folder.
 #[cfg(unix)]
 fn write_ffmpeg(f: &Folder, script: &str) -> String {
     use std::os::unix::fs::PermissionsExt as _;

@@ -5,7 +5,8 @@ use crate::common;
 use common::{Folder, ball, scene};
 use serde_json::json;
 
-/// Returns four Gaussians, flat (2DGS) or solid (3DGS), with harmonics of degree 1.
+/// Returns a PLY of four Gaussians with harmonics of degree 1. They are flat (2DGS) if `third` is `None`, and otherwise
+/// solid (3DGS) with `third` as the value of `scale_2`.
 fn gaussians(third: Option<&str>) -> String {
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(Into::into).into();
     names.extend((0..9).map(|i| format!("f_rest_{i}")));

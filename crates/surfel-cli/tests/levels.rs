@@ -8,7 +8,7 @@ fn las(side: u32) -> Vec<u8> {
     las_at(side, 0)
 }
 
-/// Returns the MiB read, and the file's total, from the notes.
+/// Parses two sizes in MiB from the notes of a run: the data read, and the whole file.
 fn read_mib(notes: &str) -> [f64; 2] {
     let line = notes.lines().find(|line| line.contains("drawn by levels")).unwrap_or_else(|| panic!("{notes}"));
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -177,7 +177,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     assert!(covered("largest.png") > 96 * 80 / 4);
 }
 
-/// A file with points that need 0.8 GB of memory, none of which is stored on disk.
+/// Tests with a sparse file, whose points need 0.8 GB of memory but no space on disk.
 #[cfg(target_os = "linux")]
 #[test]
 fn render_that_is_ended_while_it_writes_levels_leaves_nothing() {
@@ -395,7 +395,7 @@ fn shares_of_a_conversion_are_put_together() {
         &[("SLURM_ARRAY_TASK_ID", "1"), ("SLURM_ARRAY_TASK_COUNT", "2")],
     );
     assert!(run.code(0).stderr().contains("shard 1 of 2 (by SLURM_ARRAY_TASK_ID=1, SLURM_ARRAY_TASK_COUNT=2)"));
-    folder.run("convert a-0001.shard -o one.copc.laz").fails(3, "is share 1 of 2, and 0 is not there once");
+    folder.run("convert a-0001.shard -o one.copc.laz").fails(3, "is shard 1 of 2, and 0 is not there once");
     folder.run("convert a-0001.shard a-0000.shard -o merged.copc.laz").code(0);
     assert!(folder.read("merged.copc.laz") == folder.read("whole.copc.laz"));
     folder.run("convert a-0001.shard a-0000.shard -o merged.copc.laz").fails(1, "already exists");

@@ -31,7 +31,7 @@ impl Server {
         serde_json::from_str(&line).unwrap()
     }
 
-    /// Calls a tool; returns its result.
+    /// Calls a tool, and returns its result.
     fn call(&mut self, tool: &str, arguments: &Value) -> Value {
         let parameters = json!({ "name": tool, "arguments": arguments });
         let request = json!({ "jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": parameters });
@@ -41,7 +41,7 @@ impl Server {
         answer["result"].clone()
     }
 
-    /// Calls a tool that must fail; returns the text of its error.
+    /// Calls a tool that must fail, and returns the text of its error.
     fn fails(&mut self, tool: &str, arguments: &Value) -> String {
         let result = self.call(tool, arguments);
         assert_eq!(result["isError"], true, "{result}");
@@ -54,7 +54,7 @@ impl Server {
     }
 }
 
-/// Returns the PNG of a result's block.
+/// Returns the PNG image in a tool's result, from the content block with the index `block`.
 fn png(result: &Value, block: usize) -> Vec<u8> {
     let block = &result["content"][block];
     assert_eq!((&block["type"], &block["mimeType"]), (&json!("image"), &json!("image/png")));

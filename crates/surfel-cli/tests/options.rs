@@ -69,7 +69,7 @@ fn rows_are_consistent() {
     assert_eq!(Inputs::POINTS.and(Inputs::MESHES).words(), "points or a mesh");
 }
 
-/// Every key of a scene file's `convert` is an option's.
+/// Tests that each option with a key in a scene file's `convert` object sets this key alone.
 #[test]
 fn scene_file_keys_are_those_of_the_table() {
     for row in table().rows().filter(|row| row.commands.has(Commands::RENDER)) {

@@ -98,7 +98,8 @@ fn points_that_stand_for_nothing_are_left_out_and_counted() {
     assert_eq!(splats("zero.xyz").0, 16);
 }
 
-/// Returns points as text PLY with an alpha: one at `first`, and the others with this scale.
+/// Returns 101 points as text PLY, all with the same alpha: one at `first`, and a grid whose coordinates are multiplied
+/// by `scale`.
 fn scattered(first: &str, scale: f64, alpha: f64) -> String {
     let names = ["x", "y", "z", "alpha"].map(|name| format!("property float {name}\n")).concat();
     let point = |i: u32| [i % 10, i / 10, i % 7].map(|c| format!("{:e}", f64::from(c) * scale)).join(" ");

@@ -63,7 +63,7 @@ impl Server {
         self.raw(&format!("GET {target} HTTP/1.1\r\nHost: {}\r\n{headers}\r\n", self.address))
     }
 
-    /// Opens a WebSocket as the page does; returns the refusal's first line instead of 101.
+    /// Opens a WebSocket as the page does. If the server refuses, returns the first line of its response.
     fn socket(&self, host: &str, origin: &str, cookie: &str) -> Result<Client, String> {
         let mut stream = self.connect();
         let head = format!(
@@ -97,7 +97,7 @@ impl Server {
         self.socket(&host, &format!("http://{host}"), &self.cookie()).unwrap()
     }
 
-    /// Returns the largest memory that the server has used so far, in MiB; 0 where the system doesn't tell.
+    /// Returns the largest memory that the server has used so far, in MiB; 0 if the system doesn't report the number.
     fn peak_mib(&self) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap_or_default();
         let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -112,7 +112,7 @@ impl Drop for Server {
     }
 }
 
-/// A page's side of the protocol.
+/// Client that speaks the page's side of the WebSocket protocol.
 struct Client(WebSocket<TcpStream>);
 
 impl Client {
@@ -120,7 +120,8 @@ impl Client {
         self.0.send(Message::text(message.to_string())).unwrap();
     }
 
-    /// Returns the next message but progress: its header, and the file after it.
+    /// Returns the next message other than progress: its header, and the bytes of the file that follows (empty if there
+    /// is none).
     fn next(&mut self) -> (Value, Vec<u8>) {
         loop {
             let (header, file) = match self.0.read().unwrap() {

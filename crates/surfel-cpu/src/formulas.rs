@@ -28,7 +28,8 @@ pub enum Weight {
     Nearest,
 }
 
-/// A method of computing 1/x for x in [0.66, 2.01], the range that p_z/z has within a splat.
+/// A method of computing 1/x for x in [0.66, 2.01]. This is the range, within a splat, of its centre's depth divided by
+/// a fragment's depth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reciprocal {
     /// The CPU's division instruction.
@@ -55,8 +56,8 @@ enum Of {
 }
 
 impl Formula {
-    /// Creates the formula of the kernel e^(−cρ²) at cutoff c = 2, for ρ² in [0, 1]. `None` if the CPU lacks the
-    /// instructions.
+    /// Creates the formula of the kernel e^(−cρ²) at cutoff c = 2, for ρ² in [0, 1]. `None` if the CPU has no SIMD
+    /// instructions that the renderer supports.
     pub fn weight(way: Weight) -> Option<Self> {
         const CUTOFF: f64 = 2.0;
         let entries = match way {
@@ -75,13 +76,14 @@ impl Formula {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of })
     }
 
-    /// Creates the formula of 1/x for x in [0.66, 2.01]. `None` if the CPU lacks the instructions.
+    /// Creates the formula of 1/x for x in [0.66, 2.01]. `None` if the CPU has no SIMD instructions that the renderer
+    /// supports.
     pub fn reciprocal(way: Reciprocal) -> Option<Self> {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
     }
 
-    /// Applies the formula to the numbers of `inputs`, in whole groups of 16, and writes the results to the front of
-    /// `outputs`.
+    /// Applies the formula to the numbers of `inputs` in groups of 16, and writes the results to the front of
+    /// `outputs`. Numbers after the last whole group are ignored.
     pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
         with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
             Of::Weight { way, cutoff, kernel, cubic, table } => match way {
@@ -126,7 +128,7 @@ impl Formula {
 }
 
 /// Tests the fused multiply-add on `count` random and hard cases, and returns the number of wrong results. `None` if
-/// the CPU lacks the instructions.
+/// the CPU has no SIMD instructions that the renderer supports.
 #[cfg(target_family = "wasm")]
 pub fn fused_errors(count: usize) -> Option<usize> {
     let instructions = Instructions::new(SimdLevel::Best)?;
@@ -149,7 +151,7 @@ fn one_by_one<S: Simd>(simd: S, x: Lanes<S>, f: impl Fn(f32) -> f32) -> Lanes<S>
 mod tests {
     use super::*;
 
-    /// Returns the largest error over 1008 inputs from `low` to `high`.
+    /// Returns the largest absolute error of a formula over 1008 evenly spaced inputs from `low` to `high`.
     fn worst(formula: Formula, [low, high]: [f32; 2], exact: impl Fn(f64) -> f64) -> f64 {
         let inputs: Vec<f32> = (0..1008).map(|i| low + (high - low) * (i as f32 / 1007.0)).collect();
         let mut outputs = vec![0.0; inputs.len()];

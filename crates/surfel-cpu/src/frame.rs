@@ -54,7 +54,7 @@ use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 /// Buffers that are reused from frame to frame, because fresh memory is slow.
 #[derive(Default)]
 pub(crate) struct FramePools {
-    /// Lists of records from the setup of cells.
+    /// Lists of projected splats (records) from the setup of cells.
     setup: SetupPool,
     /// Scratch buffers of the threads that draw tiles.
     scratch: Pool<TileScratch<'static>>,
@@ -264,8 +264,8 @@ impl Drawing<'_> {
         pools.setup.give_back(splats.segments);
     }
 
-    /// Sets up a cell's chunks. If the nearest chunks may occlude others, they are set up first, and of the others only
-    /// those chunks that are visible.
+    /// Sets up a cell's chunks. With occlusion culling, the nearest chunks are set up first. Of the remaining chunks,
+    /// those hidden by the splats of the nearest ones are then culled.
     fn set_up(&self, cell: &Cell, grid: &Grid, totals: &mut Totals) -> CellSplats {
         let FrameInputs { instructions, tuning, plan, .. } = *self.inputs;
         let mut splats = CellSplats::default();
@@ -336,7 +336,8 @@ fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
     let filter = &plan.splat_filter;
     let mut scales = scene.clouds.iter().map(|cloud| cloud.coverage_per_weight(filter.cutoff));
     let first = scales.next()?;
-    // Only the weights of the other filters include the area ratio.
+    // Under `clamp` and `adjust`, weights lack the area ratio a of rendering model §5, which differs from splat to
+    // splat.
     let carried = !matches!(filter.filter, Filter::Clamp | Filter::Adjust);
     (plan.attributes.coverage && carried && scales.all(|scale| scale == first)).then_some(first)
 }
@@ -347,8 +348,8 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
-/// True if tiles of tiny splats may be drawn splat by splat. This requires that no screen-space pass follows, and that
-/// the plan needs only the sums that such a tile computes.
+/// True if a tile whose splats are all tiny, of at most 3×3 pixels, may be drawn splat by splat. This requires that no
+/// screen-space pass follows, and that the plan needs only the sums that such a tile computes.
 fn supports_tiny_tiles(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.

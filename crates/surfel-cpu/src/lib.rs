@@ -41,7 +41,8 @@
 //! 8. `screen`: blocks become tiles of the image while they are in the cache; edge antialiasing, outlines and eye-dome
 //!    lighting read a G-buffer of a tile and its neighbours.
 //!
-//! `gaussians` draws trained Gaussians, which have none of these stages, with `simd` and `scene` alone.
+//! `gaussians` draws trained Gaussians. It uses only `simd` and `scene`, since Gaussians pass through none of the later
+//! stages.
 //!
 //! `renderer` and `frame` drive all folders. A feature that a frame doesn't use costs it nothing.
 //!

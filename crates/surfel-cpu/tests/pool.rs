@@ -12,7 +12,7 @@ use surfel_render::{Frame, Planes, Renderer as _, View};
 
 const UP: Vec3 = Vec3::new(0.3, 0.5, 0.8);
 
-/// Returns balls of disks in several chunks, half of them transparent, and textured triangles.
+/// Returns a sheet of disks in several chunks, half of the disks transparent, and textured triangles behind it.
 fn scene() -> Scene {
     let side = 40;
     let at = |i: usize| Vec3::new((i % side) as f32, (i / side) as f32, 0.0) * 0.05 - 1.0;

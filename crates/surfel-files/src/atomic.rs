@@ -184,8 +184,8 @@ pub fn unnamed_in(folder: &Path) -> io::Result<File> {
     tempfile::tempfile_in(folder)
 }
 
-/// Creates a file that is removed when dropped. Its name isn't derived from the target's, which may already have the
-/// maximum length.
+/// Creates a temporary file in a folder, which is removed when dropped. Its name isn't derived from the target's, which
+/// may already have the maximum length.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     let (prefix, mut builder) = (Name::prefix_of_this_process(), tempfile::Builder::new());
     builder.prefix(&prefix).suffix(names::SUFFIX).rand_bytes(names::RANDOM_CHARACTERS);
@@ -319,7 +319,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Locks that are local to a host have no effect here.
+    /// Checks the rules for files that nobody locks, as on shared file systems whose locks are local to a host.
     #[cfg(unix)]
     #[test]
     fn files_of_living_writers_stay_without_locks() {

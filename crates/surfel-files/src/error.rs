@@ -243,7 +243,8 @@ pub fn quote(text: impl AsRef<[u8]>) -> String {
     format!("'{shown}'")
 }
 
-/// Lists names for a message, separated by commas, at most 24 of them.
+/// Lists names for a message, separated by blanks: at most 24 of them, then the number of all. Returns "nothing" if
+/// there are none.
 pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     if names.is_empty() {
         return "nothing".into();

@@ -106,7 +106,8 @@ fn leaves_folder(reference: &Path) -> bool {
 }
 
 impl Siblings {
-    /// Returns the access for the file at `path`: to its folder and those below, or to any folder if `allow_outside`.
+    /// Returns the access for the file at `path`: to the files in its folder and the folders below, or to any file if
+    /// `allow_outside`.
     pub fn of(path: &Path, allow_outside: bool) -> Self {
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
@@ -125,7 +126,7 @@ impl Siblings {
         siblings
     }
 
-    /// Returns the files that [`Self::read`] requested, whether they exist or not. Callers list them as inputs.
+    /// Returns the paths that [`Self::read`] requested, whether the files exist or not. Callers list them as inputs.
     pub fn asked(&self) -> Vec<PathBuf> {
         match self {
             Self::None => Vec::new(),

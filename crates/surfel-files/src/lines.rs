@@ -13,8 +13,8 @@ pub enum Line {
     TooLong,
 }
 
-/// Reads the stream's next line into `line`, replacing its contents. A line of more than `longest` bytes is too long:
-/// its first `longest` + 1 bytes are stored and the rest is skipped.
+/// Reads the stream's next line into `line`, replacing its contents. A line of more than `longest` bytes without its
+/// newline is too long: its first `longest` + 1 bytes are stored and the rest is skipped.
 ///
 /// # Errors
 /// Errors of the stream.

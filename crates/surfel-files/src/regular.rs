@@ -21,7 +21,7 @@ pub trait HostFile: std::fmt::Debug + Send + Sync {
     fn read_at(&self, at: u64, out: &mut [u8]) -> io::Result<()>;
 }
 
-/// The registered host file and its path.
+/// The registered host file and its path; `None` if no host file is registered.
 static HOST_FILE: RwLock<Option<(PathBuf, Arc<dyn HostFile>)>> = RwLock::new(None);
 
 /// Registers the host's only file under a path, in place of an earlier one; `None` removes it. The host file hides a

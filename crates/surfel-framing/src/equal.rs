@@ -3,10 +3,11 @@
 use crate::patches::Patches;
 use glam::DVec3;
 
-/// Number of objects, or of parts of one object, from which they aren't compared any more.
+/// Limit on the number of objects, and of parts of one object. At more than 33 objects, or at 33 parts or more, they
+/// aren't tested for equality.
 pub(crate) const MOST: usize = 33;
-/// Largest number of times that one of several equal parts is split into equal parts again, as for rows of rows of
-/// rows.
+/// Largest number of successive splits of a shape into equal parts: a part is split again, for example if the shape is
+/// a row of rows.
 const DEPTH: usize = 3;
 /// Smallest width of a gap between two parts, in units of [`Patches::scale`] (half of the diagonal of the bounds).
 const GAP: f64 = 0.01;

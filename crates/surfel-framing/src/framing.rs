@@ -115,10 +115,10 @@ impl Support {
 struct Extent<'a> {
     /// Radius of a sphere around the centre that contains the splat.
     reach: f64,
-    /// Returns the half-axes of the splat; zero vectors for a point.
+    /// Function that returns the half-axes of the splat, in world space; zero vectors for a point.
     axes: &'a dyn Fn() -> (DVec3, DVec3),
-    /// Passes the points on the outline of a clipped splat to its argument; `None` for whole splats. The points replace
-    /// the ellipse. They are slow to compute, and are computed only if the splat may matter.
+    /// Function that passes the points on the outline of a clipped splat to its argument; `None` for whole splats. The
+    /// points replace the ellipse. They are slow to compute, and are computed only if the splat may change the result.
     outline: Option<&'a Outline<'a>>,
 }
 
@@ -139,8 +139,9 @@ impl Extent<'_> {
 }
 
 /// Calls `f` with the centre and the shape of each splat of an object, in world space. Mesh vertices are points.
-/// `range` is the range of splats or vertices to visit. For an octree, the range that begins at 0 stands for all
-/// splats, and others are empty. Gaussians that extend farther than `longest` from their centres are shortened to it.
+/// `range` is the range of splats or vertices to visit. For an octree, a range that begins at 0 visits all splats of
+/// the finest level, and any other range visits none. Gaussians that extend farther than `longest` (object units) from
+/// their centres are shortened to `longest`. Faint Gaussians are skipped unless all are faint.
 fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
     // This is an upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
@@ -284,7 +285,8 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
-/// Returns a sphere around a scene without its stray points ([`without_strays`]), or `None` if there are none.
+/// Returns a sphere around a scene without its stray points ([`without_strays`]), or `None` if the scene has no stray
+/// points.
 pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
     let mut sample = Vec::new();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
@@ -328,8 +330,8 @@ pub struct LeftOut {
     pub times: f64,
 }
 
-/// Counts the stray points outside of the framed sphere `kept`, for a note to the user. Returns `None` if there are
-/// none.
+/// Counts the stray points outside of the framed sphere `kept`, for a note to the user. Returns `None` if no point is
+/// outside of the sphere.
 pub fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
     let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
         let times = p.distance(kept.middle) / kept.radius;
@@ -361,12 +363,14 @@ impl Len for Geometry {
 ///
 /// Stray points are ignored ([`crate::strays::without_strays`]):
 ///
-/// - In clouds of splats, strays are isolated points, at most 1 in 25. The farthest is at least 1.5 times as far out as
-///   the rest.
-/// - Among Gaussians, at most 1 in 50 is a stray. Each is 1.5 times as far out as the rest.
-/// - In other geometry, at most 1 point in 200 is a stray. Each is four times as far out as the rest.
+/// - In clouds of splats, strays are isolated points, at most 1 in 25. The farthest stray is at least 1.5 times as far
+///   from the centre as all points that aren't strays.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is at least 1.5 times as far from the centre as all other
+///   Gaussians.
+/// - In other geometry, at most 1 point in 200 is a stray. Each stray is at least four times as far from the centre as
+///   all other points.
 ///
-/// The longest 1 in 50 Gaussians count as no longer than the next longest.
+/// The longest 1 in 50 Gaussians are framed as if they were only as long as the next longest one.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }
@@ -381,7 +385,8 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     let [w, h] = options.size.map(f64::from);
     let fill = options.fill.clamp(0.01, 1.0);
 
-    // Tangents of the half-angles that the scene may fill. With 0, the first four functions below yield plain bounds.
+    // Tangents of the half-angles that the scene may fill; 0 for an orthographic camera, so that the first four
+    // functions below yield the scene's bounds.
     let slope = match options.projection {
         FrameProjection::Perspective(fov_y_deg) => (0.5 * fov_y_deg.to_radians()).tan() * fill,
         FrameProjection::Orthographic => 0.0,
@@ -436,7 +441,8 @@ pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions)
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
 }
 
-/// Largest extent of a scene toward one side of the image, as seen from the eye.
+/// Largest extent of a scene toward one side of the image, as seen from the eye: the tangent of the angle to the
+/// viewing direction, and the depth of the splat that extends farthest.
 #[derive(Clone, Copy)]
 struct Reach {
     tangent: f64,
@@ -547,16 +553,16 @@ pub fn upright_of(samples: &Samples, convention: UpConvention) -> Upright {
 /// candidates.
 ///
 /// The candidates are 30° apart around the objects and 20° above the horizon. The best one is also compared with a view
-/// from 40° above. Objects lower than 0.4 of their smaller width are viewed from 40° above, and those lower than 0.22
-/// of it from 50° above.
+/// from 40° above the horizon. Objects whose height is less than 0.4 of their smaller width are viewed from 40° above
+/// the horizon, and flatter ones (less than 0.22) from 50°.
 ///
 /// Three-quarter views are preferred to slightly better straight ones, and front views to back views. The front is that
 /// of [`crate::NamedView::Front`], unless the shape has a semantic front. A semantic front is at the head of an animal,
 /// opposite to a tail or a backrest, or at the toes of a figure. A room that is open on one side is viewed through the
 /// opening. Equal objects next to each other are viewed like one of them.
 ///
-/// At most 20,000 splats or triangles are sampled, always the same ones. Objects with fewer than 24 get
-/// [`ViewAngles::ISO`].
+/// At most 20,000 splats or triangles are sampled, always the same ones. Objects with fewer than 24 splats or triangles
+/// get [`ViewAngles::ISO`].
 ///
 /// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
 /// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.

@@ -50,8 +50,8 @@ const LONGEST_FOOT: f64 = 0.22;
 /// Horizontal distance from a shin's centre to its foot's centre, averaged over both feet, above which the toes show
 /// the front. It is a fraction of the figure's height.
 const TOES: f64 = 0.015;
-/// Two limits for the patches that touch the ground. Those of both feet together must exceed the first fraction of
-/// them, and those of each foot the second.
+/// Two limits, as fractions of the number of patches that touch the ground. Both feet together must have more than the
+/// first fraction of these patches, and each foot more than the second.
 const FEET: (f64, f64) = (0.9, 0.1);
 /// Smallest number of patches that touch the ground from which a figure's feet are detected.
 const FEWEST: usize = 20;
@@ -146,7 +146,7 @@ impl<'a> Body<'a> {
     }
 
     /// Returns the direction toward the taller end, where animals have their heads. Returns `None` if neither end is
-    /// clearly taller, or if it extends down to the ground.
+    /// clearly taller, or if the taller end extends down to the ground.
     fn head(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let top = |end: DVec3| self.heights(end, length, END).fold(f64::NEG_INFINITY, f64::max);
         let lead = top(forward) - top(-forward);
@@ -205,10 +205,10 @@ impl Spot {
     }
 }
 
-/// Heights at which the feet and shins of a figure on two feet are found, and its balance, all as fractions of its
-/// height.
+/// Heights at which the feet and shins of a figure on two feet are searched, and a limit for its balance. All are
+/// fractions of the figure's height.
 struct Stance {
-    /// Height up to which patches belong to the soles.
+    /// Height above the ground up to which patches belong to the soles.
     soles: f64,
     /// Range of heights of the shins, which are compared with the feet.
     shins: (f64, f64),
@@ -247,8 +247,8 @@ impl Figure<'_> {
     }
 }
 
-/// Returns the direction in which the toes of a figure on two feet point, or `None` if it isn't such a figure. Toes
-/// extend farther in front of the shins than heels extend behind them.
+/// Returns the direction in which the toes of a figure on two feet point, or `None` if the shape isn't such a figure or
+/// its toes show no direction. Toes extend farther in front of the shins than heels extend behind them.
 fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
     let figure = Figure { body, axes: others(axis_of(up)) };

@@ -43,7 +43,7 @@ pub struct Patches {
     pub middle: DVec3,
     /// World units per unit of the patches' lengths: half of the diagonal of the bounds of their centres.
     pub scale: f64,
-    /// Sum of the patches' areas.
+    /// Sum of the patches' areas, each as in [`Patch::area`].
     pub area: f64,
     /// Mean position of the patches, weighted by area.
     pub centroid: DVec3,

@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use std::sync::OnceLock;
 use surfel_model::Object;
 
-/// Samples of objects, each computed when it is first needed.
+/// Samples of the surfaces of a scene's objects. Each sample is computed when it is first needed.
 #[derive(Debug)]
 pub struct Samples {
     objects: Vec<Object>,
@@ -20,12 +20,14 @@ impl Samples {
         Self { objects: objects.to_vec(), all: OnceLock::new(), one: OnceLock::new() }
     }
 
-    /// Returns the sample of all objects ([`Patches::of`]).
+    /// Returns the sample of all objects together; `None` if they are too few or too small for a sample
+    /// ([`Patches::of`]).
     pub fn all(&self) -> Option<&Patches> {
         self.all.get_or_init(|| Patches::of(&self.objects)).as_ref()
     }
 
-    /// Returns the sample of an object by itself.
+    /// Returns the sample of the object with this index alone; `None` if there is no such object or its surface can't
+    /// be sampled ([`Patches::of`]).
     pub fn of_object(&self, object: usize) -> Option<Cow<'_, Patches>> {
         match &self.objects[..] {
             [_] => self.all().map(Cow::Borrowed),
@@ -33,8 +35,9 @@ impl Samples {
         }
     }
 
-    /// Returns the sample of the first object if all objects have equal shapes, or of one of several equal parts, else
-    /// that of all objects. A row of equal shapes then gets the same up axis and view as one of them.
+    /// Returns the sample of the first object if all objects have equal shapes. Otherwise, returns the sample of one
+    /// part if the scene consists of equal parts, or else that of all objects. A row of equal shapes then gets the same
+    /// up axis and view as one of them.
     pub(crate) fn one(&self) -> Option<&Patches> {
         let all = self.all()?;
         let one = self.one.get_or_init(|| self.one_of_equal_objects().or_else(|| one_part(all)));

@@ -1,4 +1,5 @@
-//! Detection of stray points. If they were framed, the rest of a scene would be small in its image.
+//! Detection of stray points: few points far away from all others. If they were framed, the other points of a scene
+//! would be small in the image.
 
 use glam::DVec3;
 use surfel_model::{Column3, Geometry, Object, PointCloud};
@@ -37,9 +38,9 @@ impl Kind {
         }
     }
 
-    /// Returns the ratio of distances from the centre, farthest stray to farthest other point, above which strays are
-    /// left out of the frame. In perspective, a point 1.5 times as far out, toward the eye, makes the rest less than
-    /// half as high as the image.
+    /// Returns the ratio of two distances from the centre, of the farthest stray and of the farthest other point, above
+    /// which strays are left out of the frame. In perspective, a point toward the eye, 1.5 times as far from the centre
+    /// as all others, would make the other points less than half as high as the image.
     const fn farther(self) -> f64 {
         match self {
             Self::Splats | Self::Gaussians => 1.5,
@@ -72,16 +73,17 @@ impl Sphere {
     }
 }
 
-/// Returns a sphere around a scene without its stray points, or `None` if there are none. `sample` is a selection of
-/// the scene's `total` points. `far(middle, distance)` returns all points of the scene that are farther than `distance`
-/// from `middle`.
+/// Returns a sphere around a scene without its stray points, or `None` if no stray points are detected. `sample` is a
+/// selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that are farther
+/// than `distance` from `middle`.
 ///
 /// - In clouds of splats, at most 1 point in 25 is a stray. All strays are isolated by the criteria of [`outliers`],
 ///   and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled points that aren't
 ///   isolated, so that no part of the surface is lost.
-/// - Among Gaussians, at most 1 in 50 is a stray. Each is more than 1.5 times as far from the centre as the others.
-/// - In other geometry, at most 1 point in 200 is a stray. Each is more than four times as far from the centre as the
-///   others.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is more than 1.5 times as far from the centre as all other
+///   Gaussians.
+/// - In other geometry, at most 1 point in 200 is a stray. Each stray is more than four times as far from the centre as
+///   all other points.
 pub fn without_strays(
     (sample, total): (&[DVec3], usize),
     kind: Kind,

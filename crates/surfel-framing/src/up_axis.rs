@@ -185,7 +185,7 @@ const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
 /// Ratio of the length to the larger width above which a shape that tapers at both ends is assumed to lie, not to
 /// stand.
 const LONG: f64 = 1.75;
-/// Sections that form the middle of a shape, of ten that divide its length evenly.
+/// Indices of the sections that form the middle of a shape, if ten equal sections divide its length.
 const MIDDLE: std::ops::Range<usize> = 2..8;
 /// Ratio of the cross-section of a shape's ends to that of its middle below which the shape counts as tapered. It
 /// excludes posts, which may be thicker in the middle because of an arm or a lamp.
@@ -199,7 +199,8 @@ const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
 /// Smallest extent of a depth camera's points in its field of view, as a difference of tangents. With less, the shape
 /// is so far away that any shape would be within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
-/// Smallest fraction of the patches that must be within a depth camera's field of view. The others count as strays.
+/// Smallest fraction of the patches that must be within a depth camera's field of view. Patches outside of it count as
+/// strays.
 const WITHIN_VIEW: f64 = 0.995;
 /// Range over which the evidence of a depth camera from stored normals increases from 0 to 1. The measure is the
 /// component of the mean normal toward the camera.
@@ -225,8 +226,9 @@ struct Criterion {
     reason: UpReason,
     weight: f64,
     measure: fn(&Shape, Up) -> f64,
-    /// Score beyond which this criterion is reported as the reason. For criteria that count against axes, the number is
-    /// negative, and the score must be below it for another axis.
+    /// Weighted score of the chosen axis above which this criterion may be the reported reason. For a criterion that
+    /// counts against axes, the number is negative. Such a criterion may be reported if another axis's score is below
+    /// the number.
     decides: f64,
 }
 
@@ -248,7 +250,8 @@ impl Criterion {
 }
 
 /// Estimates the up axis of a scene whose files don't state it: from map coordinates of the whole scene, else from the
-/// shape of one of its equal parts. Deterministic, and its time doesn't grow with the data.
+/// shape of one of its equal parts. The estimate is deterministic, and takes a limited time whatever the size of the
+/// scene.
 pub(crate) fn upright(samples: &Samples, convention: UpConvention) -> Upright {
     let nothing = Upright { up: convention.up(), reason: convention.reason() };
     let Some(all) = samples.all() else { return nothing };
@@ -267,7 +270,8 @@ pub(crate) fn upright(samples: &Samples, convention: UpConvention) -> Upright {
     Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
-/// Returns the axis that has heights, if the coordinates along the other two axes are in the range of map coordinates.
+/// Returns the positive axis along which heights are measured, if the coordinates along the other two axes are in the
+/// range of map coordinates. Otherwise, returns `None`.
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
@@ -446,8 +450,9 @@ fn is_negative(up: Up) -> bool {
     up.vector()[axis_of(up)] < 0.0
 }
 
-/// Returns how clearly the mirror plane across axis `k` is better than the other two planes, from 0 to 1. `mirror` has
-/// the plane's fractions of mirrored surface, and `extent` the shape's lengths along the axes.
+/// Returns how clearly the mirror plane perpendicular to axis `k` is better than the other two planes, from 0 to 1.
+/// `mirror` has, for each of the three planes, the fraction of the surface that the plane maps onto the surface.
+/// `extent` has the shape's lengths along the axes, in units of [`Patches::scale`].
 pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     let [u, v] = others(k);
     let lead = mirror[k] - mirror[u].max(mirror[v]);
@@ -455,8 +460,8 @@ pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     if extent[k] > THIN { share * smoothstep(MIRROR_LEAD.0, MIRROR_LEAD.1, lead) } else { 0.0 }
 }
 
-/// Returns the evidence of a base, 0 to 2.2, from the support on the lower side (`here`) and the opposite side.
-/// `negative` is true if the up axis points in a negative direction.
+/// Returns the evidence of a base, 0 to 2.2, from how the shape rests on its lower side (`here`) and upside down
+/// (`opposite`). `negative` is true if the up axis points in a negative direction.
 fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
     let [positive, other] = if negative { [opposite, here] } else { [here, opposite] };
     // A table also rests stably on its top, and a bowl on its rim. Files store both upright.
@@ -593,16 +598,16 @@ fn breadth(patches: &Patches) -> [f64; 3] {
     DVec3::select(spread.cmplt(0.5 * extent), spread, extent).to_array()
 }
 
-/// True if the surface is a thin height field that isn't a flat drawing, as terrain is. Its heights are along axis `k`,
-/// or along a tilted axis near it, as on a hillside.
+/// True if the surface is like terrain: a thin height field, but not a flat drawing. Its heights are along axis `k`, or
+/// along a tilted axis near `k`, as on a hillside.
 fn is_ground(patches: &Patches, k: usize) -> bool {
     let axis = DVec3::AXES[k];
-    // Normals of either sign contribute. Vertical surfaces don't contribute.
+    // This mean normal doesn't depend on the signs of the normals, and vertical surfaces don't contribute to it.
     let leaning = patches.mean(|p| p.normal * p.normal[k]).normalize_or(axis);
     spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
 }
 
-/// True if the surface is a thin height field that isn't a flat drawing, as terrain is. Its heights are along the unit
+/// True if the surface is like terrain: a thin height field, but not a flat drawing. Its heights are along the unit
 /// vector `direction`.
 fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     let (u, v) = direction.any_orthonormal_pair();
@@ -624,7 +629,8 @@ fn tapers(patches: &Patches, k: usize) -> bool {
     let [u, v] = others(k);
     let lowest = patches.all.iter().map(|p| p.position[k]).fold(f64::INFINITY, f64::min);
     let tenths = 10.0 / patches.extent()[k].max(f64::MIN_POSITIVE);
-    // Sums of area, position and products of positions.
+    // For each tenth of the length: sums over its patches, weighted by area, of 1, x, y, x², xy and y², with x and y
+    // across axis `k`.
     let mut sums = [[0.0; 6]; 10];
     for p in &patches.all {
         let (x, y) = (p.position[u], p.position[v]);

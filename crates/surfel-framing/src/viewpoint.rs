@@ -51,30 +51,31 @@ const LOW: f64 = 0.4;
 /// Elevation, in degrees, of the ring of candidate views around a room that is open on one side. From higher up, the
 /// roof would hide more.
 const ROOM_DEG: f64 = 10.0;
-/// Cosine of the horizontal angle to the scene's front below which all views count equally as front views.
+/// Cosine of the horizontal angle (37°) between a view and the scene's front. At smaller angles, all views count
+/// equally as front views.
 const FRONT_COS: f64 = 0.8;
 /// Lead in score up to which a view of the ring doesn't replace one that comes earlier in the order of preference
 /// ([`RING`]).
 const TIE: f64 = 0.03;
-/// Fraction of the surface visible from the whole ring, above which so much is back-facing that facing directions are
-/// meaningless. Both sides of a surface then count. The exception is a room: from some side, less than [`OPENING`] of
-/// its visible surface is back-facing.
+/// Back-facing fraction of the surface visible in all views of the ring together, above which facing directions are
+/// meaningless. Both sides of a surface then count. The exception is a room: in some view, less than [`OPENING`] of its
+/// visible surface is back-facing.
 const MEANINGLESS: f64 = 0.6;
-/// Fraction of the visible surface below which back faces must be in some view, so that the scene is a room that is
+/// Back-facing fraction of a view's visible surface. If some view has a smaller one, the scene may be a room, which is
 /// viewed through its opening.
 const OPENING: f64 = 0.5;
-/// Fraction of the surface visible from the whole ring, below which back faces occur only at silhouettes of a
-/// watertight surface. Openings aren't looked for then.
+/// Back-facing fraction of the surface visible in all views of the ring together, below which back faces are only
+/// silhouettes of a watertight surface. Openings aren't searched for then.
 const RIMS: f64 = 0.3;
-/// Smallest reduction, from the whole ring to one view, of the back-facing fraction of the visible surface at which an
-/// opening is reported as the view's reason.
+/// Smallest difference between the back-facing fractions of the surface visible in all views of the ring and in one
+/// view, at which an opening is reported as the reason for that view.
 const OPENS: f64 = 0.2;
 
 /// Largest lateral offset of a point that a depth camera at the origin may have captured, as a multiple of the point's
 /// depth.
 const WIDEST: f64 = 1.5;
-/// Fraction of the patches above which facing the camera shows that a depth camera captured the surface. Silhouettes
-/// may face anywhere.
+/// Fraction of the patches that must face a depth camera for the surface to count as captured by it. The other patches
+/// may be at silhouettes, which face in any direction.
 const SEEN: f64 = 0.95;
 
 /// A weighted criterion for or against a view.
@@ -116,9 +117,9 @@ fn frontal(compared: &Compared, view: &Candidate) -> f64 {
     (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
 }
 
-/// Returns the reduction, from the whole ring to this view, of the back-facing fraction of the visible surface. It is
-/// large if the view shows the scene through an opening. Returns 0 if facing directions are meaningless, or only
-/// silhouettes are back-facing.
+/// Returns by how much the back-facing fraction of the visible surface is smaller in this view than in all views of the
+/// ring together. The difference is large if the view shows the scene through an opening. Returns 0 if facing
+/// directions are meaningless, or only silhouettes are back-facing.
 fn open(compared: &Compared, view: &Candidate) -> f64 {
     if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
 }
@@ -184,8 +185,9 @@ impl Compared {
     }
 }
 
-/// Chooses the view with the highest score for one of the equal parts of a scene. The elevation of the ring depends on
-/// the whole scene. Deterministic, and its time doesn't grow with the data.
+/// Chooses the view with the highest score for a scene, or for one part of a scene of equal parts. The elevation of the
+/// ring depends on the whole scene. The choice is deterministic, and takes a limited time whatever the size of the
+/// scene.
 pub(crate) fn choose_view(samples: &Samples, up: Up) -> ChosenView {
     let Some((all, patches)) = samples.all().zip(samples.one()) else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
@@ -254,8 +256,9 @@ fn elevation(patches: &Patches, up: Up) -> f64 {
     }
 }
 
-/// True if the surface was captured by a depth camera that looks along `ahead`, from the origin or from far away. From
-/// other directions, such a surface has gaps. Reliefs and drawings also match; a zero vector never matches.
+/// True if nearly all patches face a depth camera that looks along `ahead`, from the origin or from far away. From
+/// other directions, a surface that such a camera captured has gaps. Reliefs and drawings also match; a zero vector
+/// never matches.
 fn is_captured_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;

@@ -23,14 +23,14 @@ pub fn linear_of_unit(encoded: f64) -> f32 {
     srgb::decode(encoded.clamp(0.0, 1.0)) as f32
 }
 
-/// Converts an sRGB-encoded level in the range from 0 to `scale` to a linear value. Integers in the range to 255 get
+/// Converts an sRGB-encoded level in the range from 0 to `scale` to a linear value. If `scale` is 255, whole levels get
 /// exactly the values of [`linear_of_8_bit`].
 pub fn linear_of_level(level: f64, scale: f64) -> f32 {
     let is_whole = scale == 255.0 && level.fract() == 0.0 && (0.0..=255.0).contains(&level);
     if is_whole { linear_of_8_bit()[level as usize] } else { linear_of_unit(level / scale) }
 }
 
-/// Returns the sRGB-encoded 8-bit level whose linear value is exactly `linear`, if there is one.
+/// Returns the sRGB-encoded 8-bit level whose linear value is exactly `linear`; `None` if no level has this value.
 pub fn exact_8_bit(linear: f32) -> Option<u8> {
     let level = nearest_8_bit(linear);
     (linear_of_8_bit()[usize::from(level)] == linear).then_some(level)

@@ -240,7 +240,8 @@ pub(super) struct ExrRows {
     chunks: AllChunksReader<BufReader<File>>,
     block: Vec<u8>,
     line_bytes: usize,
-    /// Number of the next row of the image, from the top. The field `at` is its byte offset in `block`.
+    /// Number of the next row of the image, counted from the top. The field `at` is the byte offset in `block` at which
+    /// this row begins.
     y: usize,
     at: usize,
 }

@@ -52,7 +52,8 @@ pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOp
     written.map_err(io::Error::other)
 }
 
-/// Image source for the encoder. With the generic [`Encoder::encode`], eight more kinds of images would be compiled.
+/// Colour plane as the encoder's source of rows. The simpler [`Encoder::encode`] would also compile code for eight
+/// other kinds of images.
 struct Blended<'a> {
     color: &'a [[f32; 4]],
     background: [f32; 3],

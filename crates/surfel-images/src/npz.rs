@@ -1,4 +1,5 @@
-//! Writing of NumPy archives, with one array of height × width per plane. Arrays have the names of EXR channels.
+//! Writing of NumPy archives (NPZ). Each channel of a plane, such as R or Z, is an array of height × width, with the
+//! name of the channel in an EXR file.
 
 use crate::planes::PlanesView;
 use flate2::Crc;
@@ -69,7 +70,8 @@ struct Archive<'a> {
 }
 
 impl Archive<'_> {
-    /// Appends an array of numbers as `NAME.npy`.
+    /// Appends an array of numbers as `NAME.npy`. `kind` is NumPy's name of the number type, and `values` are the
+    /// numbers' bytes, row by row.
     fn array(&mut self, name: &str, kind: &str, [height, width]: [u32; 2], values: &[u8]) -> io::Result<()> {
         let mut header =
             format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}").into_bytes();
@@ -90,7 +92,8 @@ impl Archive<'_> {
         else {
             return Err(invalid("planes of 4 GiB and more don't fit into an NPZ: write an EXR, or draw parts".into()));
         };
-        // These fields are common to both headers, from the version on: version 2.0, no flags, stored, 1980-01-01.
+        // These fields are common to the member's two headers, before its bytes and in the directory: version 2.0, no
+        // flags, no compression, date 1980-01-01, checksum, sizes and length of the name.
         let mut common = Vec::new();
         [20u16, 0, 0, 0, 0x21].iter().for_each(|v| common.extend(v.to_le_bytes()));
         [crc.sum(), size, size].iter().for_each(|v| common.extend(v.to_le_bytes()));

@@ -10,13 +10,13 @@ pub struct Planes {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Linear premultiplied RGBA.
+    /// Colours of the pixels: linear premultiplied RGBA.
     pub color: Option<Vec<[f32; 4]>>,
     /// View-space planar depth of the surface in world units; +∞ at background pixels.
     pub depth: Option<Vec<f32>>,
     /// World-space shading normal, of unit length or zero.
     pub normal: Option<Vec<[f32; 3]>>,
-    /// Sum of splat weights, Σw.
+    /// Sum of the splats' weights in each pixel, Σw.
     pub weight: Option<Vec<f32>>,
     /// Other planes by channel name, such as `mask`.
     pub other: Vec<(String, Vec<f32>)>,
@@ -51,7 +51,7 @@ pub struct PlanesView<'a> {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// Linear premultiplied RGBA.
+    /// Colours of the pixels: linear premultiplied RGBA.
     pub color: Option<&'a [[f32; 4]]>,
     /// Colour plane in 8 bits, sRGB-encoded with straight alpha. An 8-bit PNG is written from this plane if there is
     /// one.
@@ -60,10 +60,10 @@ pub struct PlanesView<'a> {
     pub depth: Option<&'a [f32]>,
     /// World-space normal, of unit length or zero.
     pub normal: Option<&'a [[f32; 3]]>,
-    /// Sum of splat weights, Σw.
+    /// Sum of the splats' weights in each pixel, Σw.
     pub weight: Option<&'a [f32]>,
-    /// World-space positions; +∞ at background pixels. Formats with f32 numbers round positions. When such a file is
-    /// read, positions are among the other planes.
+    /// World-space positions; +∞ at background pixels. EXR files store positions as f32, so they are rounded. When an
+    /// EXR file is read, its positions are in [`Planes::other`].
     pub position: Option<&'a [[f64; 3]]>,
     /// Other planes by channel name, such as `mask`.
     pub other: Vec<(&'a str, &'a [f32])>,

@@ -23,7 +23,7 @@ pub fn read_image(path: &Path) -> Result<Planes, IoError> {
     read_image_bytes(&input::read(path, MAX_FILE_BYTES)?, path)
 }
 
-/// Reads an image from memory, like [`read_image`]. Messages use `name`.
+/// Reads an image from memory, like [`read_image`]. Error messages use `name` as the file's path.
 ///
 /// # Errors
 /// Errors of [`read_image`].

@@ -6,9 +6,9 @@ use std::io::Cursor;
 use surfel_math::srgb::nearest_8_bit;
 use surfel_model::Texture;
 
-/// Decodes an image whose size has been checked, and reduces it to `width` × `height` texels, at most its own size.
-/// Each texel is the mean of the covered pixels in linear light. A PNG that isn't interlaced is never in memory as a
-/// whole.
+/// Decodes an image whose size has been checked, and reduces it to `width` × `height` texels, at most the image's own
+/// size. Each texel is the mean of the covered pixels in linear light. A PNG that isn't interlaced is never in memory
+/// as a whole. Returns the reason if the image can't be decoded.
 pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u32; 2]) -> Result<Texture, String> {
     if (width, height) == size_of(bytes)? {
         let image = decode(bytes, max_bytes)?;
@@ -101,7 +101,7 @@ impl Reducer {
         }
     }
 
-    /// Returns the reduced image. Rows that are missing are transparent.
+    /// Returns the reduced image. Rows for which no source rows were passed are transparent.
     fn finish(mut self) -> Texture {
         let [width, height] = self.size;
         self.done.resize(width as usize * height as usize, [0; 4]);

@@ -173,8 +173,8 @@ fn keep(failed: &mut Option<IoError>, error: IoError) -> io::Error {
     io::Error::other("a tile can't be read")
 }
 
-/// Checks that each pixel of the whole image is in exactly one tile. `tiles` are sorted by the rows, then by the
-/// columns of their upper left pixels.
+/// Returns an error unless each pixel of the whole image is in exactly one tile. `tiles` are sorted by the row, then by
+/// the column, of their upper left pixels.
 fn check_cover([width, height]: [u32; 2], tiles: &[&Tile], out: &Path) -> Result<(), IoError> {
     let outside = |tile: &&&Tile| tile.right() > u64::from(width) || tile.bottom() > u64::from(height);
     if let Some(tile) = tiles.iter().find(outside) {
@@ -225,7 +225,7 @@ struct Whole<'a> {
     size: [u32; 2],
     /// Number of bytes per pixel of each section of a row, from [`Samples::parts`].
     parts: Vec<usize>,
-    /// Tiles that begin at or below the next row, and aren't open yet.
+    /// Tiles that begin at or below the next row and aren't open yet, sorted by the row of their upper left pixel.
     waiting: &'a [&'a Tile],
     open: Vec<(&'a Tile, Rows)>,
     y: u64,

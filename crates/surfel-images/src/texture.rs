@@ -21,9 +21,11 @@ pub struct TextureDecoder {
     texels_left: u64,
     /// Maximum width or height of a texture in texels; larger images are reduced to it.
     max_side: u32,
-    /// Number of images that were reduced, and width and height of the first one before and after.
+    /// Number of images that were reduced, and width and height in texels of the first one before and after; `None` if
+    /// no image was reduced.
     reduced: Option<(usize, [u32; 4])>,
-    /// Number of truncated JPEG images, whose missing pixels are filled up, and the name of the first one.
+    /// Number of truncated JPEG images, whose missing pixels the decoder filled, and the name of the first one; `None`
+    /// if no image was truncated.
     cut: Option<(usize, String)>,
 }
 
@@ -78,8 +80,8 @@ impl TextureDecoder {
         Ok(texture)
     }
 
-    /// Subtracts the texels of a converted texture from the common limit of the file's textures. Returns false, and
-    /// subtracts nothing, if they exceed what is left.
+    /// Subtracts the texels of a converted texture from the number that the file's textures may still have. Returns
+    /// false, and subtracts nothing, if `texels` exceeds that number.
     pub fn spend(&mut self, texels: u64) -> bool {
         let left = self.texels_left.checked_sub(texels);
         self.texels_left = left.unwrap_or(self.texels_left);

@@ -1,13 +1,14 @@
-//! Decoded pixels of small files, compared to the bit with those of the codecs `png`, `zune-jpeg` and `image-webp` used
-//! directly (version 0.2.0).
+//! Tests that decoded pixels of small files equal, to the bit, those that Surfel 0.2.0 decoded, which called the codecs
+//! `png`, `zune-jpeg` and `image-webp` directly.
 
 use std::path::Path;
 use surfel_images::read_image_bytes;
 
-/// Name, size and hash of the linear premultiplied pixels.
+/// Name of a test file, its width and height in pixels, and the FNV-1a hash of its linear premultiplied pixels.
 type Expected = (&'static str, [u32; 2], u64);
 
-/// PNG of all colour types, with keys, palettes, gamma and profile, some interlaced; WebP lossy and lossless.
+/// PNG of all colour types, with transparent key colours, palettes, gamma and profile, some interlaced; WebP lossy and
+/// lossless.
 const EXACT: [Expected; 17] = [
     ("animated.png", [3, 9], 0x9b57_7bc3_6be4_b526),
     ("animated.webp", [3, 9], 0x63f6_1e0a_63e5_bd1c),
@@ -46,7 +47,7 @@ fn png_and_webp_are_decoded_to_the_bit() {
     EXACT.into_iter().filter(is_built_in).for_each(check);
 }
 
-/// Decoders of JPEG may round differently on other processors.
+/// Runs on x86-64 only, because JPEG decoders may round differently on other processors.
 #[cfg(all(feature = "jpeg", target_arch = "x86_64"))]
 #[test]
 fn jpeg_is_decoded_to_the_bit() {

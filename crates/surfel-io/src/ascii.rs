@@ -18,7 +18,7 @@ impl<'a> Lines<'a> {
         Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
     }
 
-    /// Returns the text after the lines returned so far.
+    /// Returns the text after the lines that the iterator has returned so far.
     #[cfg(feature = "pcd")]
     pub(crate) fn rest(&self) -> &'a [u8] {
         self.rest
@@ -81,7 +81,8 @@ pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 
-/// Converts UTF-16 text with a byte order mark, as spreadsheets write it, to UTF-8; returns `None` for anything else.
+/// Converts UTF-16 text with a byte order mark, as spreadsheets write it, to UTF-8. Returns `None` for text without
+/// this mark.
 pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     let of: fn([u8; 2]) -> u16 = match bytes.first_chunk()? {
         [0xff, 0xfe] => u16::from_le_bytes,
@@ -94,7 +95,8 @@ pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     Some(text.into_bytes())
 }
 
-/// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
+/// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`. Returns `None` if the word
+/// isn't a number.
 pub(crate) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| c_library_number(text))
@@ -115,7 +117,7 @@ fn c_library_number(text: &str) -> Option<f64> {
     magnitude.starts_with("1.#inf").then(|| if lower.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY })
 }
 
-/// Returns the number, from 1, of the line that contains `offset`.
+/// Returns the number, from 1, of the line that contains the byte at `offset`.
 pub(crate) fn line_at(bytes: &[u8], offset: usize) -> usize {
     let before = &bytes[..offset.min(bytes.len())];
     1 + before

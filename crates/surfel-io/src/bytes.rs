@@ -1,4 +1,4 @@
-//! Bytes in memory or in a file, parts of which are read on demand.
+//! Sequences of bytes in memory or in a file, parts of which are read on demand.
 
 use crate::files::MAX_BYTES;
 use std::borrow::Cow;
@@ -41,14 +41,14 @@ impl OpenFile {
         Bytes::File { file: self, start: 0, length: self.length }
     }
 
-    /// Closes the file, and returns the first error of reading a part of it. Data that were read after the error are
-    /// invalid.
+    /// Closes the file, and returns the first error that occurred while a part of it was read; `None` if there was
+    /// none. Data that were read after the error are invalid.
     pub(crate) fn failure(self) -> Option<io::Error> {
         self.failure.into_inner()
     }
 
-    /// Returns a copy of the first error of reading a part of the file. The file stays open, unlike with
-    /// [`Self::failure`].
+    /// Returns a copy of the first error that occurred while a part of the file was read; `None` if there was none. The
+    /// file stays open, unlike with [`Self::failure`].
     #[cfg(feature = "laz")]
     pub(crate) fn failed(&self) -> Option<io::Error> {
         self.failure.get().map(|error| io::Error::new(error.kind(), error.to_string()))
@@ -85,7 +85,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Returns the bytes of a range; `None` if it is out of bounds.
+    /// Returns the bytes of a range, without reading them; `None` if the range is out of bounds.
     pub(crate) fn part(self, range: Range<usize>) -> Option<Self> {
         match self {
             Self::Memory(bytes) => bytes.get(range).map(Self::Memory),
@@ -94,14 +94,14 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Returns the bytes from `start` on, at most `most`.
+    /// Reads at most `most` bytes from offset `start` on; fewer if the bytes end before.
     pub(crate) fn at_most(self, start: usize, most: usize) -> Cow<'a, [u8]> {
         let start = start.min(self.len());
         let part = self.part(start..start.saturating_add(most).min(self.len()));
         part.map_or(Cow::Borrowed(&[]), Self::read)
     }
 
-    /// Returns all bytes. If there isn't enough memory, returns an empty slice and records an error in the file.
+    /// Reads all bytes. If there isn't enough memory, returns an empty slice and records an error in the file.
     pub(crate) fn read(self) -> Cow<'a, [u8]> {
         let (file, length) = match self {
             Self::Memory(bytes) => return bytes.into(),
@@ -116,7 +116,8 @@ impl<'a> Bytes<'a> {
         all.into()
     }
 
-    /// Returns all bytes, read into `buffer` if they aren't in memory.
+    /// Returns all bytes. Bytes of a file are read into `buffer`; an error is recorded in the file
+    /// ([`OpenFile::failure`]).
     pub(crate) fn read_into<'b>(self, buffer: &'b mut Vec<u8>) -> &'b [u8]
     where
         'a: 'b,
@@ -131,12 +132,12 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Returns a buffered sequential reader.
+    /// Returns a reader of the bytes that is buffered and can't seek.
     pub(crate) fn reader(self) -> impl io::BufRead {
         io::BufReader::with_capacity(1 << 18, self.source())
     }
 
-    /// Returns a reader that can seek.
+    /// Returns a reader of the bytes that can seek.
     pub(crate) fn source(self) -> Reader<'a> {
         Reader { bytes: self, position: 0 }
     }

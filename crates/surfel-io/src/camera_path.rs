@@ -1,4 +1,4 @@
-//! Camera paths in JSON: cameras that a film passes through.
+//! Reader of camera paths in JSON. A camera path is a list of cameras that a film passes through, its *keys*:
 //!
 //! ```json
 //! { "keys": [ { "camera": { "eye": [3, 0, 1], "target": [0, 0, 0], "up": [0, 0, 1],
@@ -18,11 +18,11 @@ use surfel_model::{Camera, Projection};
 
 /// Largest number of cameras in a camera path.
 const MOST_KEYS: usize = 100_000;
-/// Factor for the near plane of a camera that doesn't state one. The plane is at most `NEAR` times as far from the eye
-/// as the target, so that it clips nothing.
+/// Factor for the near plane of a camera that doesn't state one. The plane's distance from the eye is at most `NEAR`
+/// times the target's, so that the plane clips nothing.
 const NEAR: f64 = 1e-3;
-/// Factor for the far plane of a parallel projection that doesn't state one. The plane is `FAR` times as far away as
-/// the target's distance and the view's height together, so that it clips nothing.
+/// Factor for the far plane of a parallel projection that doesn't state one. The plane's distance from the eye is `FAR`
+/// times the sum of the target's distance and the view's height, so that the plane clips nothing.
 const FAR: f64 = 1e3;
 
 /// Keys of a camera path: cameras that a film passes through.
@@ -30,7 +30,7 @@ const FAR: f64 = 1e3;
 pub struct CameraKeys {
     /// Keys in the order of their times, at least two.
     pub keys: Vec<PathKey>,
-    /// True if the path returns from its last key to its first.
+    /// True if the film returns from the last key to the first.
     pub closed: bool,
 }
 
@@ -99,7 +99,8 @@ pub fn read(path: &Path) -> Result<CameraKeys, IoError> {
     parse(&files::read(path, MAX_BYTES)?, path)
 }
 
-/// Parses a camera path. Names of files in it are relative to the folder of `path`, which is also for messages.
+/// Parses a camera path. `path` is the file that contains it, for messages; names of files in the camera path are
+/// relative to the folder of this file.
 ///
 /// # Errors
 /// Errors of [`read`].
@@ -138,8 +139,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<CameraKeys, IoError> {
     Ok(CameraKeys { keys, closed: file.closed })
 }
 
-/// Sets clip planes that a camera doesn't state, so that they clip nothing. A near plane with the default value moves
-/// nearer if the target is near. A parallel projection gets a distant far plane.
+/// Sets the clip planes that a camera doesn't state, so that they clip nothing. A near plane with the default value
+/// moves nearer to the eye if the target is near. A parallel projection gets a distant far plane.
 fn choose_depths(camera: &mut Camera) {
     let distance = (0..3).map(|k| (camera.target[k] - camera.eye[k]).powi(2)).sum::<f64>().sqrt();
     if camera.far.is_none() && camera.near == Camera::perspective([0.0; 3], [1.0; 3], 45.0, [1, 1]).near {

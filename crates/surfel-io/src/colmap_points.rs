@@ -15,17 +15,17 @@ use std::path::Path;
 const NAMES: [&str; 8] = ["x", "y", "z", "red", "green", "blue", "error", "track_length"];
 /// Number of values of a point in a text file before its track.
 const BEFORE_TRACK: usize = 8;
-/// Number of values of a track element in a text file: image and point in the image.
+/// Number of values of a track element in a text file: index of an image, and index of the point in the image.
 const PER_ELEMENT: usize = 2;
-/// Bytes of a point in a binary file before its track: identifier, position, colour, error, and track length.
+/// Number of bytes of a point in a binary file before its track: identifier, position, colour, error, and track length.
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
-/// Bytes of a track element in a binary file: image and point in the image.
+/// Number of bytes of a track element in a binary file: index of an image, and index of the point in the image.
 const ELEMENT_BYTES: u64 = 8;
 /// Maximum number of text lines that are examined to detect COLMAP's format.
 const MAX_DETECTION_LINES: usize = 100;
 
-/// True if `head`, the start of a file, is that of COLMAP's `points3D.txt`. Either the first comments name its columns;
-/// or all lines are points, and the file's name or differing track lengths show the format.
+/// True if a file with the name `name` and the first bytes `head` is COLMAP's `points3D.txt`. Either the first comments
+/// name its columns; or all lines are points, and the name or differing track lengths show the format.
 pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
     let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));
@@ -91,8 +91,8 @@ struct Record {
     track_length: u64,
 }
 
-/// Passes the points of `points3D.bin` and their indices, from 0, to `each`. The file is read once, with one point in
-/// memory.
+/// Passes the points of `points3D.bin` and their indices, from 0, to `each`. The file is read once, and only one point
+/// is in memory at a time.
 fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(), Fault>) -> Result<(), Fault> {
     let mut reader = std::io::BufReader::new(bytes.reader());
     let (mut at, length) = (8_u64, bytes.len() as u64);
@@ -130,7 +130,8 @@ fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(),
     Ok(())
 }
 
-/// Writes the values of all points, of a text or binary file, to `data`. Returns where each column lies in them.
+/// Writes the values of all points of a text or binary file to `data`. Returns the table that describes the columns in
+/// `data`.
 pub(crate) fn unpack(bytes: Bytes<'_>, data: &mut dyn Write) -> Result<Table, Fault> {
     let mut table = Table::with_names(&NAMES);
     let mut add = |[x, y, z]: [f64; 3], [r, g, b]: [f64; 3], error: f64, track_length: f64| {

@@ -1,6 +1,6 @@
-//! Point files in columns, read block by block, so that they may be larger than memory. Formats are PLY, PCD, NPY, NPZ,
-//! E57, PTX, COLMAP points, text, and rows without a header, each also with gzip. Text and compressed files are first
-//! converted to binary columns in a temporary file without a name.
+//! Point files that consist of columns of numbers. They are read block by block, so that they may be larger than
+//! memory. Formats are PLY, PCD, NPY, NPZ, E57, PTX, COLMAP points, text, and rows without a header, each also with
+//! gzip. Text and compressed files are first converted to binary columns in a temporary file without a name.
 
 #![cfg_attr(
     not(all(feature = "e57", feature = "npy", feature = "pcd", feature = "points")),
@@ -34,7 +34,7 @@ const MAX_COLUMNS: usize = 128;
 /// estimated from them, too.
 const HEAD_BYTES: usize = 1 << 16;
 
-/// An open point file of any format in columns, which are read block by block.
+/// An open point file of any of these formats, whose columns are read block by block.
 #[derive(Clone, Debug)]
 pub(crate) struct ColumnFile {
     pub(crate) format: Format,
@@ -46,7 +46,8 @@ pub(crate) struct ColumnFile {
     /// Position of the scanner in file coordinates, if one scanner recorded all points.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
-    /// Encoding of colours that are stored as floats. It matters only for files that are typed ([`Self::is_typed`]).
+    /// Encoding of colours that are stored as floats. Only files whose number types are meaningful use it
+    /// ([`Self::is_typed`]).
     pub(crate) float_colors: FloatColors,
     /// Temporary file with the columns of a text or compressed file. `None` if the columns are read from the file
     /// itself.
@@ -61,8 +62,8 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// Detects the format of a point file from its first bytes; text formats need the file's name, too. A file without a
-/// header is only a point file if `columns` describes its rows.
+/// Detects the format of a point file from its first bytes (`head`). Text formats need the file's name, too. A file
+/// without a header is only a point file if `columns` describes its rows. Returns `None` for other files.
 fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
     #[cfg(feature = "pcd")]
@@ -86,7 +87,7 @@ fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableC
     format
 }
 
-/// Returns the first bytes of a file, as many as a header may have.
+/// Returns the first bytes of a file, as many as the detection of its format needs.
 fn head_of(bytes: Bytes<'_>) -> Cow<'_, [u8]> {
     let head = bytes.at_most(0, HEAD_BYTES);
     #[cfg(feature = "pcd")]
@@ -113,12 +114,12 @@ pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Surv
     survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())], columns)
 }
 
-/// Implements [`survey`] for `bytes`, which may be the unpacked start of a compressed file. `all` is the estimated size
-/// of the unpacked file, and `most` the largest possible size.
+/// Implements [`survey`] for `bytes`, which may be only the unpacked start of a compressed file. `all` is the estimated
+/// size of the unpacked file in bytes, and `most` the largest possible size.
 fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head, bytes, columns)?;
-    // Points are assumed to have colours if the start of the file doesn't show this.
+    // Points are assumed to have colours unless the start of the file shows that they have none.
     let (mut has_normals, mut has_colors) = (false, true);
     let (points, least_bytes, up) = match format {
         Format::Ply => {
@@ -294,7 +295,8 @@ impl ColumnFile {
         matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap)
     }
 
-    /// Passes the file's columns to `f`. `path` must be the file that was opened.
+    /// Passes the file's columns to `f` and returns the result of `f`. `path` must be the path of the file that was
+    /// opened.
     pub(crate) fn with<R>(&self, path: &Path, f: impl FnOnce(&[Strided<'_>]) -> R) -> Result<R, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         let own = match &self.unpacked {
@@ -315,7 +317,7 @@ impl ColumnFile {
     }
 }
 
-/// A writer to a temporary file without a name in `folder`, which is created when the first bytes are written.
+/// Writer to a temporary file without a name in `folder`. The file is created when the first bytes are written.
 struct Unnamed<'a> {
     folder: &'a Path,
     file: Option<BufWriter<File>>,
@@ -328,7 +330,7 @@ impl<'a> Unnamed<'a> {
         Self { folder, file: None, bytes: 0, finished: None }
     }
 
-    /// Returns all bytes that were written, for reading.
+    /// Returns all bytes that were written, for reading. No more bytes can be written then.
     fn written(&mut self) -> Result<Bytes<'_>, Problem> {
         let Some(file) = self.file.take() else { return Ok(Bytes::Memory(&[])) };
         let file = file.into_inner().map_err(|error| unwritable(error.into_error()))?;

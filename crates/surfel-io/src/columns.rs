@@ -44,8 +44,8 @@ impl From<Numbers<'_>> for ExtraValues {
     }
 }
 
-/// Returns the columns unread if all three are stored in a file; otherwise reads all of them into memory, as the error
-/// value.
+/// Returns the columns unread if all three are stored in a file. Otherwise reads all of them into memory, and returns
+/// them as the error value.
 fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]> {
     match values {
         [Numbers::Stored(a), Numbers::Stored(b), Numbers::Stored(c)] => Ok([a, b, c]),
@@ -93,7 +93,7 @@ fn exact_f32(values: [ExtraValues; 3]) -> Result<Vec<Vec3>, Vec<DVec3>> {
     Err(zip3(&x, &y, &z, DVec3::new))
 }
 
-/// Combines three scalar columns to a column of vectors; f64 sources keep their precision.
+/// Combines columns of x, y and z to a column of vectors; f64 sources keep their precision.
 pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => Column3::from_f32(vectors_f32(columns)),
@@ -103,8 +103,8 @@ pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
     }
 }
 
-/// Combines three scalar columns to positions. Returns an origin, and positions relative to it. The origin is 0 if f32
-/// represents all coordinates exactly.
+/// Combines columns of x, y and z to positions. Returns an origin, and the positions relative to it. The origin is 0 if
+/// f32 represents all coordinates exactly.
 pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => {
@@ -116,7 +116,7 @@ pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     }
 }
 
-/// Converts positions that were printed as text or computed by a transformation. Returns an origin, and positions
+/// Converts positions that were printed as text or computed by a transformation. Returns an origin, and the positions
 /// relative to it. Digits beyond f32 are stored only if [`f32_is_enough`] is false; otherwise they are only noise.
 #[cfg(any(feature = "gltf", feature = "obj", feature = "off"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
@@ -130,21 +130,24 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
-/// Largest rounding step of coordinates that causes no note, as a fraction of the points' extent.
+/// Largest rounding step of coordinates for which users get no note, as a fraction of the points' extent.
 const MAX_ROUNDING_FRACTION: f64 = 1.0 / 50_000.0;
 
-/// Returns a note if 32-bit coordinates between `min` and `max` are so far from the origin that rounding is noticeable.
+/// Returns a note for the user if 32-bit coordinates between `min` and `max` are so far from the origin that rounding
+/// is noticeable; else `None`.
 pub(crate) fn rounding_note(min: DVec3, max: DVec3) -> Option<String> {
     rounding_note_of_step(f32_step(min.abs().max(max.abs()).max_element()), min, max)
 }
 
-/// Returns the rounding step of 32-bit floats near a value: the distance to the next smaller float.
+/// Returns the rounding step of 32-bit floats near a value: the distance to the next smaller float. It is 0 for values
+/// that aren't positive and finite.
 pub(crate) fn f32_step(largest: f64) -> f64 {
     let largest = largest as f32;
     if largest > 0.0 && largest.is_finite() { f64::from(largest) - f64::from(largest.next_down()) } else { 0.0 }
 }
 
-/// Returns a note if the rounding step of coordinates between `min` and `max` is more than 1/50,000 of their extent.
+/// Returns a note for the user if the rounding step `step` of coordinates between `min` and `max` is more than 1/50,000
+/// of their extent; else `None`.
 pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
     let extent = (max - min).max_element();
     (extent > 0.0 && step > extent * MAX_ROUNDING_FRACTION).then(|| {
@@ -152,8 +155,8 @@ pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option
     })
 }
 
-/// True if f32 is precise enough for measured points between `min` and `max`. The largest coordinate must be at most 32
-/// times the extent, where f32 resolves 1/500,000 of the extent.
+/// True if f32 is precise enough for measured points between `min` and `max`. This holds if the largest coordinate is
+/// at most 32 times the extent, because f32 then resolves 1/500,000 of the extent.
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }

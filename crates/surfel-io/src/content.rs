@@ -26,7 +26,7 @@ pub struct LoadOptions {
     pub withheld: bool,
 }
 
-/// The geometry of a file.
+/// Geometry that a file contains, by kind.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
     /// Validated splats, which can be drawn as they are.
@@ -53,8 +53,8 @@ impl Content {
         }
     }
 
-    /// Returns the names of the attributes that the content has: "position", "normal", "colour", …, then those of
-    /// further columns.
+    /// Returns the names of the attributes that the geometry has: "position", "normal", "colour", …, then the names of
+    /// its other columns.
     pub fn attributes(&self) -> Vec<String> {
         let mut found = vec!["position".to_owned()];
         let mut add = |there: bool, name: &str| {

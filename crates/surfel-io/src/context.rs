@@ -13,13 +13,13 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 
-/// Note for the user about a file whose alphas are all 0, so that they are ignored.
+/// Note for the user that alphas were ignored because all of them are 0.
 pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
 
-/// Note for the user about a file whose colours are all black, so that they are ignored.
+/// Note for the user that colours were ignored because all of them are black.
 const ALL_BLACK: &str = "took it as without colours: they are all black";
 
-/// Maximum number of notes per file. Further ones are only counted.
+/// Maximum number of notes per file. Notes beyond it are only counted.
 const MAX_NOTES: usize = 1000;
 
 /// State that readers share while a file is loaded.
@@ -75,8 +75,8 @@ impl<'a> Context<'a> {
         notes
     }
 
-    /// Adds a note if the positions, which are 32-bit floats in the file, are so far from the origin that they are
-    /// rounded.
+    /// Adds a note if positions, which are 32-bit floats in the file, are so far from the origin that rounding is
+    /// noticeable.
     pub(crate) fn note_rounding(&mut self, positions: &[Vec3]) {
         let finite = positions.iter().filter(|p| p.is_finite());
         let ends = finite.fold(None, |ends: Option<(Vec3, Vec3)>, p| {
@@ -104,7 +104,8 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Validates splats. If `repair` is requested, invalid splats are dropped with a note instead of failing.
+    /// Validates splats and returns them as content. If `repair` is requested, invalid splats are dropped with a note
+    /// instead of failing.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
         self.drop_zero_alphas(&mut data.alphas);
@@ -115,7 +116,7 @@ impl<'a> Context<'a> {
         Ok(Content::Splats(cloud))
     }
 
-    /// Validates points. Points whose position isn't finite are dropped with a note.
+    /// Validates points and returns them as content. Points whose position isn't finite are dropped with a note.
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
         self.drop_zero_alphas(&mut points.alphas);
@@ -127,7 +128,8 @@ impl<'a> Context<'a> {
         Ok(Content::Points(points))
     }
 
-    /// Validates a mesh, and adds the texture of the options to a mesh that lacks one.
+    /// Validates a mesh and returns it as content. A mesh with texture coordinates but no texture gets the texture of
+    /// the options.
     pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
         self.drop_zero_alphas(&mut mesh.alphas);
         mesh.validate()?;

@@ -6,7 +6,7 @@ use crate::wkt::{self, Keys};
 use glam::DVec3;
 
 /// Comment that Surfel adds to point clouds whose x and y are degrees, judging from the columns' names or steps. It
-/// stands for a coordinate reference system where the file states none.
+/// replaces a coordinate reference system that the file doesn't state.
 pub const IN_DEGREES: &str = "coordinates longitude latitude";
 
 /// A coordinate reference system, as a file states it.
@@ -14,7 +14,7 @@ pub const IN_DEGREES: &str = "coordinates longitude latitude";
 pub struct Crs {
     /// The system as OGC well-known text (WKT).
     pub(crate) wkt: Option<String>,
-    /// The system's EPSG code, if the file states nothing else about it.
+    /// The system's EPSG code, if the file states it outside of WKT and GeoTIFF keys.
     pub(crate) code: Option<u32>,
     /// The system as GeoTIFF keys.
     pub(crate) geotiff: Option<GeoKeys>,
@@ -57,7 +57,7 @@ impl Crs {
         (crs != Self::default()).then_some(crs)
     }
 
-    /// Returns the system's EPSG code, if the file states one, also within WKT or GeoTIFF keys.
+    /// Returns the system's EPSG code, also if it is stated within WKT or GeoTIFF keys; `None` if the file states none.
     pub fn epsg(&self) -> Option<u32> {
         let of_wkt = self.wkt.as_deref().and_then(epsg_of_wkt);
         of_wkt.or(self.code).or_else(|| {
@@ -67,7 +67,8 @@ impl Crs {
         })
     }
 
-    /// Returns the value of a GeoTIFF key that is stored in the directory itself.
+    /// Returns the value of a GeoTIFF key that stores a whole number in the directory itself; `None` if there is no
+    /// such key.
     fn key(&self, key: u16) -> Option<u16> {
         let directory = &self.geotiff.as_ref()?.directory;
         directory.get(4..)?.chunks_exact(4).find(|e| e[0] == key && e[1] == 0).map(|e| e[3])
@@ -81,7 +82,8 @@ impl Crs {
         text.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
     }
 
-    /// True if x and y are degrees. A system given only by its EPSG code is recognised if the code is in common use.
+    /// True if x and y of the system are degrees. A system of which only the EPSG code is stated is recognised if the
+    /// code is in common use.
     pub fn is_geographic(&self) -> bool {
         let of_code = |code: u32| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code));
         match (&self.wkt, &self.geotiff) {
@@ -103,9 +105,9 @@ impl Crs {
         first + zone.min(60)
     }
 
-    /// Returns advice for points whose x and y are degrees. The system states this, or, if there is no system, the
-    /// numbers show it. `step` is the value that all coordinates are multiples of. Extents of 5° or more give no note:
-    /// files of local coordinates often claim to be in degrees.
+    /// Returns advice for points whose x and y are degrees: either the system states this, or there is no system and
+    /// the numbers suggest it. `lo` and `hi` are the points' bounds, and `step` is the value that all coordinates are
+    /// multiples of. Extents of 5° or more give no note: files of local coordinates often claim to be in degrees.
     #[cfg_attr(not(feature = "las"), allow(dead_code))]
     pub(crate) fn degrees_note(&self, (lo, hi): (DVec3, DVec3), step: Option<DVec3>) -> Option<String> {
         let extent = hi - lo;
@@ -129,9 +131,8 @@ impl Crs {
         ))
     }
 
-    /// Returns the GeoTIFF 1.1 key directory of an image whose pixels are areas, with the doubles and text that it
-    /// refers to. A system without an EPSG code is converted from WKT to its parameters. If that fails, the WKT is
-    /// stored as text, as Esri's programs do.
+    /// Returns the system as GeoTIFF 1.1 keys for an image whose pixels are areas. A system given as WKT without an
+    /// EPSG code is converted to its parameters. If that fails, the WKT is stored as text, as Esri's programs do.
     pub(crate) fn image_keys(&self) -> GeoKeys {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let stated = match (&self.wkt, &self.geotiff) {
@@ -160,7 +161,7 @@ impl Crs {
         GeoKeys { directory, doubles: made.doubles, text: made.text }
     }
 
-    /// Returns a short description for notes: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
+    /// Returns a short description of the system for notes: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
     pub fn words(&self) -> String {
         let name = self.name().map(|name| crate::error::quote(name.as_bytes()));
         match (name, self.epsg()) {
@@ -205,8 +206,8 @@ const SYSTEMS: [&str; 8] =
 const MODEL_TYPE: u16 = 1024;
 /// GeoTIFF key that states what a pixel is: an area or a point.
 const RASTER_TYPE: u16 = 1025;
-/// Ranges, first to last, of EPSG codes that contain only geographic systems, in degrees. The ranges are those of EPSG
-/// 12, and cover the systems in common use.
+/// Ranges, first to last, of EPSG codes that contain only geographic systems, in degrees. The ranges follow version 12
+/// of the EPSG dataset, and cover the systems in common use.
 const GEOGRAPHIC: [[u32; 2]; 20] = [
     [4001, 4025],
     [4120, 4216],
@@ -231,8 +232,8 @@ const GEOGRAPHIC: [[u32; 2]; 20] = [
     [9705, 9707],
 ];
 
-/// True if WKT describes a geographic system, in degrees, alone or with heights. The base system of a projected one
-/// doesn't count.
+/// True if WKT describes a geographic system, in degrees, alone or combined with heights. A projected system isn't one,
+/// although it contains a geographic base system.
 fn is_geographic_wkt(wkt: &str) -> bool {
     let mut quoted = false;
     let mut start = None;
@@ -246,7 +247,7 @@ fn is_geographic_wkt(wkt: &str) -> bool {
                 let word = start.take().map_or("", |from| wkt[from..at].trim_end()).to_ascii_uppercase();
                 match word.as_str() {
                     "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" => return true,
-                    // A geodetic system has the axes of a spheroid or Cartesian ones.
+                    // A geodetic system has either angles on an ellipsoid or Cartesian coordinates as axes.
                     "GEODCRS" | "GEODETICCRS" => return wkt.to_ascii_lowercase().contains("cs[ellipsoidal"),
                     _ if SYSTEMS.contains(&word.as_str()) => return false,
                     _ => {}
@@ -259,7 +260,7 @@ fn is_geographic_wkt(wkt: &str) -> bool {
 }
 
 /// Returns GeoTIFF keys that store the WKT of a projected system as text, as Esri's programs do. Returns `None` for
-/// other systems, or if the WKT contains a bar, which ends texts.
+/// other systems, or if the WKT contains a bar (`|`), which would end the text.
 fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
@@ -271,7 +272,7 @@ fn as_text(wkt: &str) -> Option<Keys> {
     })
 }
 
-/// Returns GeoTIFF keys for an image whose pixels are areas: the given ones with another raster type. Keys that refer
+/// Returns GeoTIFF keys for an image whose pixels are areas: those of `whole`, with this raster type. Keys that refer
 /// to missing values are dropped.
 fn pixel_is_area(whole: &GeoKeys) -> GeoKeys {
     let GeoKeys { directory, doubles, text } = whole;

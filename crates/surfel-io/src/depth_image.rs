@@ -5,18 +5,18 @@ use crate::context::Context;
 use glam::{DVec2, DVec3};
 use surfel_model::{PointCloud, Up};
 
-/// Smallest number of rows, and of columns, of points that may be a depth image. A quarter of its square is the
-/// smallest number of sampled points with a depth.
+/// Smallest number of rows, and of columns, of pixels for which points may be a depth image. At least `MIN_SIDE`² / 4
+/// of the sampled points must have a depth.
 const MIN_SIDE: usize = 16;
-/// Maximum number of points that are tested.
+/// Maximum number of points that are sampled for the test.
 const MOST: usize = 20_000;
 /// Smallest correlation of the slopes x/z and y/z with column and row from which points count as a depth image. Lens
 /// distortion and rounded depths lower it slightly.
 const MIN_CORRELATION: f64 = 0.99;
 
-/// Detects whether points are a camera's depth image, row by row, with the camera at the origin. If so, sets the up
-/// axis and the viewpoint. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and
-/// z backward.
+/// Detects whether points are a camera's depth image of `columns` × `rows` pixels, row by row, with the camera at the
+/// origin. If so, sets the points' up axis and viewpoint, and adds a note. The axes are either x right, y down, z
+/// forward, so that −y is up, or OpenGL's, with y up and z backward.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
     if points.up.is_some() || points.viewpoint.is_some() {

@@ -10,8 +10,8 @@ use draco_core::{DecodeLimits, DecoderBuffer, GeometryAttributeType, Mesh, MeshD
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Maximum number of faces or points per byte of a Draco stream. Valid files have far fewer; hostile headers state
-/// more.
+/// Maximum number of faces or points per byte of a Draco stream. Valid files have far fewer; headers of hostile files
+/// state more.
 const MOST_PER_BYTE: u64 = 4096;
 
 /// Decompresses a mesh or points, or returns the reason why that fails.

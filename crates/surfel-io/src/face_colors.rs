@@ -7,10 +7,12 @@ use surfel_model::Mesh;
 /// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
-/// Shows the colours of faces: duplicates vertices so that each triangle has its face's colour. Vertices that have
-/// differing colours already are unchanged. A triangle without a face colour keeps its vertex colours.
+/// Replaces vertex colours by face colours: duplicates vertices so that each triangle has its face's colour. If the
+/// vertices have differing colours of their own, the mesh stays unchanged, and a note states this. A triangle without a
+/// face colour keeps its vertex colours.
 ///
-/// `of_triangle` may be shorter than the mesh's triangles. A mesh with vertex indices out of range stays unchanged.
+/// `of_triangle` is the face colour of each triangle; it may have fewer items than the mesh has triangles. A mesh with
+/// vertex indices out of range stays unchanged.
 pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: &mut Context<'_>) {
     // Programs that write face colours write at most one colour for all vertices.
     if mesh.colors.as_ref().is_some_and(|all| all.windows(2).any(|pair| pair[0] != pair[1])) {

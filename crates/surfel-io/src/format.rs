@@ -118,7 +118,7 @@ const UNSUPPORTED_EXTENSIONS: &[(&str, &str, &str)] = &[
     ("3mf", "is a 3MF file", "export it as STL, e.g. with the program that made it"),
 ];
 
-/// First bytes of a `.surfel` file. The line end reveals a file that was transferred as text.
+/// First bytes of a `.surfel` file. A changed line end reveals that the file was transferred as text.
 pub(crate) const OCTREE_SIGNATURE: &[u8; 8] = b"SURFEL\r\n";
 
 impl Format {
@@ -153,7 +153,8 @@ impl Format {
         }
     }
 
-    /// Returns the format that the extension of a file's name stands for, in either case; a final `.gz` is ignored.
+    /// Returns the format that the extension of a file's name stands for, in either case; `None` for unknown
+    /// extensions. A final `.gz` is ignored.
     pub fn from_extension(path: &Path) -> Option<Self> {
         if extension(path)? == "gz" {
             return Self::from_extension(Path::new(path.file_stem()?));
@@ -199,8 +200,8 @@ impl Format {
         }
     }
 
-    /// Detects E57 and LAS files, with their variants, from a file's first bytes. These formats are read with seeking
-    /// instead of from memory.
+    /// Detects E57, LAS, LAZ and COPC files from a file's first bytes. These formats are read with seeking instead of
+    /// from memory.
     pub(crate) fn from_seekable_signature(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"ASTM-E57") {
             return Some(Self::E57);
@@ -275,8 +276,8 @@ pub(crate) fn unsupported_by_extension(path: &Path) -> Option<Problem> {
     Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
 }
 
-/// Returns the format of a ZIP file by the names of its members. The names are searched in the first and last 64 KiB of
-/// the file, where they are stored uncompressed.
+/// Detects the format of a ZIP file by the names of its members; an unsupported one is an error. The names are searched
+/// in the first and last 64 KiB of the file, where they are stored uncompressed.
 fn zipped(bytes: &[u8]) -> Result<Format, Problem> {
     let ends = [&bytes[..bytes.len().min(1 << 16)], &bytes[bytes.len().saturating_sub(1 << 16)..]];
     let has = |name: &[u8]| ends.iter().any(|end| end.windows(name.len()).any(|w| w == name));

@@ -1,5 +1,5 @@
 //! Points of several parts of a file, or of several files, merged into one cloud. If only some parts have a column, the
-//! points of other parts get a default value in it.
+//! points of other parts get a default value in it: white as colour, else 0.
 
 use crate::columns::{measured_positions, rounding_note_of_step, to_f64};
 use crate::content::Content;
@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Points of one part of a file, or of one of several files, in world space. Each column has a value for each point.
+/// Points of one part of a file, or of one of several files. Each column has a value for each point.
 #[derive(Default)]
 pub(crate) struct PointsPart {
     pub(crate) positions: Vec<DVec3>,
@@ -17,7 +17,8 @@ pub(crate) struct PointsPart {
     /// Point colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) extras: Vec<ExtraColumn>,
-    /// Largest rounding step of the positions in world units, if the file stores them as 32-bit floats; otherwise 0.
+    /// Largest rounding step of the positions, in the units of the positions, if the file stores them as 32-bit floats;
+    /// otherwise 0.
     pub(crate) step: f64,
 }
 
@@ -37,8 +38,8 @@ pub(crate) fn largest_scale(world: DAffine3) -> f64 {
     [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
 }
 
-/// Returns the matrix that transforms normals: the inverse transpose of the linear part, times a positive factor. It is
-/// finite for any finite matrix.
+/// Returns the matrix that transforms normals: the inverse transpose of the linear part, times a positive factor. The
+/// matrix is finite for any finite `world`, even one that can't be inverted.
 pub(crate) fn inverse_transpose(world: DAffine3) -> DMat3 {
     let m = world.matrix3;
     let sign = 1.0_f64.copysign(m.determinant());
@@ -54,7 +55,7 @@ pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
 }
 
-/// Parts of a point cloud that were merged so far, in order.
+/// Parts of a point cloud that were merged so far, in world space, in order.
 #[derive(Default)]
 pub(crate) struct GatheredPoints {
     pub(crate) positions: Vec<DVec3>,
@@ -115,7 +116,7 @@ impl GatheredPoints {
         PointsPart { positions, normals, colors, extras, step }
     }
 
-    /// Adds a note if the points are rounded because they are far from the origin.
+    /// Adds a note if the points are so far from the origin that the rounding of their positions is noticeable.
     pub(crate) fn note_rounding(&self, context: &mut Context<'_>) {
         let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let finite = self.positions.iter().filter(|p| p.is_finite());

@@ -27,13 +27,14 @@ pub(crate) struct Gaussians {
     pub(crate) origin: DVec3,
     pub(crate) centers: Column3,
     pub(crate) kind: Kind,
-    /// Standard deviations along the three axes of the rotated Gaussian.
+    /// Standard deviations along the Gaussian's three axes, which `rotations` turns from x, y and z, in the file's
+    /// units.
     pub(crate) sigmas: Vec<DVec3>,
     /// Rotations as quaternions of any nonzero length.
     pub(crate) rotations: Vec<DQuat>,
     /// Opacity in [0, 1], from 0 for transparent.
     pub(crate) alphas: Vec<f32>,
-    /// sRGB-encoded colours without their view-dependent part, unless `linear_colors` is true. Surfaces clamp them to
+    /// Colours without their view-dependent part, sRGB-encoded unless `linear_colors` is true. Surfaces clamp them to
     /// [0, 1].
     pub(crate) display_colors: Vec<[f64; 3]>,
     /// View-dependent part of the colours, as spherical harmonics.
@@ -52,12 +53,12 @@ pub(crate) enum Harmonics {
     None,
     /// Coefficients that the reader skips, with their number per splat if the file states it.
     Unread(Option<usize>),
-    /// The degree, 1 to 3, and (degree + 1)² − 1 RGB coefficients for each splat.
+    /// The degree, 1 to 3, and (degree + 1)² − 1 RGB coefficients for each splat, splat by splat.
     Read(u32, Vec<[f32; 3]>),
 }
 
 impl Harmonics {
-    /// Returns a note that a surface doesn't use the coefficients, if there are any.
+    /// Returns a note for the user that surface splats don't use the coefficients; `None` if there are none.
     fn left_out(&self) -> Option<String> {
         let count = match self {
             Self::None | Self::Read(0, _) => return None,
@@ -70,7 +71,7 @@ impl Harmonics {
 }
 
 impl Gaussians {
-    /// Converts the Gaussians to the data model's form of trained Gaussians.
+    /// Converts the Gaussians to the type that `surfel-model` has for trained Gaussians.
     fn trained(self) -> GaussianData {
         let constant = |c: &[f64; 3]| c.map(|c| ((c - 0.5) / SH_C0) as f32);
         let (degree, rest) = match self.harmonics {

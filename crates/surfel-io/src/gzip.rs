@@ -11,7 +11,7 @@ pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x1f\x8b") && bytes.get(2).is_none_or(|method| *method == 8)
 }
 
-/// Unpacks a gzip file to `out`. The contents of several members are concatenated.
+/// Unpacks a gzip file to `out`. If the file has several members, their contents are concatenated.
 pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Problem> {
     let limit = most_unpacked(bytes.len());
     let (unpacked, failed) = pour(MultiGzDecoder::new(bytes.reader()), limit + 1, out)?;

@@ -68,8 +68,8 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     load_whole(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
 }
 
-/// Loads a file whose bytes are in memory. Rows without a header are read if their values fit exactly one common
-/// layout; a note then states the layout.
+/// Loads a file whose bytes are in memory. Rows of numbers without a header are read if their values fit exactly one
+/// common layout of columns; a note then states the layout.
 fn load_whole(
     bytes: &[u8],
     hint: Option<Format>,
@@ -94,7 +94,7 @@ fn load_whole(
 /// Properties of a file's points as a whole, which [`survey`] returns.
 #[derive(Clone, Debug)]
 pub struct PointSurvey {
-    /// Format, up axis and notes of the file. Its content is an empty point cloud, and `attributes` is empty.
+    /// Format, up axis and notes of the file. The field `content` is an empty point cloud, and `attributes` is empty.
     pub loaded: Loaded,
     /// Minimum and maximum of the positions, in the file's units; `None` without points.
     pub bounds: Option<(DVec3, DVec3)>,
@@ -134,7 +134,7 @@ pub fn survey(
 }
 
 /// Opens a file that is read with seeking, so that its bytes needn't be in memory: LAS, LAZ, COPC or E57. Returns
-/// `None` for other formats, and unless it is a regular file.
+/// `None` for other formats, and for anything that isn't a regular file.
 fn open_seekable(path: &Path) -> Option<(Format, RegularFile)> {
     let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
@@ -142,8 +142,8 @@ fn open_seekable(path: &Path) -> Option<(Format, RegularFile)> {
     Some((Format::from_seekable_signature(&head)?, file))
 }
 
-/// Opens a file whose columns are read in place, so that memory contains the data only once: PLY, PCD, NPY, NPZ or raw
-/// rows. Returns `None` for other formats, and unless it is a regular file.
+/// Opens a file whose columns are read in place, so that memory contains the data only once: PLY, PCD, NPY, NPZ or rows
+/// of numbers without a header. Returns `None` for other formats, and for anything that isn't a regular file.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
@@ -173,8 +173,8 @@ pub fn names_geometry(path: &Path) -> bool {
     files::read(path, scene_file::MAX_BYTES).is_ok_and(|bytes| is_known.iter().any(|known| known(&bytes)))
 }
 
-/// Loads from memory, like [`load`]. `hint` replaces the extension; `name` is for messages. Files that the data refer
-/// to aren't read.
+/// Loads a file from memory, like [`load`]. `hint` is the format that the file's extension would give. `name` is the
+/// file's name, for messages and for formats that the name helps to detect. Files that the data refer to aren't read.
 ///
 /// # Errors
 /// Errors of [`load`].

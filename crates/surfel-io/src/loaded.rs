@@ -8,7 +8,7 @@ use crate::format::Format;
 use std::path::{Path, PathBuf};
 use surfel_model::Up;
 
-/// A loaded file.
+/// Geometry of a loaded file, with its properties and notes for the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
     /// Geometry that was read from the file.
@@ -25,7 +25,8 @@ pub struct Loaded {
     pub notes: Vec<String>,
     /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
-    /// Names of the attributes that the geometry has: "position", "normal", "colour", …, then those of further columns.
+    /// Names of the attributes that the geometry has: "position", "normal", "colour", …, then the names of its other
+    /// columns.
     pub attributes: Vec<String>,
 }
 
@@ -39,7 +40,8 @@ pub(crate) fn run_plain(
     run(read, name, Siblings::None, options)
 }
 
-/// Runs a reader, and returns its content with notes and properties of the file.
+/// Runs a reader, and returns its content with notes and properties of the file. `name` is the file's path, for
+/// messages.
 pub(crate) fn run(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
     name: &Path,

@@ -28,7 +28,7 @@ pub(crate) struct Material {
     /// Index of the colour texture in the file's textures.
     pub(crate) texture: Option<usize>,
     pub(crate) alpha: AlphaMode,
-    /// Index of the normal map in the file's textures, and its scale.
+    /// Index of the normal map in the file's textures, and the factor on its normals' components along right and up.
     pub(crate) normal_map: Option<(usize, f32)>,
     /// Emission in linear RGB, added to the colour independently of lighting.
     pub(crate) emission: [f32; 3],
@@ -59,8 +59,8 @@ impl Material {
     }
 }
 
-/// Adds the emission of materials to their colours. If one of the two is textured, the sum is one texture. The sum is
-/// lit, although emission shouldn't be; a note reports this.
+/// Adds the emission of materials to their colours. If a material's colour or emission is textured, the sum becomes one
+/// texture. The sum is lit, although emission shouldn't be; a note reports this.
 pub(crate) fn add_emission<'a>(
     materials: impl Iterator<Item = &'a mut Material>,
     textures: &mut Vec<Arc<Texture>>,
@@ -115,7 +115,7 @@ pub(crate) fn add_emission<'a>(
     }
 }
 
-/// Base colour and emission of a material, whose sum becomes a texture. Equal ones share the texture.
+/// Base colour and emission of a material, whose sum becomes a texture. Materials with equal values share the texture.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Emission {
     texture: Option<usize>,
@@ -136,8 +136,8 @@ impl Emission {
         }
     }
 
-    /// Returns the sum of base colour and emission as a texture, of the size of the larger texture. Returns `None` if
-    /// it exceeds the file's limit of texels.
+    /// Returns the sum of base colour and emission as a texture, of the size of the larger of the two textures. Returns
+    /// `None` if it exceeds the file's limit of texels, or if neither is textured.
     fn texture(self, textures: &[Arc<Texture>], context: &mut Context<'_>) -> Option<Texture> {
         let [color, map] = [self.texture, self.map].map(|i| i.and_then(|i| textures.get(i)));
         let size = |t: &&Arc<Texture>| u64::from(t.width) * u64::from(t.height);
@@ -172,8 +172,8 @@ impl Emission {
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) positions: Vec<DVec3>,
-    /// True if the positions have all digits of the file; false if they were computed, so that digits beyond f32 mean
-    /// little.
+    /// True if the positions have all digits of the file. False if they were computed, so that their digits beyond f32
+    /// are rounding errors.
     pub(crate) exact: bool,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
     pub(crate) uvs: Option<Vec<[f32; 2]>>,
@@ -257,8 +257,8 @@ impl Context<'_> {
     }
 }
 
-/// Returns the texture that all triangles share, if they do. Also returns the materials of triangles, unless this
-/// texture suffices.
+/// Returns the texture that all triangles share, or `None` if they differ or have none. Also returns the materials of
+/// triangles, or `None` if the shared texture suffices.
 fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>, Option<TriangleMaterials>) {
     let mut used = vec![false; all.materials.len()];
     all.of_triangle.iter().for_each(|&i| used[i as usize] = true);

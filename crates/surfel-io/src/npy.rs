@@ -144,7 +144,8 @@ impl Surveyed {
     }
 }
 
-/// Surveys the points of an array from the start of its file. Returns `None` for splats and for other content.
+/// Reads size and columns of the points of an array from the start of its file. Returns `None` for splats and for other
+/// content.
 #[cfg(feature = "laz")]
 pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     let array = header_of(head).ok()?;
@@ -213,7 +214,8 @@ impl<'a> Members<'a> {
         Ok(triangles.is_none().then_some((columns, roles)))
     }
 
-    /// Surveys the points of an archive from the starts of its arrays; returns `None` for splats and meshes.
+    /// Reads size and columns of the points of an archive from the starts of its arrays. Returns `None` for splats and
+    /// meshes.
     #[cfg(feature = "laz")]
     pub(crate) fn survey(&self) -> Option<Surveyed> {
         const HEAD_BYTES: usize = 1 << 12;
@@ -256,6 +258,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
 }
 
 /// Returns the index of the array with the positions, or with their x coordinates, among the arrays of an archive.
+/// Returns `None` if no array is recognised as positions.
 fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     let find = |names: &[&str]| {
         names
@@ -452,7 +455,7 @@ fn not_points(columns: &[Strided<'_>], array: &Array<'_>) -> Option<Problem> {
     column_roles::is_image(columns).then(image)
 }
 
-/// A column into which an array is split.
+/// Place of a column in an array's data: byte offset and stride, number of rows, and the field with its number type.
 struct Part<'f> {
     name: String,
     offset: usize,
@@ -461,8 +464,8 @@ struct Part<'f> {
     field: &'f Field,
 }
 
-/// Appends the columns of an array to `columns`. Returns true if the columns' positions state their roles, false if
-/// their names do.
+/// Appends the columns of an array to `columns`. Returns true if the columns have no names, so that their order states
+/// their roles. Returns false if their names do.
 fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'a>>) -> Result<bool, Fault> {
     let (parts, by_axis) = parts(array_name, array)?;
     for Part { name, offset, stride, rows, field } in parts {
@@ -474,8 +477,8 @@ fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'
     Ok(by_axis)
 }
 
-/// Returns the columns into which an array is split. Also returns true if the columns' positions state their roles,
-/// false if their names do.
+/// Returns the columns into which an array is split. Also returns true if the columns have no names, so that their
+/// order states their roles; false if their names do.
 fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, bool), Fault> {
     let total: usize = array.shape.iter().product();
     let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
@@ -597,6 +600,7 @@ fn header_of(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
 }
 
 /// Appends the fields of a record type to `array`. In the header they are tuples of name, type and perhaps a shape.
+/// Returns `None` if a field is invalid.
 fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
     for field in fields {
         let Literal::List(parts) = field else { return None };
@@ -630,8 +634,8 @@ fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
     Some(())
 }
 
-/// Parses NumPy's type string, such as `<f4`. Returns the type if it is numeric, its size in bytes, and true if it is
-/// big endian.
+/// Parses NumPy's type string, such as `<f4`. Returns the type (`None` if it isn't numeric), its size in bytes, and
+/// true if it is big endian. Returns `None` if the string is invalid.
 fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
     let mut chars = text.chars();
     let order = chars.next()?;

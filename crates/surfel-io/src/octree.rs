@@ -46,7 +46,7 @@ const EDGE_BYTES: usize = 4 * 4;
 /// Writes an octree to a file, atomically and without loss.
 ///
 /// # Errors
-/// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
+/// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`] if it can't be written.
 pub fn save_octree(path: &Path, overwrite: bool, octree: &Octree) -> Result<(), IoError> {
     atomic::write(path, overwrite, |out| write_octree(out, octree))
 }
@@ -229,7 +229,7 @@ fn read_edges(section: &mut Cursor) -> Result<Vec<Transition>, Problem> {
     section.items(count, EDGE_BYTES, |s| Ok(Transition { leaves: [s.number()?, s.number()?], splats: s.range()? }))
 }
 
-/// A reader of a section's bytes from front to back.
+/// A reader of the bytes of a file, or of one of its sections, from front to back.
 struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -57,7 +57,7 @@ fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
 struct Vertices {
     positions: Vec<DVec3>,
     normals: Vec<Vec3>,
-    /// Red, green, blue and alpha of the vertices, as printed.
+    /// Red, green, blue and alpha of the vertices, as the file states them.
     colors: Vec<[f64; 4]>,
 }
 
@@ -155,7 +155,7 @@ fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Co
     scale
 }
 
-/// Converts a printed colour of a range up to `scale` to linear RGB and alpha.
+/// Converts a colour as the file states it, with levels from 0 to `scale`, to linear RGB and alpha.
 fn linear(c: &[f64; 4], scale: f64) -> [f32; 4] {
     // A missing alpha is NaN.
     let alpha = if c[3].is_nan() { 1.0 } else { (c[3] / scale).clamp(0.0, 1.0) as f32 };
@@ -195,7 +195,7 @@ fn finish(
     context.mesh(mesh)
 }
 
-/// Parses all numbers of a line.
+/// Parses the numbers of a line, which replace the contents of `row`.
 fn numbers(line: (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     row.clear();
     add_numbers(line, row)

@@ -36,7 +36,7 @@ enum Encoding {
 struct Header<'a> {
     fields: Vec<Field<'a>>,
     points: usize,
-    /// Numbers of columns and rows, if the points are an image.
+    /// Numbers of columns and rows, if the points are stored as an image of more than one row.
     image: Option<[usize; 2]>,
     viewpoint: Option<&'a str>,
     encoding: Encoding,
@@ -112,8 +112,8 @@ impl<'a> Table<'a> {
         sensor(&self.0, context).1.map(|_| Up::MinusY)
     }
 
-    /// Writes the points as binary numbers to `out`. Points that were compressed are written field by field. Writes
-    /// nothing and returns false if the file's points are binary already.
+    /// Writes the points as binary numbers to `out`: point by point, or field by field if the file compresses them.
+    /// Writes nothing and returns false if the file's points are binary already.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         unpack(&self.0, bytes, out)
     }
@@ -146,8 +146,8 @@ fn size(header: &Header<'_>) -> Result<usize, Fault> {
     Ok(header.points.checked_mul(header.point_bytes).ok_or_else(|| too_large(header))?)
 }
 
-/// Writes text or compressed points as binary numbers to `out`, compressed ones field by field. Writes nothing and
-/// returns false if they are binary already.
+/// Writes text or compressed points as binary numbers to `out`: text point by point, compressed points field by field.
+/// Writes nothing and returns false if the points are binary already.
 fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
     let size = size(header)?;
     match header.encoding {
@@ -357,7 +357,8 @@ fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Resul
     Ok(())
 }
 
-/// Parses a printed number, and appends it as a binary number of the field's type. Returns `None` if it isn't one.
+/// Parses a number in text, and appends it as a binary number of the field's type. Returns `None` if the word isn't a
+/// number.
 fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
     // Packed colours have the type float, but many programs print their bits as a whole number.
     let packed =
@@ -381,7 +382,8 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
     Some(())
 }
 
-/// Unpacks points that are compressed by LZF to `out`. The data are two sizes, then the stream.
+/// Unpacks points that are compressed by LZF to `out`. In the file, the packed and the unpacked size precede the
+/// stream. The unpacked size must be `size`, in bytes.
 fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn Write) -> Result<(), Fault> {
     let wrong = |what: String| {
         Problem::new(what).at(Location::Byte(header.start)).help("copy or export the file again: it is damaged")
@@ -397,7 +399,7 @@ fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn 
         wrong(format!("the file ends {} bytes before the end of its compressed points", packed - there))
     })?;
     if whole != size || size > stream.len().saturating_mul(LZF_EXPANSION) {
-        let what = format!("{packed} bytes of compressed points can't become {} points of {size} bytes", header.points);
+        let what = format!("{packed} bytes of compressed points can't become {} points, {size} bytes", header.points);
         return Err(wrong(what).into());
     }
     let damaged = || Fault::from(wrong("its compressed points are damaged".into()));

@@ -268,8 +268,9 @@ pub(crate) fn build(
     }
 }
 
-/// Converts three columns to positions. Returns an origin, and positions relative to it. Columns that f32 represents
-/// exactly stay unchanged; others keep digits beyond f32 only if [`f32_is_enough`] is false.
+/// Converts three columns to positions. Returns an origin, and positions relative to it. The origin is 0 and the
+/// positions are rounded to f32 if no digits are lost, or if [`f32_is_enough`]. Otherwise the positions keep digits
+/// beyond f32.
 pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let narrow = |c: &Strided<'_>| {
         matches!(c.kind(), NumberType::F32 | NumberType::F16) || c.kind().is_integer() && c.kind().bytes() <= 2

@@ -19,7 +19,7 @@ use surfel_model::TableColumns;
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
-    /// Number of values at the end of each row that aren't returned as columns.
+    /// Number of values at the end of each row that [`Table::columns`] doesn't return.
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
@@ -414,8 +414,8 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// Lines of a scan in a PTX file before its points: the number of numbers, and what they are for messages. The matrix
-/// includes the scanner's pose.
+/// Header lines of a scan in a PTX file, which precede its points: how many numbers each line has, and a description of
+/// them for messages. The lines of the pose aren't used, because the matrix includes it.
 const SCAN_LINES: [(usize, &str); 10] = {
     let (count, pose, matrix) =
         ((1, "the scan's columns and rows"), (3, "the scanner's pose"), (4, "the scan's matrix"));
@@ -432,7 +432,8 @@ pub(crate) fn unpack_ptx(
 ) -> Result<Table, Fault> {
     let mut table = Table::default();
     let (mut scans, mut no_return) = (0_u32, 0_u64);
-    // Number of header lines of the current scan, and number of points left.
+    // Number of header lines read of the current scan, its numbers of columns and rows, its matrix, and the number of
+    // its points left to read.
     let (mut lines, mut counts, mut matrix, mut left) = (0, [0_u64; 2], [[0.0; 4]; 4], 0);
     let mut row: Vec<f64> = Vec::with_capacity(9);
     each_line(bytes, |line_number, line| {

@@ -161,7 +161,7 @@ impl Triangulator {
     }
 
     /// Cuts off corners at which the outline turns back onto itself, and duplicate corners. `flat` is the largest
-    /// doubled area of their triangles.
+    /// doubled area of a triangle that may be cut off.
     fn cut_spikes(&mut self, flat: f64) {
         let mut at = 0;
         for _ in 0..2 * self.flat.len() {

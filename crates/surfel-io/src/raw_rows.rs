@@ -75,7 +75,8 @@ pub fn check_columns(columns: &TableColumns) -> Result<(), String> {
     check(columns).map_err(|problem| problem.to_string().replace('\n', ","))
 }
 
-/// Checks that columns include a position, like [`check_columns`], but returns a problem of a file as the error.
+/// Checks that columns include a position, like [`check_columns`], but returns a [`Problem`], which a reader can
+/// report.
 pub(crate) fn check(columns: &TableColumns) -> Result<(), Problem> {
     let names: Vec<&str> = columns.columns().iter().filter_map(|column| column.name.as_deref()).collect();
     let problem = || Problem::new(format!("has no position among the columns {}", list(&names))).expected("x, y and z");

@@ -86,8 +86,9 @@ fn streams_of_version_4(_: &[u8], _: &Header, _: [usize; 6]) -> Result<[Vec<u8>;
     Err(problem.help(help).into())
 }
 
-/// Reads the streams of version 4: a table of 16 bytes per stream, with packed and unpacked size, and the streams,
-/// concatenated.
+/// Returns the unpacked streams of an SPZ file of version 4, in the order of [`Header::stream_bytes`]. `sizes` are
+/// their expected sizes in bytes. In the file, a table has 16 bytes per stream, with packed and unpacked size. The
+/// packed streams follow, one after another.
 #[cfg(feature = "zstd")]
 fn streams_of_version_4(bytes: &[u8], header: &Header, sizes: [usize; 6]) -> Result<[Vec<u8>; 6], Fault> {
     use std::io::Read;

@@ -86,7 +86,8 @@ struct Block<const K: usize> {
     numbers: [Vec<f64>; K],
 }
 
-/// Reads a range of rows of each column into `numbers`, with `bytes` as buffer.
+/// Reads a range of rows of each column into the column's element of `numbers`, with `bytes` as buffer. Does nothing if
+/// the range is empty or exceeds a column.
 pub(crate) fn read_rows(columns: &[Strided<'_>], rows: Range<usize>, bytes: &mut Vec<u8>, numbers: &mut [Vec<f64>]) {
     let Some(parts) = columns.iter().map(|c| c.part(rows.clone())).collect::<Option<Vec<_>>>() else { return };
     if let Some((hull, starts)) = Bytes::hull(&parts) {
@@ -115,7 +116,7 @@ impl<const K: usize> Block<K> {
     }
 }
 
-/// Returns the number of rows of these columns that are read at a time, as one block.
+/// Returns the number of rows of these columns that each thread reads at a time.
 pub(crate) fn block_rows(columns: &[Strided<'_>]) -> usize {
     let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
     (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)

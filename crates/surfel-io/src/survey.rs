@@ -124,6 +124,7 @@ pub(crate) fn plain_name(name: &str) -> String {
 pub(crate) const NORMAL_NAMES: [&str; 3] = ["normalx", "normaly", "normalz"];
 
 /// Removes the columns with normals from the extra columns, and returns them as vectors. A missing component is zero.
+/// Returns `None` if all three components are missing.
 #[cfg(feature = "las")]
 pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model::Column3> {
     let mut found: [Option<Vec<f32>>; 3] = [None, None, None];

@@ -289,7 +289,8 @@ pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
 }
 
 /// Adds keys for a geographic system, or for the base of a projected one: its EPSG code, or else its parameters.
-/// Returns `None` if they can't be stored.
+/// `degrees` converts an angle in a unit, whose size is in radians, to degrees. Returns `None` if the keys can't
+/// express the system.
 fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64) -> f64) -> Option<()> {
     let datum = system.part(&["DATUM", "GEODETICDATUM", "TRF", "ENSEMBLE"])?;
     let name = plain(datum.name());

@@ -102,7 +102,7 @@ impl<'a> Archive<'a> {
         self.members.iter().map(|m| String::from_utf8_lossy(&m.name).into_owned())
     }
 
-    /// Returns the index of the member with this name.
+    /// Returns the index of the member with this name, or `None` if there is none.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.members.iter().position(|m| m.name == name.as_bytes())
     }

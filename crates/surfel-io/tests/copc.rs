@@ -8,11 +8,11 @@ use ::las::{Point, Reader};
 use glam::DVec3;
 use std::path::{Path, PathBuf};
 use support::{OFFSET, STEP, las_file, vlr};
-use surfel_io::copc::{Copc, CopcOptions, Keeps, NodeColumns, PointSplat, Prepare, save_copc};
+use surfel_io::copc::{Copc, CopcOptions, NodeColumns, PointFilter, PointSplat, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
-/// Number of points of a test, on a bent sheet so that levels resemble those of scans.
+/// Number of points of a test file. They are on a bent sheet, so that LOD levels resemble those of scans.
 const COUNT: usize = 120_000;
 const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 1 << 30, resume: false, shard: None, columns: None };
 
@@ -133,7 +133,7 @@ fn points_that_are_not_kept_change_nothing_of_those_that_are() {
     let copc = Copc::open(&output).unwrap().unwrap();
     assert!(copc.has_splats());
     let all: Vec<u32> = (0..copc.nodes().len() as u32).collect();
-    let read = |keeps: Option<Keeps<'_>>| {
+    let read = |keeps: Option<PointFilter<'_>>| {
         let columns = NodeColumns::Splats(&[]);
         let found = copc.kept_points_of(&all, (columns, keeps), &LoadOptions::default()).unwrap();
         let Content::Points(points) = found.loaded.content else { panic!() };

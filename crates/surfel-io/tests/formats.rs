@@ -39,7 +39,7 @@ fn splats(loaded: Loaded) -> SplatCloud {
     }
 }
 
-/// Linear value of sRGB ½, computed in f64.
+/// Linear value of the sRGB-encoded level ½, computed in f64.
 const HALF: f32 = 0.214_041_14;
 
 #[test]
@@ -422,7 +422,8 @@ fn stl_text_and_binary_merge_equal_corners() {
     assert!(error.contains("found 'one' as a coordinate (line 6)"), "{error}");
 }
 
-/// Builds a glTF document with one buffer, `data`, and accessors (offset, count, componentType, type) into it.
+/// Builds a glTF document with one buffer, `data`, and accessors (offset, count, componentType, type) into it. `rest`
+/// is the JSON of the remaining keys.
 fn gltf(data: &[u8], accessors: &[(usize, usize, u32, &str)], rest: &str) -> String {
     let hex: String = data.iter().map(|b| format!("%{b:02x}")).collect();
     let n = data.len();

@@ -40,7 +40,8 @@ fn le(values: &[f32]) -> Vec<u8> {
 const HALF_OF_255: f32 = 0.215_860_5;
 
 /// Checks the single splat of every test file, at (1, −2, 3). Its standard deviations are 1, ½ and almost 0, along axes
-/// rotated by a quarter turn about z. `size_error` is relative, `place_error` absolute.
+/// rotated by a quarter turn about z. `size_error` is a relative tolerance, `place_error` one in world units, and
+/// `angle_error` one in radians.
 fn check(cloud: &SplatCloud, size_error: f64, place_error: f64, angle_error: f64) {
     assert!((cloud.center(0) - DVec3::new(1.0, -2.0, 3.0)).length() <= place_error, "{}", cloud.center(0));
     let (s, t) = cloud.axes(0);

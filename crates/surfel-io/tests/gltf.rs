@@ -306,7 +306,7 @@ fn textured(texture: Value, images: Value) -> Value {
     }))
 }
 
-/// Returns a data URI.
+/// Returns a data URI of bytes, as for an image.
 fn uri(bytes: &[u8]) -> String {
     format!("data:image/any,{}", bytes.iter().map(|b| format!("%{b:02x}")).collect::<String>())
 }

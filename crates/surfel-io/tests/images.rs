@@ -218,7 +218,7 @@ fn png_of_other_color_types_is_read() {
     assert!(error.contains("'GIF89a'") && error.contains("OpenEXR, PNG, JPEG or WebP"), "{error}");
 }
 
-/// 8×8 texels of (200, 100, 50), lossy.
+/// WebP file in hexadecimal: 8×8 texels of (200, 100, 50), lossy.
 #[cfg(feature = "webp")]
 const WEBP: &str = "524946463a00000057454250565038202e000000f001009d012a0800080001402625a00274ba01f80004c80000\
                     feae17ff36040cd0fa60ffd26cf136789b3e398000";
@@ -301,7 +301,7 @@ fn jpeg_in_color_and_grey_is_read() {
     }
 }
 
-/// Encodes a PNG of two texels, and reads it back.
+/// Encodes a PNG of two texels, and reads it back as linear premultiplied RGBA.
 fn png_texels(color: png::ColorType, depth: png::BitDepth, data: &[u8], palette: &[u8], trns: &[u8]) -> Vec<[f32; 4]> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, 2, 1);

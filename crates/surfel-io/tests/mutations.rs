@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use surfel_io::{ExrOptions, Planes, PngOptions};
 use surfel_io::{Format, LoadOptions, load_bytes, read_image_bytes, scene_file, write_exr, write_png};
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
+/// Generator of reproducible random numbers: SplitMix64 (Steele, Lea, Flood 2014).
 struct Random(u64);
 
 impl Random {
@@ -41,7 +41,7 @@ impl Random {
     }
 }
 
-/// Texts that reach other code in parsers than random bytes do.
+/// Words that are inserted into text files. They reach code of parsers that random bytes don't reach.
 const WORDS: [&[u8]; 24] = [
     b"-1",
     b"0",

@@ -157,7 +157,7 @@ fn arrays_are_counted_with_their_normals_and_colours() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Builds a ZIP file, with deflated members if `deflate`.
+/// Builds a ZIP file with a comment. Its members are deflated if `deflate`.
 pub(crate) fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for (name, content) in members {

@@ -390,7 +390,7 @@ fn gaussian_2d_becomes_an_ellipse_of_two_sigma() {
     assert_eq!(cloud.color(0), [0.214_041_14, 1.0, 0.0]);
 }
 
-/// Loads Gaussians as trained.
+/// Loads Gaussians as trained Gaussians instead of splats.
 fn trained(text: impl AsRef<[u8]>) -> Result<Loaded, String> {
     let options = LoadOptions { gaussians: true, ..LoadOptions::default() };
     load_bytes(text.as_ref(), Some(Format::Ply), Path::new("a.ply"), &options).map_err(|e| e.to_string())

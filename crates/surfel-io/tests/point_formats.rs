@@ -46,7 +46,7 @@ pub(crate) fn places(cloud: &PointCloud) -> Vec<DVec3> {
     (0..cloud.len()).map(|i| cloud.origin + cloud.positions.get(i)).collect()
 }
 
-/// Linear values of the sRGB-encoded levels 128 of 255 and ½.
+/// Linear value of the sRGB-encoded level 128 of 255.
 pub(crate) const HALF_OF_255: f32 = 0.215_860_5;
 const HALF: f32 = 0.214_041_14;
 
@@ -58,7 +58,7 @@ fn pcd(fields: &str, sizes: &str, types: &str, points: usize, data: &str, body: 
     [header.as_bytes(), body].concat()
 }
 
-/// Encodes LZF with literals only.
+/// Encodes bytes by LZF with literals only.
 fn lzf_literals(data: &[u8]) -> Vec<u8> {
     data.chunks(32).flat_map(|c| std::iter::once(c.len() as u8 - 1).chain(c.iter().copied())).collect()
 }

@@ -35,7 +35,7 @@ fn splats(loaded: Loaded) -> SplatCloud {
     }
 }
 
-/// Decodes a level of a range up to `most` by IEC 61966-2-1.
+/// Decodes an sRGB level of the range from 0 to `most` to linear light by IEC 61966-2-1.
 fn linear(level: f64, most: f64) -> f32 {
     let c = level / most;
     (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32

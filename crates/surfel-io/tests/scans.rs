@@ -33,7 +33,8 @@ fn linear(level: f64) -> f32 {
     surfel_math::srgb::decode(level) as f32
 }
 
-/// Compares all fields that `point` writes in this format.
+/// Compares all fields of points with the fields that `support::point` writes in a LAS point format. `count` is the
+/// number of written points, including withheld ones.
 fn check_points(points: &PointCloud, format: u8, count: usize) {
     let kind = LasFormat::new(format).unwrap();
     let kept: Vec<usize> = (0..count).filter(|i| !is_withheld(*i)).collect();
@@ -106,7 +107,7 @@ fn compressed_chunks_and_blocks_come_together_again() {
     assert_eq!(load(&path, &LoadOptions::default()).unwrap(), from_memory);
 }
 
-/// Builds a COPC file as its writers do: nodes are chunks of different sizes.
+/// Builds a COPC file as its writers do: nodes are LAZ chunks of different sizes. `nodes` are their numbers of points.
 fn copc(nodes: &[usize]) -> Vec<u8> {
     let count = nodes.iter().sum();
     let plain = las_file((4, 7, 0, false), Vec::new(), 0..count, |_| ());
@@ -169,8 +170,7 @@ fn columns_that_say_nothing_are_left_out_and_8_bit_colours_are_mended() {
     assert!(read(&black).1.colors.is_none());
 }
 
-/// Builds an extra-bytes description: name, type, and scale.
-/// Bytes per point of the columns in memory, besides colours, and of reading.
+/// Returns the memory per point, in bytes, that the columns without colours take, plus the memory that reading takes.
 fn column_bytes(points: &PointCloud) -> u64 {
     let position_bytes = if points.positions.low().is_some() { 24 } else { 12 };
     12 + position_bytes + points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum::<u64>()
@@ -374,7 +374,7 @@ fn whole_chunks_of_a_file_that_is_cut_off_are_read_on_request() {
     }
 }
 
-/// Returns the point at range 2 and these angles.
+/// Returns the point at range 2, azimuth and elevation (in radians).
 fn spherical(azimuth: f64, elevation: f64) -> DVec3 {
     2.0 * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
@@ -462,8 +462,8 @@ fn single_scan_of_e57_says_where_its_scanner_stood_and_far_points_keep_their_dig
 }
 
 /// Builds two scans of 3000 points, identified by their times. The first has a pose with a rotation, millimetre steps,
-/// byte colours and some points flagged as invalid. The second has angles, and colours from 0 to 1000. Also returns the
-/// positions of the first scan's points.
+/// byte colours and some points flagged as invalid. The second has angles, and colours from 0 to 1000. Also returns a
+/// function from the index of a point of the first scan to its position.
 fn two_scans() -> (Vec<Scan>, impl Fn(usize) -> DVec3) {
     let double = || RecordDataType::Double { min: None, max: None };
     let coordinate = || RecordDataType::ScaledInteger { min: -100_000, max: 100_000, scale: 0.001, offset: 0.5 };
@@ -596,7 +596,7 @@ fn damaged_e57_is_refused_in_one_sentence() {
     assert!(error.contains("no point"), "{error}");
 }
 
-/// Loads with `repair`.
+/// Loads an E57 or LAS file with the option `repair`.
 fn repaired(bytes: &[u8]) -> Result<Loaded, String> {
     let options = LoadOptions { repair: true, ..LoadOptions::default() };
     load_bytes(bytes, None, Path::new("a"), &options).map_err(|e| e.to_string())

@@ -36,7 +36,7 @@ fn rounded(values: impl IntoIterator<Item = f64>, digits: i32) -> Vec<f64> {
     values.into_iter().map(|v| (v * scale).round() / scale).collect()
 }
 
-/// Returns the numbers of row `i` of a kind of column.
+/// Returns the numbers of row `i` of a column, or group of columns, of this kind.
 fn numbers(kind: &str, i: usize, random: &mut Random) -> Vec<f64> {
     let row = i as f64;
     match kind {
@@ -123,7 +123,7 @@ fn array(rows: &[Vec<f64>], kind: &str) -> Vec<u8> {
     npy(kind, "False", &format!("({}, {})", rows.len(), rows[0].len()), &data)
 }
 
-/// Returns the column names that a note states.
+/// Returns the column names that a note of the loaded file states.
 fn names(loaded: &Loaded) -> String {
     let note = loaded.notes.iter().find_map(|note| {
         note.strip_prefix("took the columns as ")
@@ -133,7 +133,7 @@ fn names(loaded: &Loaded) -> String {
     note.split([':', ',', ';']).next().unwrap_or_default().to_owned()
 }
 
-/// Layouts without names, and the expected roles.
+/// Layouts as kinds of columns (see [`numbers`]), and the expected names of their roles.
 const LAYOUTS: &[(&str, &str)] = &[
     ("local i1", "x y z intensity"),
     ("utm i255", "x y z intensity"),

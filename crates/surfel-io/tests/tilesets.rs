@@ -9,7 +9,7 @@ use std::path::Path;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load, load_bytes, names_geometry};
 use surfel_model::{ExtraValues, PointCloud, Up};
 
-/// Builds a `pnts` tile: feature table, its bytes, batch table, its bytes.
+/// Builds a `pnts` tile: its feature table with the table's bytes, then its batch table with the table's bytes.
 fn pnts(features: &Value, body: &[u8], batch: &Value, batch_body: &[u8]) -> Vec<u8> {
     let text = |json: &Value| if json.is_null() { String::new() } else { json.to_string() };
     let (features, batch) = (text(features), text(batch));
@@ -33,7 +33,7 @@ fn plain(points: &[[f32; 3]]) -> Vec<u8> {
     pnts(&features, &floats(points.as_flattened()), &Value::Null, &[])
 }
 
-/// Builds a GLB of points, or of one triangle.
+/// Builds a GLB file of points, or of one triangle whose corners are the points.
 fn glb(points: &[[f32; 3]], triangles: bool) -> Vec<u8> {
     let body = floats(points.as_flattened());
     let json = json!({

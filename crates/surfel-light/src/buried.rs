@@ -1,30 +1,31 @@
 //! Detection of buried splats: splats that are dark although their neighbours are lit.
 //!
 //! In folds of scanned surfaces, some splats are below their neighbours or face inward or along the fold, so that they
-//! receive little light from the sky. Visible rims of such splats would be dark spots.
+//! receive little light from the sky. Where the rims of these splats are visible, they would be dark spots.
 
 use crate::receivers::Light;
 use surfel_model::SplatCloud;
 
-/// Largest light of a black splat, as a fraction of the cloud's mean. Where light fades gradually, splats have values
-/// between `DARK` and `BRIGHT`.
+/// Largest light of a splat that counts as black, as a fraction of the mean over the cloud's splats. Where light fades
+/// gradually, splats have values between `DARK` and `BRIGHT`.
 const DARK: f32 = 0.05;
-/// Smallest light of a splat that is lit beside a black one, as a fraction of the cloud's mean.
+/// Smallest light at which a neighbour of a black splat counts as lit, as a fraction of the mean over the cloud's
+/// splats.
 const BRIGHT: f32 = 0.25;
-/// Number of splats before and after a dark splat, in Morton order, that are searched for its neighbours.
+/// Number of splats before and after a splat, in Morton order, that are searched for its neighbours.
 const WINDOW: usize = 32;
-/// Largest distance of a dark splat's neighbours, in lengths of its half-axis s.
+/// Largest distance of a splat's neighbours from its centre, in lengths of its half-axis s.
 const AROUND: f64 = 3.0;
-/// Smallest number of neighbours from which a dark splat can count as buried.
+/// Smallest number of neighbours from which a splat can count as buried.
 const FEWEST: u32 = 8;
-/// Smallest fraction of lit neighbours from which a black splat is buried. On a thin surface whose lower side is dark,
-/// half of the neighbours are lit.
+/// Fraction of its neighbours that must be lit for a black splat to count as buried. On a thin surface whose lower side
+/// is dark, only half of the neighbours are lit.
 const MIN_LIT_FRACTION: f64 = 0.6;
-/// Smallest ratio of the light of a lit neighbour to that of a splat that isn't black.
+/// Ratio of a neighbour's light to the light of a splat that isn't black, from which the neighbour counts as lit.
 const BRIGHTER: f32 = 2.0;
-/// Smallest fraction of lit neighbours from which a splat that isn't black is buried. At the corner of a shadow with
-/// right angles, three quarters of the neighbours are lit.
-const MOST_LIT: f64 = 0.8;
+/// Fraction of its neighbours that must be lit for a splat that isn't black to count as buried. At the corner of a
+/// shadow with right angles, only three quarters of the neighbours are lit.
+const MIN_LIT_FRACTION_UNLESS_BLACK: f64 = 0.8;
 
 /// Finds the buried splats of a cloud: dark ones whose neighbours are mostly lit. Returns pairs of a buried splat and
 /// its nearest lit neighbour, whose light replaces the buried splat's own. `light` has one entry per splat.
@@ -38,8 +39,11 @@ pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)>
     let total: Vec<f32> = order.iter().map(|i| light[*i as usize].total()).collect();
     let lit_near = |at: usize| {
         let window = at.saturating_sub(WINDOW)..(at + WINDOW + 1).min(order.len());
-        let (least, fraction) =
-            if total[at] <= dark { (bright, MIN_LIT_FRACTION) } else { (BRIGHTER * total[at], MOST_LIT) };
+        let (least, fraction) = if total[at] <= dark {
+            (bright, MIN_LIT_FRACTION)
+        } else {
+            (BRIGHTER * total[at], MIN_LIT_FRACTION_UNLESS_BLACK)
+        };
         // Distances are computed only where enough splats are lit.
         let lit = total[window.clone()].iter().filter(|light| **light >= least).count();
         if (lit as f64) < fraction * f64::from(FEWEST) {

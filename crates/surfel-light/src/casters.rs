@@ -122,7 +122,8 @@ pub(crate) struct Casters {
 }
 
 impl Casters {
-    /// Collects all opaque surfaces of a scene.
+    /// Collects the surfaces that cast shadows: opaque disks and balls with centres inside of the sphere, and all
+    /// triangles of meshes.
     pub(crate) fn of(scene: &Scene, sphere: &Sphere) -> Self {
         let mut all = Self::default();
         for object in &scene.objects {

@@ -78,21 +78,23 @@ impl DepthMap {
         0.5 * self.side as f32
     }
 
-    /// Projects a point of the depth maps' coordinates: returns its position in texels and its depth.
+    /// Projects a point of the depth maps' coordinates: returns its position in the map, in texels, and its depth, in
+    /// radii of the sphere.
     #[inline]
     fn project(&self, p: Vec3) -> (Vec2, f32) {
         let scale = self.scale();
         (Vec2::new(p.dot(self.right), p.dot(self.down)) * scale + scale, p.dot(self.forward))
     }
 
-    /// Projects a vector: returns its components across the light, in texels, and its component along the light.
+    /// Projects a vector: returns its components across the light, in texels, and its component along the light, in
+    /// radii of the sphere.
     #[inline]
     fn turn(&self, v: Vec3) -> (Vec2, f32) {
         (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
     }
 
-    /// Lowers the depth of the texel that contains the point `at` of a plane, unless it is lower already. The new depth
-    /// is the plane's at the texel's centre.
+    /// Lowers the depth of the texel that contains the point `at` (in texels) of a plane, unless the texel's depth is
+    /// smaller already. The new depth is the plane's at the texel's centre.
     #[inline]
     fn put(&mut self, at: Vec2, depth: f32, normal: Vec3) {
         let (x, y) = (at.x as usize, at.y as usize);
@@ -117,7 +119,7 @@ impl DepthMap {
     /// Returns the range of texels, along one axis, whose centres are within `half` texels of the coordinate `middle`.
     fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
         let (lo, hi) = ((middle - half - 0.5).max(0.0), middle + half + 0.5);
-        // Conversions truncate and saturate, which is the floor of non-negative numbers.
+        // The conversion to an integer truncates, which is the floor for non-negative numbers.
         let end = (hi.max(0.0) as usize).min(self.side);
         let floor = lo as usize;
         let first = floor + usize::from(floor as f32 != lo);
@@ -301,7 +303,7 @@ mod tests {
                 let area = s2.perp_dot(t2);
                 let (u, v) = (d.perp_dot(t2) / area, s2.perp_dot(d) / area);
                 let inside = 1.0 - (u * u + v * v);
-                // Edges, and disks that are seen from the side, depend on rounding.
+                // Texels at a disk's edge, and disks that are nearly parallel to the light, depend on rounding.
                 if inside.abs() < 1e-2 || area.abs() < 1e-3 {
                     continue;
                 }

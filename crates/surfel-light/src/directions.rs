@@ -34,7 +34,7 @@ pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     let upper = if is_lower { (sky.directions * LOWER_SHARE).div_ceil(LOWER_SHARE + 1) } else { sky.directions };
     let lower = if is_lower { (sky.directions - upper).max(1) } else { 0 };
     let half = |up: DVec3, count: u32, strength: f64| {
-        // Radiance L over π from a solid angle of 2π/count.
+        // Each direction stands for a solid angle of 2π/count with the radiance strength/π.
         let weight = (2.0 * strength / f64::from(count.max(1))) as f32;
         cap(up, 0.0, count).map(move |toward| Ray { toward: toward.as_vec3(), weight, is_sky: true })
     };
@@ -85,7 +85,7 @@ mod tests {
         for degrees in [0.0f32, 30.0, 60.0, 90.0, 135.0, 180.0] {
             let (sine, cosine) = degrees.to_radians().sin_cos();
             let [found, area] = open(&rays, Vec3::new(sine, 0.0, cosine));
-            // A half of radiance L over π adds L·(1 ± cos)/2.
+            // A half of the sky with strength L adds L·(1 ± cosine)/2.
             let expected = 0.5 * (1.0 + cosine) + 0.25 * 0.5 * (1.0 - cosine);
             assert!((found - expected).abs() < 0.006 && area == 0.0, "{degrees}: {found}, expected {expected}");
         }

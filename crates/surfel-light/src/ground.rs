@@ -31,7 +31,7 @@ const LINE: (f64, f64) = (0.1, 0.5);
 /// Width of the lines in the style [`GroundStyle::Grid`], in pixels.
 const LINE_PX: f64 = 1.2;
 /// Smallest number of grid lines per radius of the scene's sphere. The distance between lines is the largest round
-/// length that gives so many.
+/// length ([`round_length`]) with which there are at least so many.
 const LINES: f64 = 4.0;
 
 /// Square part of the ground, centred below the scene, in which shadows are computed.
@@ -156,7 +156,7 @@ impl LitGround {
     }
 
     /// Draws the ground behind the colours of a frame, and `background` behind both. `colors` are linear premultiplied
-    /// RGBA in the view's region. Rays that look up at the ground from below don't show it.
+    /// RGBA in the view's region, row by row. From below, the ground isn't visible.
     pub fn draw_behind(&self, view: &View, background: [f32; 4], colors: &mut [[f32; 4]]) {
         let width = view.region.width as usize;
         let background = background.map(f64::from);
@@ -219,7 +219,7 @@ fn warped(u: f64) -> f64 {
     (CROWDING * u).sinh() / CROWDING.sinh()
 }
 
-/// Inverts [`warped`].
+/// Returns the parameter, from −1 to 1 inside the square, that [`warped`] maps to the coordinate `x`.
 fn unwarped(x: f64) -> f64 {
     (x * CROWDING.sinh()).asinh() / CROWDING
 }

@@ -35,13 +35,14 @@ pub(crate) enum Sides {
     Both,
 }
 
-/// Step between the directions that are summed for the back in [`Sides::FrontAndSparseBack`]: every fourth one is, and
-/// counts four times.
+/// Step between the directions that are summed for the back in [`Sides::FrontAndSparseBack`]: every fourth direction is
+/// summed, with four times its weight.
 const SPARSE: usize = 4;
 
-/// Smallest number of depth maps that are drawn before a pass over the receivers looks all of them up.
+/// Smallest number of depth maps that are drawn together, before one pass over the receivers looks up all of these
+/// maps.
 const LEAST_MAPS: usize = 4;
-/// Largest number of depth maps that are drawn before a pass over the receivers, which limits memory.
+/// Largest number of depth maps that are drawn together, before one pass over the receivers. It limits memory.
 const MOST_MAPS: usize = 16;
 
 /// Light that reaches both sides of a receiver, as brightness of a white surface.
@@ -73,7 +74,7 @@ impl Near {
         }
         let center = 0.5 * (lo + hi);
         let reach = |receiver: &Receiver| receiver.position.distance(center) + offset(receiver, side);
-        // A margin that covers rounding.
+        // The factor is a margin for rounding.
         let radius = receivers.iter().map(reach).fold(0.0, f32::max) * 1.001;
         let normal = receivers.first().map(|first| first.normal);
         let normal = normal.filter(|normal| receivers.iter().all(|receiver| receiver.normal == *normal));

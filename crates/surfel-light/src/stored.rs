@@ -215,8 +215,9 @@ impl Shading<'_> {
         own.map(|albedo| albedo * self.reflected(side, whole, albedo))
     }
 
-    /// Returns the brightness of a white surface that gets the light `[sky, areas]`. Light from other surfaces is
-    /// estimated as if they had the albedo `albedo`. `whole` is the light of the sky on an unoccluded surface.
+    /// Returns the brightness of a white surface that gets the light `[sky, areas]`, with the sky's even light and the
+    /// material's diffuse factor. Light that other surfaces reflect is estimated as if their albedo were `albedo`.
+    /// `whole` is the light of the sky on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
         let sky = if self.sky.bounce && whole > 0.0 { whole * with_interreflection(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;

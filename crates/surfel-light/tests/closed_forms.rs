@@ -1,4 +1,4 @@
-//! Visibility of the sky and shadows of areas, where they are known in closed form or by casting rays.
+//! Tests the visibility of the sky, and shadows of its bright areas, against closed forms and ray casting.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::f64::consts::{PI, TAU};
@@ -8,7 +8,8 @@ use surfel_model::{
     SplatCloud,
 };
 
-/// Largest error of the share of the sky that a point sees: that of 512 directions, and of maps of 384² texels.
+/// Largest accepted error of the fraction of the sky that is visible from a point. It is the error of 512 directions
+/// and of depth maps of 384² texels.
 const TOLERANCE: f64 = 0.02;
 
 fn cloud(points: &[(DVec3, DVec3)], radius: f64) -> SplatCloud {
@@ -19,7 +20,7 @@ fn cloud(points: &[(DVec3, DVec3)], radius: f64) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
 }
 
-/// Returns a square of disks on the plane z = 0, out to `half`, `step` apart.
+/// Returns disks on the plane z = 0 that face up, `step` apart, in a square of half-width `half` about the origin.
 fn floor(half: f64, step: f64) -> SplatCloud {
     let count = (half / step) as i32;
     let at = |i: i32| f64::from(i) * step;
@@ -29,7 +30,7 @@ fn floor(half: f64, step: f64) -> SplatCloud {
     cloud(&points, step)
 }
 
-/// Returns points of the unit sphere whose z is at least `lowest`, in equal areas.
+/// Returns `count` points of the unit sphere whose z is at least `lowest`, each for an equal area.
 fn sphere(count: u32, lowest: f64) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
         let z = lowest + (1.0 - lowest) * (f64::from(i) + 0.5) / f64::from(count);
@@ -42,7 +43,8 @@ fn sky() -> Sky {
     Sky { directions: 512, ..Sky::new([0.0, 0.0, 1.0]) }
 }
 
-/// Returns the brightness and the position of every splat of an object, once the scene's light is stored.
+/// Returns the position and the brightness of every splat of the object with index `object`, after the scene's light is
+/// stored.
 fn lit(objects: Vec<Object>, sky: Sky, object: usize) -> Vec<(DVec3, f64)> {
     let scene = Scene { sky: Some(sky), objects, ..Scene::default() };
     let lit = light_scene(&scene, &LightOptions::default()).unwrap();
@@ -66,9 +68,10 @@ fn assert_near(found: &[(DVec3, f64)], expected: impl Fn(DVec3) -> Option<f64>) 
     assert!(error < TOLERANCE, "{p}: {value}, expected {expected}");
 }
 
-/// Returns the share of the sky that a point of the plane z = 0 sees beside a sphere of radius 1 that rests on it: all
-/// but the form factor of the sphere, whose centre is at the distance D and at height 1. Near the contact, points are
-/// moved along their normals by a part of the gap.
+/// Returns the fraction of the sky that is visible from a point of the plane z = 0, on which a sphere of radius 1 rests
+/// at the origin. The sphere hides its form factor, D⁻³ for a centre at the distance D and at height 1. Returns `None`
+/// for points that aren't compared: at the rim of the plane, and near the contact, where the offset of the lookup along
+/// the normal isn't small compared with the gap.
 fn below_a_sphere(p: DVec3) -> Option<f64> {
     let distance = (p.x * p.x + p.y * p.y + 1.0).sqrt();
     let is_resolved = p.x.hypot(p.y) > 0.5 && p.abs().max_element() < 1.9;
@@ -94,7 +97,7 @@ fn every_point_of_a_hemispherical_bowl_sees_half_of_the_sky() {
     // Disks at the rim reach up to the height of the centre.
     let bowl: Vec<_> = sphere(8000, 0.05).map(|n| (-n, n)).collect();
     let found = lit(vec![cloud(&bowl, 0.05).into()], sky(), 0);
-    // By reciprocity the upper half of the sphere takes half of what leaves any point of the lower half.
+    // By reciprocity, the upper half of the sphere receives half of the light that leaves any point of the lower half.
     assert_near(&found, |p| (p.z < -0.1).then_some(0.5));
 }
 
@@ -105,7 +108,7 @@ fn two_walls_hide_the_angles_below_their_tops() {
         let positions = Column3::from_f32(corners.map(Vec3::from).to_vec());
         Object::from(Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() })
     };
-    // The maps show the floor; of the walls, which are longer, they show what is near.
+    // The depth maps cover the floor, but only the near parts of the walls, which are longer.
     let strip: Vec<_> = (-18..=18)
         .flat_map(|x| (-10..=10).map(move |y| (DVec3::new(f64::from(x) * 0.05, f64::from(y) * 0.05, 0.0), DVec3::Z)))
         .collect();
@@ -213,7 +216,7 @@ fn backs_of_closed_surfaces_may_be_left_out_also_mirrored() {
 fn splats_and_triangles_smaller_than_a_texel_cast_no_shadow_on_their_plane() {
     let sky = Sky { directions: 48, ..sky() };
     let brightest = |found: &[(DVec3, f64)]| found.iter().map(|(_, value)| *value).fold(0.0, f64::max);
-    // A texel is 0.0074 wide.
+    // A texel of the depth maps is 0.0074 wide.
     let dense = floor(1.0, 0.005);
     let found = lit(vec![dense.into()], sky.clone(), 0);
     let whole = brightest(&found);
@@ -237,7 +240,7 @@ fn splats_and_triangles_smaller_than_a_texel_cast_no_shadow_on_their_plane() {
 
 #[test]
 fn a_stray_disk_that_reaches_out_of_the_maps_keeps_to_them() {
-    // Its centre is in the scene, and its radius doesn't widen the sphere that the maps show.
+    // The stray disk's centre is in the scene, and its radius doesn't widen the sphere that the depth maps cover.
     let normals = sphere(40, -1.0);
     for normal in normals {
         let stray = cloud(&[(DVec3::new(0.7, -0.6, 0.2), normal)], 40.0);
@@ -249,7 +252,7 @@ fn a_stray_disk_that_reaches_out_of_the_maps_keeps_to_them() {
 #[test]
 fn noisy_points_of_a_plane_do_not_hide_each_other() {
     let at = |i: i32| f64::from(i) * 0.05;
-    // Heights of up to two fifths of a radius, as scanners have them, and as golden turns scatter them.
+    // The points' heights, up to two fifths of a radius as in the noise of a scanner, vary irregularly.
     let height = |i: i32, j: i32| 0.02 * (TAU * 0.618_033_988_749_895 * f64::from(i * 41 + j)).sin();
     let points: Vec<_> =
         (-40..=40).flat_map(|j| (-40..=40).map(move |i| (DVec3::new(at(i), at(j), height(i, j)), DVec3::Z))).collect();
@@ -267,24 +270,25 @@ fn splats_that_face_into_a_body_have_the_light_of_its_outside() {
         object.material.cull = cull;
         lit(vec![object], sky(), 0)
     };
-    // A floor of which every 41st splat faces down: the light of the other side, or of the splats around.
+    // A floor of which every 41st splat faces down: these splats get the light of their other side, or of the splats
+    // around.
     let normal = |i: usize| if i % 41 == 7 { DVec3::NEG_Z } else { DVec3::Z };
     let points: Vec<_> = (0..plane.len()).map(|i| (plane.center(i), normal(i))).collect();
     for cull in [Cull::None, Cull::Back] {
         assert_near(&found(&points, cull), |_| Some(1.0));
     }
-    // A floor of which every 41st splat is tilted so far that it would have at most (1 − 0.31)/2 of the sky, as in
-    // folds: it gets the light of a neighbour, on which tilted splats cast shadows.
+    // A floor of which every 41st splat is tilted, as in folds, so far that it would get at most (1 − 0.31)/2 of the
+    // sky. These splats get the light of a neighbour, on which other tilted splats cast shadows.
     let tilted = DVec3::new(0.95, 0.0, -0.31).normalize();
     let in_folds = points.iter().enumerate().map(|(i, (p, n))| (*p, if i % 41 == 7 { tilted } else { *n }));
     let in_folds = found(&in_folds.collect::<Vec<_>>(), Cull::None);
     let darkest = in_folds.iter().map(|(_, light)| *light).fold(1.0, f64::min);
     assert!(darkest > 0.6, "{darkest}");
-    // A floor that faces down altogether.
+    // A floor of which all splats face down.
     let down: Vec<_> = points.iter().map(|(p, _)| (*p, DVec3::NEG_Z)).collect();
     assert_near(&found(&down, Cull::None), |_| Some(1.0));
     assert_near(&found(&down, Cull::Back), |_| Some(0.0));
-    // A floor with a lower side of its own, which stays dark.
+    // A floor with additional splats for its lower side, which stay dark.
     let sides = |(p, _): &(DVec3, DVec3)| [DVec3::Z, DVec3::NEG_Z].map(|normal| (*p + 0.001 * normal, normal));
     let both: Vec<_> = points.iter().flat_map(sides).collect();
     assert_near(&found(&both, Cull::Back), |p| Some(if p.z > 0.0 { 1.0 } else { 0.0 }));

@@ -1,3 +1,3 @@
-//! Stored light against closed forms.
+//! Tests of stored light against closed forms.
 
 mod closed_forms;

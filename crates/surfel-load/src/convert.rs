@@ -54,7 +54,7 @@ fn chosen(
     Ok(Some(found.keep))
 }
 
-/// Returns the splats that the options select, and adds a note about them.
+/// Returns the splats that the options select. Adds a note on the selection.
 pub(crate) fn chosen_splats(
     cloud: SplatCloud,
     path: &Path,
@@ -74,7 +74,8 @@ const MAX_COINCIDENT: usize = 16;
 /// Reason, as text for notes, for dropping points at a position that many points share.
 const CROWDED: &str = "more than 16 are in their place";
 
-/// Returns the points that the options select, without the internal columns for levels of detail.
+/// Returns the points that the options select, without the internal columns for levels of detail. Adds notes on points
+/// that are left out.
 pub fn chosen_points(
     points: PointCloud,
     path: &Path,
@@ -180,8 +181,8 @@ pub(crate) fn points(
     finished((cloud, true), report, path, options, notes, progress)
 }
 
-/// Converts points to splats without selecting points. If `above` is given, a position far above the points, estimated
-/// normals face it.
+/// Converts points to splats without selecting points. `above` is a position far above the points, which estimated
+/// normals face; `None` if there is no such position.
 pub fn splats_of_points(
     points: &PointCloud,
     above: Option<DVec3>,
@@ -247,7 +248,8 @@ fn fit_colors(
     Ok(cloud)
 }
 
-/// Fits the colours of a mesh's splats so that their blend reproduces the mesh. The method is `texture_sampling`.
+/// Fits the colours of a mesh's splats so that their blend reproduces the mesh, by the method that the option `texture`
+/// states. Point sampling changes nothing.
 fn textured(
     cloud: SplatCloud,
     mesh: &Mesh,

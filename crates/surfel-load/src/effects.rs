@@ -53,14 +53,14 @@ impl Inputs {
     }
 }
 
-/// Loading option, with the kinds of files that it affects. It serves to report options without effect.
+/// Loading option, and the kinds of files that it affects. The list of options without effect is derived from it.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect {
     /// Key of the option in a scene file's `convert` object.
     pub option: &'static str,
     /// Kinds of files that the option affects.
     pub inputs: Inputs,
-    /// Function that returns true if the user has set the option.
+    /// Function that returns true if the user has set the option to a value with an effect.
     pub given: fn(&LoadOptions) -> bool,
 }
 

@@ -21,25 +21,25 @@ pub enum Levels {
         error_px: f64,
         /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped if the file
         /// stores radii and normals, and if the points are used for images only. `None` skips no points.
-        sight_px: Option<f64>,
+        margin_px: Option<f64>,
     },
 }
 
 /// Views of images with their accuracy, by which the levels of detail of all objects are selected.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct ViewSelection<'a> {
     /// Views of one image, or of all images of one movie, which then share the selection.
     pub views: &'a [View],
     /// Largest projected splat radius in pixels that is accepted, as in [`Levels::Views`].
     pub error_px: f64,
     /// Margin around the view frustum in pixels beyond which points are skipped, as in [`Levels::Views`].
-    pub sight_px: Option<f64>,
+    pub margin_px: Option<f64>,
 }
 
-impl Seen<'_> {
+impl ViewSelection<'_> {
     /// Returns the selection of levels for an object with this transformation.
     pub(crate) fn levels(&self, world_from_object: DAffine3) -> Levels {
-        let Self { views, error_px, sight_px } = *self;
-        Levels::Views { views: views.into(), world_from_object, error_px, sight_px }
+        let Self { views, error_px, margin_px } = *self;
+        Levels::Views { views: views.into(), world_from_object, error_px, margin_px }
     }
 }

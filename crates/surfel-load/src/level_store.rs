@@ -94,7 +94,8 @@ impl LevelStore {
         Some(nodes.clone())
     }
 
-    /// Returns a temporary COPC copy of a point file, and a note about it. Writes the copy unless it exists. Returns
+    /// Returns a temporary COPC copy of a point file, and a note about it for the user. Writes the copy unless it
+    /// exists. Returns `None` if the memory budget is too small for writing, or if the file itself is COPC.
     /// `None` if the memory budget is too small for writing, or if the file has levels of detail itself.
     pub(crate) fn by_levels(
         &self,

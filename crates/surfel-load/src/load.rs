@@ -32,7 +32,7 @@ pub fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if it can't be converted to splats.
-/// [`Error::Unsuitable`] if it has no splat, or if `options.sharp` is true without Cargo's feature `sharp`.
+/// [`Error::Unsuitable`] if it has no splat, or if `options.convert.sharp` is true without Cargo's feature `sharp`.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
     progress.stage("reading", 0);
@@ -103,12 +103,12 @@ pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Splats made from a file's content, and what is known about them from the conversion.
+/// Splats made from a file's content, and facts about them that the conversion determines.
 struct Converted {
     cloud: SplatCloud,
     conversion: Conversion,
     /// True if the splats cover a watertight surface from outside, according to the file or its mesh.
-    closed: bool,
+    is_watertight: bool,
     /// Octree, if the file contains one; `cloud` then has its finest splats.
     octree: Option<Box<Octree>>,
     /// Mesh from which the splats were made, whose columns can be transferred to them.
@@ -124,16 +124,16 @@ fn converted(
     notes: &mut Vec<String>,
     progress: &dyn Progress,
 ) -> Result<Converted, Error> {
-    let (mut closed, mut octree, mut on_mesh) = (false, None, None);
+    let (mut is_watertight, mut octree, mut on_mesh) = (false, None, None);
     let (cloud, conversion) = match content {
         Content::Octree(found) => {
-            closed = surfel_sample::is_closed(found.mesh());
+            is_watertight = surfel_sample::is_closed(found.mesh());
             let cloud = found.cloud_of(&found.finest().collect::<Vec<_>>())?;
             octree = Some(found);
             (cloud, Conversion::None)
         }
         Content::Splats(cloud) => {
-            closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
+            is_watertight = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
             let cloud = convert::chosen_splats(cloud, path, options, notes)?;
             let scaled = options.radius_scale() != 1.0;
             (if scaled { convert::scaled(cloud, options.radius_scale())? } else { cloud }, Conversion::None)
@@ -146,19 +146,19 @@ fn converted(
         }
         Content::Mesh(mut mesh) => {
             // The back faces of an inverted mesh aren't culled, since it may be a room seen from inside.
-            closed = surfel_sample::is_closed(&mesh);
+            is_watertight = surfel_sample::is_closed(&mesh);
             // Single-sided materials determine the outward side, so that such meshes aren't inverted.
             if !states_sides(&mesh) && surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
             }
             let mut made = convert::mesh(&mesh, path, options, notes, progress)?;
-            if !closed && let Some(each_side) = with_each_side(&mesh, &made.0)? {
+            if !is_watertight && let Some(each_side) = with_each_side(&mesh, &made.0)? {
                 let doubled = counted((each_side.len() - made.0.len()) as u64, "splats");
                 notes.push(format!(
                     "some materials are double-sided, others not: back faces are culled, and {doubled} of double-sided \
                      ones are there for each side (`cull=none` shows all back faces)"
                 ));
-                (made.0, closed) = (each_side, true);
+                (made.0, is_watertight) = (each_side, true);
             }
             on_mesh = MeshColumns::new(mesh);
             made
@@ -168,7 +168,7 @@ fn converted(
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
     }
-    Ok(Converted { cloud, conversion, closed, octree, on_mesh })
+    Ok(Converted { cloud, conversion, is_watertight, octree, on_mesh })
 }
 
 /// Adds labels and row numbers to splats if the options request them. `of_mesh` has the names of the mesh's columns,
@@ -208,7 +208,7 @@ pub fn splats_of(
     let certain_up = up_reason.map(|_| loaded.up);
     let mut notes = loaded.notes;
     let unused = effects::unused(&loaded.content, options);
-    let Converted { mut cloud, conversion, closed, mut octree, mut on_mesh } =
+    let Converted { mut cloud, conversion, is_watertight, mut octree, mut on_mesh } =
         converted(loaded.content, certain_up, path, options, &mut notes, progress)?;
     if let Some(columns) = &mut on_mesh {
         if options.mesh_columns {
@@ -249,7 +249,7 @@ pub fn splats_of(
         format: loaded.format,
         up: loaded.up,
         up_reason,
-        closed,
+        is_watertight,
         gaussian: loaded.gaussian,
         conversion,
         coloring: None,

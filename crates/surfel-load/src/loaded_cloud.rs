@@ -37,7 +37,7 @@ pub struct LoadedCloud {
     /// up axis.
     pub up_reason: Option<UpReason>,
     /// True if the splats cover a watertight mesh from outside, so that their backs are never visible.
-    pub closed: bool,
+    pub is_watertight: bool,
     /// True if the splats were made from trained Gaussians. Their alphas are opacities of overlapping volumes, not of a
     /// surface.
     pub gaussian: bool,

@@ -45,8 +45,8 @@ pub struct LoadedObjects {
     pub has_one_radius: bool,
 }
 
-/// Colouring requests, one for each of [`LoadedObjects::objects`]; `None` for an object that isn't coloured by an
-/// attribute.
+/// Colouring requests, one for each of [`LoadedObjects::objects`]. An object that isn't coloured by an attribute has
+/// `None`.
 #[derive(Clone, Debug, Default)]
 pub struct ColorJobs(pub(crate) Vec<Option<ColorJob>>);
 
@@ -82,7 +82,7 @@ pub struct ObjectFacts {
     /// True if the object has colours, whether from its file or by an attribute.
     pub colored: bool,
     /// True if the file or its mesh states that the splats cover a watertight surface from outside.
-    pub closed: bool,
+    pub is_watertight: bool,
     /// True if overlapping splats have nearly the same depth, because they were made from a mesh of flat parts or
     /// clipped by `sharp`. A small depth tolerance then suffices.
     pub flat: bool,
@@ -95,7 +95,8 @@ pub struct ObjectFacts {
     pub partial: bool,
     /// True if the file has more points than the point limit, so that only some of them became splats.
     pub thinned: bool,
-    /// True if the options select points of all classes, so that stray points are framed, too.
+    /// True if the options select points of all classes. Stray points, such as isolated ones far from the others, are
+    /// then framed, too.
     pub all_classes: bool,
     /// True if some points are noise or withheld. Such points don't influence the camera ([`LoadedObjects::framed`]).
     pub noise: bool,
@@ -114,7 +115,7 @@ impl Default for ObjectFacts {
             few: false,
             sides_known: false,
             colored: false,
-            closed: false,
+            is_watertight: false,
             flat: false,
             fine: false,
             each_side: false,

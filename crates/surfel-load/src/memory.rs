@@ -63,8 +63,9 @@ fn address_space_left(limits: &str, status: impl FnOnce() -> String) -> Option<u
     Some(limit.saturating_sub(used << 10))
 }
 
-/// Returns the smallest memory limit of control groups and their ancestors, for either version (cgroups(7)). `groups`
-/// has the format of `/proc/self/cgroup`.
+/// Returns the smallest memory limit, in bytes, of the process's control groups and their ancestors, for either version
+/// (cgroups(7)); `None` without a limit. `mounted` is the folder of the control groups, and `groups` has the format of
+/// `/proc/self/cgroup`.
 fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
     let limits = groups.lines().flat_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -119,7 +120,8 @@ pub(crate) enum Remedy {
     Points,
 }
 
-/// Returns an error if the points need more memory than `budget`, or than [`default_budget`] if it is `None`.
+/// Returns an error if `points` points of `point_bytes` bytes each need more memory than `budget`. If `budget` is
+/// `None`, the limit is [`default_budget`].
 pub(crate) fn check(
     path: &Path,
     points: u64,

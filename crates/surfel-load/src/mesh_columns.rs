@@ -6,7 +6,8 @@ use crate::coloring::{ColorScale, is_class};
 use surfel_model::{ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
-/// Mesh with attribute columns, and the positions of its splats on its triangles, which are computed on first use.
+/// Mesh with attribute columns, and the positions of its splats on its triangles. The positions are computed on first
+/// use.
 pub(crate) struct MeshColumns {
     mesh: Mesh,
     places: Option<MeshPlaces>,

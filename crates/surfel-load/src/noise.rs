@@ -66,8 +66,8 @@ pub fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
     flags.contains(&true).then_some(flags)
 }
 
-/// Returns a cloud without noise and withheld points, and without attributes. Returns `None` if the cloud has no such
-/// points, or no others.
+/// Returns a cloud without noise and withheld points, and without attributes. Returns `None` if the cloud has no noise
+/// or withheld points, or consists of them alone.
 pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
     let all = cloud.data();
     let found = noise_points(&all.extras, cloud.len(), &LoadOptions::default())?;

@@ -39,8 +39,8 @@ pub struct LoadOptions {
     pub surface: bool,
     /// Levels of detail that are read from a COPC file; `None` reads all points.
     pub levels: Option<Levels>,
-    /// Cache of files with levels of detail, which images share. If it and `levels` are set, LAS and LAZ files that
-    /// don't fit into memory are drawn with levels of detail, too.
+    /// Cache of files with levels of detail, which images share. If this cache and `levels` are set, point files of
+    /// other formats that don't fit into memory are drawn with levels of detail, too.
     pub level_store: Option<Arc<LevelStore>>,
     /// Memory budget for points in bytes; `None` uses [`crate::memory::default_budget`].
     pub memory: Option<u64>,
@@ -69,7 +69,7 @@ impl LoadOptions {
         with_stdin stdin: Option<Arc<[u8]>>,
     }
 
-    /// Applies an object's conversion options. Relative paths in them are relative to `base_dir`.
+    /// Replaces the conversion options by those of an object. Relative paths in them are relative to `base_dir`.
     #[must_use]
     pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
         let join = |file: &Option<PathBuf>| file.as_ref().map(|file| base_dir.join(file));
@@ -85,8 +85,8 @@ impl LoadOptions {
                 (self.convert.labels, self.convert.range) = (None, None);
             }
         }
-        // The coarsest levels place the camera even if all levels are drawn later. They can't if a selection may
-        // exclude all of their points.
+        // An overview places the camera even if all levels are drawn later. It can't if a selection may exclude all of
+        // its points.
         if convert.all_levels && (self.levels != Some(Levels::Overview) || self.chooses_points()) {
             self.levels = None;
         }
@@ -104,7 +104,7 @@ impl LoadOptions {
         self.chooses_classes() || crop.is_some() || returns.is_some() || condition.is_some() || every.is_some()
     }
 
-    /// Returns the method for converting meshes to splats; `None`: chosen by mesh
+    /// Returns the method for converting meshes to splats. `None` lets the mesh decide
     /// ([`surfel_sample::MeshOptions::auto`]).
     pub(crate) fn method(&self) -> Option<MeshMethod> {
         match self.convert.splats {
@@ -116,12 +116,13 @@ impl LoadOptions {
         }
     }
 
-    /// Returns the factor on every radius. Unless it is 1, the interior weight of splat files is estimated again.
+    /// Returns the factor by which every radius is multiplied. Unless it is 1, the interior weight of splat files is
+    /// estimated again.
     pub(crate) fn radius_scale(&self) -> f64 {
         self.convert.radius_scale.unwrap_or(1.0)
     }
 
-    /// Returns the largest number of points of a point cloud that become splats; `None`: no limit.
+    /// Returns the largest number of points of a point cloud that become splats; `None` without a limit.
     pub(crate) fn max_points(&self) -> Option<usize> {
         self.convert.max_points.map(|n| n as usize)
     }

@@ -12,7 +12,7 @@ pub fn is_stdin(path: &Path) -> bool {
     path.as_os_str() == STDIN
 }
 
-/// Returns the name of an input for messages.
+/// Returns the name of an input for messages: its path, or `stdin` for `-`.
 pub fn display(path: &Path) -> ShownPath<'_> {
     if is_stdin(path) { Path::new("stdin").shown() } else { path.shown() }
 }
@@ -47,7 +47,7 @@ pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Re
 /// Returns a scene file with its absolute paths made relative to `folder`, which must exist.
 ///
 /// # Errors
-/// [`Error`] never occurs at present.
+/// The signature allows an [`Error`], but none occurs.
 pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> {
     let mut file = file.clone();
     for_each(&mut file, |path| {

@@ -8,12 +8,12 @@
 //!
 //! | evidence | strength 0 | strength 1 |
 //! | --- | --- | --- |
-//! | number of points, without normals or radii; times the strength of the next two rows | 16,384 | 256 to 4,096 |
-//! | fraction of rough points, whose neighbours are off the point's plane | 0.12 | 0.26 |
-//! | or unevenness, if stronger: share of the squared radii in splats above two medians | 0.06 | 0.2 |
+//! | number of points without normals and radii, times the larger strength of the next two | 16,384 | 256 to 4,096 |
+//! | roughness: fraction of points whose neighbours are off the point's plane | 0.12 | 0.26 |
+//! | unevenness: fraction of the sum of squared radii in splats above two median radii | 0.06 | 0.2 |
 //! | fraction of points on lines, or isolated | 15 % | 45 % |
 //!
-//! Clouds of fewer than 256 points don't count as few. Their files are mostly written by hand, and each splat is
+//! Clouds of fewer than 256 points don't count as few: their files are mostly written by hand, and each splat is
 //! visible anyway.
 
 use crate::Error;
@@ -130,15 +130,15 @@ impl SparseReason {
     }
 }
 
-/// Pieces of evidence for drawing balls, each with the function that returns its strength.
+/// Evidence for drawing points as balls. Each piece has its reason and the function that returns its strength.
 const EVIDENCE: [(SparseReason, Strength); 2] =
     [(SparseReason::Few, strength_of_few), (SparseReason::Loose, strength_of_loose)];
 
 /// Function that returns the strength of a piece of evidence, from 0 to 1, for points and the splats made of them.
 type Strength = fn(&PointReport, &SplatCloud) -> f64;
 
-/// Three limits on the number of points: the smallest number that can count as few; the largest at which this evidence
-/// has full strength; the smallest at which it has strength 0.
+/// Three limits on the number of points as evidence for balls. Below the first, points don't count as few. Up to the
+/// second, the evidence has full strength. From the third on, it has strength 0.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
 /// Fractions of points on lines or isolated, at which the strength of this evidence for balls is 0 and 1.
 const LOOSE: (f64, f64) = (0.15, 0.45);

@@ -3,7 +3,7 @@
 use crate::coloring::linear;
 use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::effects::{self, UnusedOption};
-use crate::levels::Seen;
+use crate::levels::ViewSelection;
 use crate::load::up_reason;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
 use crate::loaded_objects::{LoadedObjects, ObjectFacts, ObjectNote};
@@ -130,8 +130,9 @@ pub fn load_bare_objects(
 }
 
 impl LoadedObjects {
-    /// Colours the splats that were read since the last call by their attributes, or all splats if `all` is true.
-    /// Splats with the same attribute share one scale, which also covers splats that were coloured before.
+    /// Colours splats by their attributes: those of objects that are partial ([`ObjectFacts::partial`]), or all splats
+    /// if `all` is true. Splats with the same attribute share one scale, which also covers splats that were coloured
+    /// before.
     fn color(&mut self, all: bool) -> Result<(), Error> {
         let is_new = |facts: &ObjectFacts| all || facts.partial;
         let Self { objects, facts, color_jobs, colorings, notes, unused, .. } = self;
@@ -179,7 +180,8 @@ impl LoadedObjects {
         Ok(())
     }
 
-    /// Adds the attribute values of the objects to `tallies`, from which scenes derive a shared colouring.
+    /// Adds the attribute values of the objects to `tallies`, from which the images of a series derive a shared
+    /// colouring.
     pub fn tally(mut self, tallies: &mut Tallies) {
         let jobs = std::mem::take(&mut self.color_jobs.0);
         let mut clouds: Vec<Shared> = Vec::new();
@@ -214,8 +216,8 @@ impl LoadedObjects {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
     }
 
-    /// Returns the objects with only the splats that influence the camera. Noise (classes 7 and 18) and withheld points
-    /// are left out.
+    /// Returns the objects with only the splats that influence the camera. Splats of noise (classes 7 and 18) and
+    /// withheld points are left out.
     pub fn framed(&self) -> Self {
         let surface = |(object, facts): (&Object, &ObjectFacts)| match &object.geometry {
             Geometry::Splats(cloud) if facts.noise => {
@@ -228,7 +230,8 @@ impl LoadedObjects {
         Self { objects, facts: self.facts.clone(), ..Self::default() }
     }
 
-    /// True if stray points are framed like other points, because the options select all classes.
+    /// True if automatic framing includes stray points, such as isolated ones far from the others, because the options
+    /// select all classes.
     pub fn frames_all(&self) -> bool {
         self.facts.iter().any(|facts| facts.all_classes)
     }
@@ -241,7 +244,7 @@ impl LoadedObjects {
 }
 
 /// Loads the files of `objects`; a file that several objects use is loaded once. Paths are relative to `base_dir`.
-/// Interior weights are estimated if the options request this, and if splats and meshes are drawn together.
+/// Interior weights are estimated if the options request this, or if splats and meshes are drawn together.
 ///
 /// # Errors
 /// Errors of [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
@@ -291,8 +294,8 @@ fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geom
     }
 }
 
-/// Key of a loaded file: its path, and how an object uses it, apart from conversion options. Objects with the same key
-/// share the loaded file.
+/// Key of a loaded file: its path, and its use by an object, apart from conversion options. Objects with the same key
+/// and conversion options share the loaded file.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct FileUse {
     path: PathBuf,
@@ -362,8 +365,8 @@ fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> 
     Ok(LoadedFile { known: LoadedGeometry { geometry, facts, unused, color_job }, notes, beside })
 }
 
-/// Returns facts about the splats of a file. Also returns a note if noise and withheld points don't influence up axis
-/// and view.
+/// Returns facts about the splats of a file. Also returns a note if the file has noise or withheld points, which don't
+/// influence up axis and view.
 fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<String>) {
     let cloud = made.octree.is_none().then_some(&made.cloud);
     let says = |comment: &str| cloud.is_some_and(|cloud| cloud.data().comments.iter().any(|c| c == comment));
@@ -387,8 +390,8 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
         points,
         sparse,
         few,
-        sides_known: of_mesh || made.closed || says(surfel_sample::BOTH_SIDES),
-        closed: made.closed,
+        sides_known: of_mesh || made.is_watertight || says(surfel_sample::BOTH_SIDES),
+        is_watertight: made.is_watertight,
         flat: says(surfel_sample::FLAT_PARTS),
         fine: says(surfel_sample::FINE_SPLATS),
         each_side: says(EACH_SIDE),
@@ -400,13 +403,14 @@ fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<S
     (facts, about_noise)
 }
 
-/// Counter of options without effect, over all objects of splats. It finds the options that affect none of them.
+/// Counter of options without effect, over all objects of splats. It finds the options that affect none of these
+/// objects.
 #[derive(Default)]
 struct UnusedOptions {
     /// Number of objects of splats that were counted.
     objects: usize,
-    /// Options that don't affect some object, by key. Each has the number of these objects, and the path and report of
-    /// the first one.
+    /// Options that don't affect some object of splats, by key. Each has the number of the objects that it doesn't
+    /// affect, and the path and report of the first one.
     options: BTreeMap<&'static str, (usize, (PathBuf, UnusedOption))>,
 }
 
@@ -489,7 +493,7 @@ pub fn refine_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
     options: &LoadOptions,
-    seen: &Seen<'_>,
+    selection: &ViewSelection<'_>,
     progress: &dyn Progress,
 ) -> Result<(), Error> {
     let named = objects.iter().filter(|o| o.splats.is_some() || o.mesh.is_some());
@@ -500,7 +504,7 @@ pub fn refine_objects(
     // Notes on each file, with the index of the object that was read last.
     let mut fresh: HashMap<PathBuf, (usize, Vec<ObjectNote>)> = HashMap::new();
     for (i, object) in &partial {
-        let levels = seen.levels(object.world_from_object()?);
+        let levels = selection.levels(object.world_from_object()?);
         let options = options.clone().with_levels(Some(levels));
         let mut finer = load_uncolored(std::slice::from_ref(object), base_dir, &options, progress)?;
         let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };

@@ -19,7 +19,7 @@ pub(crate) fn states_sides(mesh: &Mesh) -> bool {
 }
 
 /// Returns the cloud with additional, reversed splats for the double-sided triangles of `mesh`. Returns `None` if the
-/// file doesn't distinguish sides, and if splats are clipped by curves. Rows aren't copied.
+/// file doesn't distinguish sides, or if splats are clipped by curves. Row numbers aren't copied.
 pub(crate) fn with_each_side(mesh: &Mesh, cloud: &SplatCloud) -> Result<Option<SplatCloud>, ModelError> {
     let column = mesh.triangle_extras.iter().find(|extra| extra.name == COLUMN);
     let has_curves = cloud.data().clips.as_ref().is_some_and(|clips| clips.curves.is_some());
@@ -72,8 +72,8 @@ fn selected(data: &CloudData, indices: &[u32]) -> CloudData {
     }
 }
 
-/// Reverses the normals and shading normals of the splats from index `first` on. For ellipses, the second half-axis is
-/// negated, so that clip lines are mirrored.
+/// Reverses the normals and shading normals of the splats from index `first` on. For ellipses, the half-axis t is
+/// negated, and clip lines are mirrored with it.
 fn reverse_from(data: &mut CloudData, first: usize) {
     let negate = |column: &mut Column3| {
         let from = |values: &[glam::Vec3]| {

@@ -42,8 +42,9 @@ impl<R: Real> Outline<R> {
         let (one, zero) = (p.x.one(), p.x.zero());
         let focal = [p.x.constant(projection.focal_px[0]), p.x.constant(projection.focal_px[1])];
         match projection.kind {
-            // The cone of tangents from the eye, (X·c + 1)² = (|X|² + 1)·(|c|² + 1 − s²) with c = p_xy/p_z and s =
-            // radius/p_z, as an ellipse of X: its covariance is b²·(I + w·c·cᵀ), its centre c + b²·c.
+            // The cone of tangents from the eye is (X·c + 1)² = (|X|² + 1)·(|c|² + 1 − s²) over slopes X, with c =
+            // p_xy/p_z and s = radius/p_z. As an ellipse of X, its covariance is b²·(I + w·c·cᵀ) and its centre c +
+            // b²·c, with w = 1/(1 − s²) and b² = s²·w.
             ProjectionKind::Perspective => {
                 let inverse = one / p.z;
                 let (x, y, size) = (p.x * inverse, p.y * inverse, radius * inverse);
@@ -95,9 +96,9 @@ impl<R: Real> Outline<R> {
         (((-self.skew).mul_add(v, from_center.x / self.extent.x)) / self.width, v)
     }
 
-    /// Returns the area of the ellipse inside a pixel, which is the pixel's coverage. `corner` is the offset of the
-    /// pixel's upper left corner from the ellipse's centre. `S` is [`Rounded`] or, for f64, [`Exact`]. The sum over all
-    /// pixels is the ellipse's area.
+    /// Returns the area of the ellipse inside a pixel, in square pixels, which is the pixel's coverage. `corner` is the
+    /// offset of the pixel's upper left corner from the ellipse's centre. `S` computes an integral: [`Rounded`] or, for
+    /// f64, [`Exact`]. The sum of the coverages of all pixels is the ellipse's area.
     ///
     /// The area left of a column at X is ∫ clamp(X − c(y), −h, h) dy plus a constant, where c ± h are the ends of a
     /// row's chord. The pixel's area is the difference of two such integrals. The integrand is linear in y where the
@@ -197,7 +198,7 @@ fn half_plane<R: Real>(distance: R, a: R, b: R) -> (R, R) {
 /// Returns ∫√(1 − v²) from 0 to v, for |v| ≤ 1, with an absolute error below 6·10⁻⁸.
 #[inline(always)]
 pub fn segment<R: Real>(v: R) -> R {
-    // π/4 − S(v) = (1 − v)^1.5·T(v); T is smooth, here its interpolation at Chebyshev's points.
+    // With S the integral, π/4 − S(v) = (1 − v)^1.5·T(v); T is smooth, here its interpolation at Chebyshev's points.
     const T: [f64; 7] = [
         0.785_398_183_368_698_5,
         0.178_095_274_762_166_7,

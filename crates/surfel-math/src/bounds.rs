@@ -95,9 +95,10 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
 /// infinite box.
 const BOUNDLESS: f64 = 1e5;
 
-/// Returns the box, in pixel coordinates, of the part of a disk at or beyond z_near, wherever the disk's centre is
-/// (perspective). `None` if no part is. The box is exact: over the part in front a projected coordinate is
-/// quasi-linear. Its extremes are therefore at tangent points, or at the ends of the chord that z_near cuts.
+/// Returns the box, in pixel coordinates, of the part of a disk at or beyond z_near, in a perspective projection. The
+/// disk's centre may be anywhere. `None` if no part of the disk is at or beyond z_near. The box is exact: over that
+/// part, a projected coordinate is quasi-linear. Its extremes are therefore at tangent points, or at the ends of the
+/// chord that z_near cuts.
 ///
 /// The box of a disk larger than 10⁵ times its distance is infinite. Tangents are found from differences, whose sign
 /// may be lost to rounding if the disk's axes are along the image's axes. This happens from 10⁸ times the distance on.

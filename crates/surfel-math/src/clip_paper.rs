@@ -34,10 +34,12 @@ impl PaperCurve<f64> {
 impl<R: Real> PaperCurve<R> {
     /// True where the curve retains the point q = (u, v); outside the control triangle the chord decides.
     ///
-    /// Eq. 7 solves b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, and its denominator c may be zero. Because the
-    /// line passes through the chord's middle, d2·(P3−q) = −b. In r = t/(1−t) the roots' product is therefore −1, so
-    /// that exactly one root is on the curve. Its t : (1−t) needs neither c nor a difference that cancels. The curve's
-    /// point is between q and the middle (eq. 6) unless it is behind q.
+    /// The line through q and the chord's middle M = (P1 + P3)/2 meets the curve at a parameter t. C12 eq. 7 solves
+    /// b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, where d2 is perpendicular to M − q and b = d2·(P1−q). The
+    /// denominator c of its solution may be zero. Because the line passes through M, d2·(P3−q) = −b. In r = t/(1−t) the
+    /// roots' product is therefore −1, so that exactly one root is on the curve. Its t : (1−t) needs neither c nor a
+    /// difference that cancels. The point q is outside the lens if the curve's point is between q and M (eq. 6), not
+    /// behind q.
     #[inline(always)]
     pub fn keeps(&self, q: V2<R>) -> R::Mask {
         let zero = q.x.zero();

@@ -2,17 +2,17 @@
 
 use glam::DVec3;
 
-/// Amount added to cosines and sines before they are compared. It exceeds the rounding of stored normals, in f32 and in
-/// 16 bits.
+/// Amount by which the cosine of a cone's half-angle is reduced, and (`SINE_SLACK`) the sum of the half-angles' sine is
+/// enlarged. Both exceed the rounding of stored normals, in f32 and in 16 bits.
 const COSINE_SLACK: f64 = 1e-6;
 const SINE_SLACK: f64 = 1e-4;
 
 /// A cone of directions, narrower than a half space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NormalCone {
-    /// Unit vector.
+    /// Unit vector along the cone's axis.
     axis: DVec3,
-    /// Sine and cosine of the half-angle.
+    /// Sine of the cone's half-angle, the angle between axis and rim. `cosine` is its cosine.
     sine: f64,
     cosine: f64,
 }
@@ -78,7 +78,7 @@ mod tests {
                 .map(|_| (center + radius * vector().clamp_length_max(1.0), (axis + spread * vector()).normalize()))
                 .collect();
             let Some(cone) = NormalCone::about(splats.iter().map(|splat| splat.1)) else { continue };
-            // The eye is at the origin. With an eye inside the sphere, no ratio is a sine, and the test isn't asked.
+            // The eye is at the origin. For an eye inside the sphere there is no half-angle, and the cone isn't tested.
             let is_culled =
                 radius < center.length() && cone.is_back_facing(center.normalize(), radius / center.length());
             let all_back = splats.iter().all(|(p, n)| n.dot(*p) > 0.0);

@@ -8,7 +8,8 @@ use crate::{Real, V2, V3};
 /// [`DepthForm`] states the function. Pixels are offsets from an anchor, usually the splat's projected centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthPlane<R> {
-    /// Numerator of the depth: for an ordinary splat, the depth at its projected centre in world units.
+    /// Numerator of the depth for [`DepthForm::Reciprocal`], or its value at the anchor for [`DepthForm::Linear`]. For
+    /// an ordinary splat, it is the depth at the projected centre, in world units.
     pub scale: R,
     /// Change of the depth form per pixel to the right and down: of the denominator for [`DepthForm::Reciprocal`], of
     /// the depth for [`DepthForm::Linear`].

@@ -78,8 +78,9 @@ pub fn principal_or_unturned<R: Real>(
 
 /// Applies `ewa` (Z01 eq. 6–9): the affine projection convolved with a Gaussian of standard deviation h/√(2c).
 ///
-/// ρ² = β/c = dᵀ(JJᵀ + h²I)⁻¹d for any cutoff. It is evaluated along the ellipse's axes, of half-length √(ℓ² + h²), so
-/// that no covariance matrix is inverted. Weight √(det JJᵀ/det(JJᵀ + h²I)) = ∏ ℓ/√(ℓ² + h²).
+/// In the terms of rendering model §4, ρ² = β/c = dᵀ(JJᵀ + h²I)⁻¹d at the pixel offset d, for any cutoff c. It is
+/// evaluated along the ellipse's axes, of half-length √(ℓ² + h²), so that no covariance matrix is inverted. The
+/// weight's factor is √(det JJᵀ/det(JJᵀ + h²I)) = ∏ ℓ/√(ℓ² + h²).
 #[inline(always)]
 pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
@@ -126,8 +127,8 @@ fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
     Turn { first, second: V2::new(-first.y, first.x) * handedness }
 }
 
-/// Returns ∏ ℓ/max(ℓ, h): the area ratio by which the filters `clamp` and `adjust` scale the coverage instead of the
-/// weight (rendering model §5).
+/// Returns ∏ ℓ/max(ℓ, h), over the half-lengths ℓ of the projected ellipse's two axes in pixels. It is the area ratio
+/// by which the filters `clamp` and `adjust` scale the coverage instead of the weight (rendering model §5).
 #[inline(always)]
 pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);

@@ -61,7 +61,8 @@ impl<R: Real> Footprint<R> {
     }
 
     /// Creates the footprint of half-axes with affine projections `j_s` and `j_t` (pixels), relative to the projected
-    /// centre. `slope` is (s_z/p_z, t_z/p_z), or zero for an affine footprint.
+    /// centre. `det_j` is the determinant of (`j_s` `j_t`). `slope` is (s_z/p_z, t_z/p_z), or zero for an affine
+    /// footprint.
     #[inline(always)]
     pub fn about_center(j_s: V2<R>, j_t: V2<R>, det_j: R, slope: V2<R>) -> Self {
         let (zero, one) = (det_j.zero(), det_j.one());

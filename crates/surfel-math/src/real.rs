@@ -37,7 +37,8 @@ pub trait Real:
     /// Returns `a` in lanes where the mask is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// Returns a factor that scales a positive number to 1 or, as a power of two, to (½, 1].
+    /// Returns a factor that scales a positive number to at most 1. For f32 and f64 it is the reciprocal; for SIMD
+    /// lanes, a power of two that scales the number to (½, 1].
     #[inline(always)]
     fn scale_to_one(self) -> Self {
         self.one() / self

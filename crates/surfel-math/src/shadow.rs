@@ -8,8 +8,8 @@ use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
 /// Distance by which a point is moved towards the light before a shadow map's lookup. It is a fraction of the point's
-/// depth in the map (orthographic: of the view's height). The fraction is five times the relative rounding error of a
-/// depth. Surfaces that face the light have no slope bias, and would shade themselves without this one.
+/// depth in the map (orthographic: of the view's height), far above the relative rounding error of a depth in f32.
+/// Surfaces that face the light have no slope bias, and would shade themselves without this distance.
 const LOOKUP_BIAS: f64 = 5e-4;
 
 /// Returns the distance by which a point at depth `z` of a shadow map is moved towards the light before the lookup;

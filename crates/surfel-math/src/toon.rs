@@ -53,7 +53,8 @@ pub fn ramp<R: Real>(light: R) -> R {
 }
 
 /// Returns a highlight of the shader `toon`, 0 to 1: a spot with a sharp edge. `strength` is max(0, r·v)^shininess
-/// times the fraction of the light that reaches the point.
+/// times the fraction of the light that reaches the point. r is the mirror image of the unit direction to the light,
+/// and v the unit direction to the eye.
 #[inline(always)]
 pub fn highlight<R: Real>(strength: R) -> R {
     smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)

@@ -13,7 +13,7 @@ use surfel_math::{Real, V2};
 
 /// Margin by which a backend grows an f32 box, in px: projecting s and t to 900 px rounds by a few times 900·2^-23.
 const SLACK_F32: f64 = 2e-3;
-/// Maximum waste, in px.
+/// Largest distance, in px, by which a box may exceed its ellipse on each side.
 const EXCESS: f64 = 0.01;
 
 /// Returns the corners of a box as exact pixel coordinates: [min, max] by axis.

@@ -48,7 +48,7 @@ fn exact_point(p: V2<f64>) -> [Q; 3] {
     [q(p.x), q(p.y), int(1)]
 }
 
-/// Returns a curve of one of many kinds: ordinary curves and every extreme case that §7 mentions.
+/// Returns a curve of one of many kinds: ordinary curves and every extreme case that rendering model §7 mentions.
 fn random_curve(random: &mut Random, kind: usize) -> Curve {
     let theta1 = random.range(-7.0, 7.0);
     let mut theta3 = random.range(-7.0, 7.0);
@@ -91,7 +91,8 @@ fn random_point(random: &mut Random, curve: &Curve, i: usize) -> V2<f64> {
     if p.length() <= 1.0 { p } else { V2::new(random.range(-0.7, 0.7), random.range(-0.7, 0.7)) }
 }
 
-/// Counts the errors of a classifier farther than `band` from the border of the exact answer.
+/// Counts the random points that a classifier assigns to the wrong side of a curve, although they are farther than
+/// `band` from the exact border, in (u, v).
 fn misclassified(band: f64, mut kept: impl FnMut(&Curve, V2<f64>) -> bool) -> usize {
     let mut random = Random(71);
     let (mut wrong, mut both) = (0, [0; 2]);
@@ -135,8 +136,8 @@ fn clip_curve_of_the_paper_repaired_misclassifies_nothing() {
     assert_eq!(misclassified(1e-7, |curve, p| PaperCurve::new(curve).keeps(p)), 0);
 }
 
-/// The part between the arc P1 → P3 and the curve, as a polygon with the even–odd rule, is what C12 §3.2 describes in
-/// words.
+/// Compares the removed part with a polygon between the arc P1 → P3 and the curve, filled by the even–odd rule. C12
+/// §3.2 describes this part in words.
 #[test]
 fn clip_curve_removes_what_lies_between_arc_and_curve() {
     const STEPS: usize = 4000;
@@ -193,7 +194,7 @@ fn clip_curve_special_cases() {
     assert!(around(origin, 0.9, 8).all(|p| kept(&closed, p.x, p.y)) && PaperCurve::new(&closed).keeps(origin));
 }
 
-/// The policy `line` uses the chord of any curve.
+/// Tests that a clip under the policy `line` uses the chord of any curve.
 #[test]
 fn clip_chord_ignores_the_curve() {
     let mut random = Random(13);

@@ -76,7 +76,7 @@ fn depth_of_planes_that_turn_away_is_the_far_end() {
     }
 }
 
-/// Computes ε literally as §5 defines it.
+/// Computes the depth tolerance ε literally as rendering model §5 defines it.
 fn literal(splat: &ViewSplat<f64>, radius: f64, h: f64, setting: Tolerance, view: &Projection) -> f64 {
     let (n, p) = (dvec(splat.n), dvec(splat.p));
     let per_pixel = (n.x / view.focal_px[0]).hypot(n.y / view.focal_px[1]);

@@ -20,7 +20,7 @@ fn spec(least_elevation: f64, radius: std::ops::Range<f64>) -> impl Strategy<Val
     })
 }
 
-/// Returns a circle, seen from the front half of the sphere of directions.
+/// Returns the disk with the parameters of a spec: an ellipse whose half-axes are equally long.
 fn disk(spec: &Spec) -> ViewSplat<f64> {
     Spec { aspect: 1.0, ..*spec }.splat(&UHD)
 }
@@ -71,8 +71,8 @@ proptest! {
             prop_assert!(filter::principal(&p, H, true).footprint.contains(d));
             prop_assert!(filter::ewa(&p, H).footprint.contains(d));
         }
-        // `adjust` is made for disks (§4: slivers remain). Its axes are perpendicular on the screen except for
-        // perspective, here up to 47° off.
+        // `adjust` is made for disks (rendering model §4: slivers remain). Its axes are perpendicular on the screen
+        // except for perspective, here up to 47° off.
         let mut round = disk(&spec);
         (round.s, round.t) = filter::adjust_axes(&round, true);
         let p = Projected::new(&round, &UHD);
@@ -116,8 +116,8 @@ proptest! {
         }
     }
 
-    /// An axis of h·(1 ± 1e-9): no result is discontinuous except the depth slope of the footprint, which a lengthened
-    /// axis loses.
+    /// Compares the results for an axis just below and just above the filter radius, h·(1 ± 1e-9). None is
+    /// discontinuous except the depth slope of the footprint, which a lengthened axis loses.
     #[test]
     fn filters_are_continuous_at_their_threshold(angle in 0.0..7.0f64, turn in 0.0..7.0f64, long in 0.9..30.0f64) {
         let at = |minor: f64| {
@@ -204,7 +204,8 @@ proptest! {
     }
 }
 
-/// Eq. 10's pair spans the same disk, with s across the view direction; p ∥ n and slivers are valid.
+/// The half-axes of G06 eq. 10 span the same disk, with s across the view direction. Disks with p ∥ n and slivers are
+/// valid inputs.
 #[test]
 fn filter_adjust_axes_span_the_same_disk() {
     let mut random = Random(23);
@@ -232,7 +233,8 @@ fn filter_adjust_axes_span_the_same_disk() {
     assert!((dvec(s).length() - 1.0).abs() < 1e-15 && dvec(s).dot(dvec(t)).abs() < 1e-15);
 }
 
-/// |t_z| → p_z: eq. 8's denominator vanishes and changes sign; ours stays finite and doesn't change such an axis.
+/// |t_z| → p_z: the denominator of G06 eq. 8 vanishes and changes sign; ours stays finite and doesn't change such an
+/// axis.
 #[test]
 fn filter_adjust_where_equation_8_divides_by_zero() {
     for tz in [0.999, 1.0 - 1e-12, 1.0, 1.0 + 1e-12] {
@@ -263,8 +265,8 @@ fn filter_adjust_where_equation_8_divides_by_zero() {
     assert!(ring(H * 0.999_999).all(|d| f.contains(d)), "{f:?}");
 }
 
-/// f32 filters against f64: pixel offsets are given, so the differences are the projection's and the filter's own
-/// rounding.
+/// Compares filters in f32 with those in f64. Pixel offsets are given, so the differences are the projection's and the
+/// filter's own rounding.
 #[test]
 fn filters_in_f32_agree_with_f64() {
     let mut random = Random(29);

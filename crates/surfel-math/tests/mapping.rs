@@ -48,8 +48,8 @@ fn our_weight(splat: &ViewSplat<f32>, pixel: [i64; 2]) -> f64 {
     weight(if w > 0.0 { (u * u + v * v) / (w * w) } else { f64::INFINITY })
 }
 
-/// |Δw| ≤ 1.213·δ/r_minor, with δ the error of a pixel offset and r_minor the projected minor radius. δ therefore
-/// measures how coordinates are formed. In f32 at 4K, δ of absolute coordinates is 2.4e-4 px.
+/// The error of a weight is |Δw| ≤ 1.213·δ/r_minor, with δ the error of a pixel offset and r_minor the projected minor
+/// radius. δ therefore measures how coordinates are formed. In f32 at 4K, δ of absolute coordinates is 2.4e-4 px.
 #[test]
 fn mapping_error_is_that_of_an_offset_not_of_a_coordinate() {
     let mut random = Random(7);
@@ -116,7 +116,8 @@ fn mapping_determinant_of_needles_is_good_in_f32() {
     for _ in 0..3000 {
         let aspect = random.log_range(1e4, 1e8);
         let spec = Spec { aspect, radius_px: random.log_range(1.0, 300.0), ..Spec::random(&mut random, 0.05) };
-        // Needles along the axes given: turned ones differ from needles by the rounding of s and t themselves.
+        // The needle's half-axes are s and t themselves. Of a turned pair, both vectors are long, and their rounding
+        // alone would change the needle's width.
         let splat = spec.splat(&UHD);
         if reach(&splat) > 0.4 {
             continue;

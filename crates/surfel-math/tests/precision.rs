@@ -12,7 +12,7 @@ fn ulp(value: f64) -> f64 {
     (exponent - 23.0).exp2()
 }
 
-/// Jeannerod, Louvet and Muller 2013: at most 1.5 ulp, however much cancels.
+/// Tests the bound of Jeannerod, Louvet and Muller 2013: an error of at most 1.5 ulp, however much cancels.
 #[test]
 fn difference_of_products_is_within_one_and_a_half_ulp() {
     let mut random = Random(3);
@@ -38,8 +38,8 @@ fn difference_of_products_is_within_one_and_a_half_ulp() {
     assert!(naive_worst > 1e4, "{naive_worst}");
 }
 
-/// Aspects up to 1e8 and sizes 1e±15 in f32: the larger value is precise to a few ulp, the smaller as precise as the
-/// determinant.
+/// Tests aspects up to 1e8 and sizes 1e±15 in f32. The larger singular value is precise to a few ulp, the smaller one
+/// as precise as the determinant.
 #[test]
 fn singular_values_of_needles_in_f32() {
     let mut random = Random(5);

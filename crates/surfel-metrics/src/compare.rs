@@ -16,7 +16,8 @@ pub struct CompareOptions<'a> {
     /// Largest difference of a channel, in linear light, at which pixels count as equal; [`Comparison::differing`]
     /// counts the others. Default 0.
     pub tolerance: f64,
-    /// Peak of the signal in linear light, from which the PSNR is computed. Default 1.
+    /// Largest value of a channel in linear light, the peak from which the PSNR is computed: finite and above 0.
+    /// Default 1.
     pub peak: f64,
     /// Viewing conditions of FLIP, or `None` to skip FLIP. The images are always linear; [`FlipOptions::encoding`] is
     /// ignored. Default: the default of [`FlipOptions`].
@@ -57,8 +58,8 @@ pub struct Comparison {
     pub non_finite: usize,
     /// Mean FLIP error of the compared pixels, in [0, 1]; `None` if FLIP was skipped.
     pub flip_mean: Option<f64>,
-    /// FLIP error of every pixel. Pixels that the mask excludes have small errors, because FLIP's filters reach into
-    /// them.
+    /// FLIP error of every pixel; `None` if FLIP was skipped. Pixels that the mask excludes may have errors too,
+    /// because FLIP's filters spread the differences of compared pixels into them.
     pub flip: Option<FlipMap>,
 }
 

@@ -57,7 +57,7 @@ pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<us
     }
 }
 
-/// Returns an error for a slice whose length isn't `expected`.
+/// Returns [`MetricsError::Length`] if the length `found` of a slice isn't `expected`.
 pub(crate) fn check_length(
     what: &'static str,
     found: usize,

@@ -18,10 +18,11 @@
 
 use surfel_metrics::flip::{self, Encoding, FlipOptions};
 
-/// Tolerance of errors. flip-evaluator computes in f32 and takes the square root of feature differences. The root turns
-/// its rounding of about 1e-7 into 3e-4 of an exponent where nothing differs: a few 1e-5 of an error. Measured over all
-/// pixels of the images below, the difference is at most 6.4e-6. In one image (20 pixels per degree) it is 1.1e-4, at a
-/// pixel that isn't probed here. Means agree to 2e-7, that of the single pixel to 6.4e-6.
+/// Largest accepted difference between our FLIP errors and those of flip-evaluator, which computes in f32 and takes the
+/// square root of feature differences. The root turns its rounding of about 1e-7 into 3e-4 of an exponent where nothing
+/// differs: a few 1e-5 of an error. Measured over all pixels of the images below, the difference is at most 6.4e-6. In
+/// one image (20 pixels per degree) it is 1.1e-4, at a pixel that isn't probed here. Means agree to 2e-7, the mean of
+/// the single-pixel image to 6.4e-6.
 const TOLERANCE: f64 = 2e-5;
 
 type Pixels = Vec<[f32; 3]>;
@@ -54,7 +55,7 @@ struct Expected {
     height: usize,
     options: FlipOptions,
     mean: f64,
-    /// Error at the first, the last, and two inner pixels.
+    /// FLIP errors at the pixels of `probe_indices`: the first, the last, and two inner pixels.
     probes: [f64; 4],
 }
 
@@ -186,7 +187,7 @@ fn flip_hdr_agrees_with_the_authors_program() {
     assert_eq!(hdr.exposures, 3);
 }
 
-/// The whole error map of the 16x12 images, read as sRGB.
+/// FLIP errors that flip-evaluator computes for all pixels of the 16×12 images, read as sRGB, row by row from the top.
 #[rustfmt::skip]
 const SRGB_16X12: [[f32; 16]; 12] = [
     [

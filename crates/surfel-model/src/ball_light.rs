@@ -26,7 +26,8 @@ impl BallLight {
     /// The sample is projected onto polynomials of degree 2. The caller multiplies `amount` by the sample's weight in a
     /// mean over the sphere.
     pub fn add(&mut self, n: Vec3, amount: f32) {
-        // Σ over the degrees l of (2l + 1)·P_l(n·m): 1 + 3·n·m + 5/2·(3·(n·m)² − 1).
+        // Projection onto degree 2 at a unit vector m: the sum over l of (2l + 1)·P_l(n·m) with Legendre polynomials
+        // P_l, which is 1 + 3·n·m + 5/2·(3·(n·m)² − 1).
         for (linear, n) in self.linear.iter_mut().zip(n.to_array()) {
             *linear += 3.0 * amount * n;
         }

@@ -34,7 +34,7 @@ pub struct Camera {
     #[cfg_attr(feature = "serde", serde(default = "default_near"))]
     pub near: f64,
     /// Far plane of an orthographic view: planar depth in world units; nothing farther from the eye is drawn. A
-    /// perspective view has no far plane.
+    /// perspective view ignores the far plane, and an orthographic view is invalid without one.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub far: Option<f64>,
     /// Image width and height in pixels, each from 1 to [`MAX_IMAGE_SIDE`].
@@ -51,7 +51,7 @@ fn default_near() -> f64 {
     DEFAULT_NEAR
 }
 
-/// Projections (rendering model §1).
+/// Projection from view space to pixels (rendering model §1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Projection {

@@ -5,7 +5,7 @@ use glam::DVec3;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// Selected returns of a pulse.
+/// Selection of points by their return: the number of an echo among the echoes of one laser pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Returns {
@@ -115,7 +115,8 @@ pub struct Chosen {
 
 /// Selects points by the options `crop`, `classes`, `returns`, `where` and `every`, in this order.
 ///
-/// `count` is the number of points, and `position(i)` is the position of point `i` in the file's coordinates.
+/// `count` is the number of points, and `position(i)` is the position of point `i` in the file's coordinates. `extras`
+/// has the points' attributes.
 ///
 /// # Errors
 /// A message about a missing attribute, with the available ones, or about a condition that can't be parsed.

@@ -80,8 +80,8 @@ impl ClipColumns {
             || self.curves.as_ref().is_some_and(|curves| !curves[i].w.is_nan())
     }
 
-    /// Returns the clip of splat `i` under a policy; `None` if nothing clips the splat. [`ClipPolicy::Paper`] gives the
-    /// same image as [`ClipPolicy::Exact`] and has the same forms.
+    /// Returns the clip of splat `i` under a policy; `None` if nothing clips the splat. [`ClipPolicy::Paper`] and
+    /// [`ClipPolicy::Exact`] give the same clip.
     pub fn clip(&self, i: usize, policy: ClipPolicy) -> Option<Clip<f64>> {
         if policy == ClipPolicy::Off || !self.is_clipped(i) {
             return None;

@@ -53,8 +53,8 @@ pub struct CloudData {
     /// Clip curves and lines, which cut splats along sharp edges; `None` if no splat is clipped.
     pub clips: Option<ClipColumns>,
     /// Typical sum of the kernel weights w = e^(−2ρ²) of all splats that overlap at a place inside the cloud's surface,
-    /// greater than 0. A pixel's coverage is its own sum of weights relative to this value (rendering model §5,
-    /// coverage). `None` if unknown.
+    /// greater than 0. ρ is 0 at a splat's centre and 1 at its rim. A pixel's coverage is its own sum of weights
+    /// relative to this value (rendering model §5, coverage). `None` if unknown.
     pub interior_weight: Option<f64>,
     /// True if all normals point to the outside of the same surface. Front and back faces are then blended separately
     /// (rendering model §5).
@@ -64,7 +64,7 @@ pub struct CloudData {
     /// Row of each splat in the input, shown in the plane `index`. `None` if a splat's row is its own index, or if rows
     /// aren't needed. Renderers store rows that are present, at 4 bytes per splat.
     pub rows: Option<Vec<u32>>,
-    /// Label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
+    /// Label of each splat, shown in the plane `label`; [`NO_LABEL`] for none. `None` if no splat has a label.
     pub labels: Option<Vec<u32>>,
     /// Columns of the file that Surfel doesn't interpret, stored so that writing the file again loses nothing.
     pub extras: Vec<ExtraColumn>,
@@ -264,7 +264,7 @@ pub enum OnInvalid {
 pub struct Repaired {
     /// Number of splats dropped.
     pub dropped: usize,
-    /// Index of the first dropped splat in the input, and its problem.
+    /// Index of the first dropped splat in the input, and its problem; `None` if no splat was dropped.
     pub first: Option<(usize, String)>,
 }
 
@@ -523,7 +523,8 @@ impl SplatCloud {
         self.data
     }
 
-    /// Sets the interior weight: Σw inside the cloud's own surface. Ignored unless finite and greater than 0.
+    /// Sets the interior weight ([`CloudData::interior_weight`]): the typical sum of kernel weights inside the cloud's
+    /// own surface. Ignored unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         if weight.is_finite() && weight > 0.0 {
             self.data.interior_weight = Some(weight);
@@ -622,8 +623,8 @@ impl SplatCloud {
         }
     }
 
-    /// Returns the axis-aligned bounds of the splats (not only of their centres), in object space; `None` for an empty
-    /// cloud.
+    /// Returns the smallest and the largest corner of the box around the splats (not only around their centres), in
+    /// object space; `None` for an empty cloud.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let mut bounds: Option<(DVec3, DVec3)> = None;
         for i in 0..self.len() {

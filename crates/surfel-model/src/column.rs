@@ -165,8 +165,9 @@ pub struct ExtraColumn {
 }
 
 impl ExtraColumn {
-    /// Returns the column with this name. If there is no exact match, case, underscores and the prefix `scalar_` are
-    /// ignored: `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
+    /// Returns the column with this name; `None` if there is none. If there is no exact match, case, underscores and
+    /// the prefix `scalar_` are ignored: `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same
+    /// attribute.
     pub fn find<'a>(extras: &'a [Self], name: &str) -> Option<&'a Self> {
         let plain = |name: &str| {
             let lower = name.to_ascii_lowercase();

@@ -184,7 +184,7 @@ impl<'a> Parser<'a> {
         Ok(Node::Term(self.terms.len() - 1))
     }
 
-    /// Parses one or several words, or a quoted text.
+    /// Parses the name of an attribute: one or several words, or a quoted text.
     fn name(&mut self) -> Result<&'a str, String> {
         match self.next()? {
             (Token::Quoted(name), _) if !name.trim().is_empty() => Ok(name.trim()),
@@ -216,7 +216,7 @@ impl<'a> Parser<'a> {
         found
     }
 
-    /// Consumes the next token.
+    /// Consumes the next token, and returns the token with the byte at which it begins.
     fn next(&mut self) -> Result<(Token<'a>, usize), String> {
         const SIGNS: [(&str, Token<'static>); 12] = [
             ("<=", Token::Compare(Comparison::AtMost)),

@@ -29,10 +29,11 @@ pub struct ConvertOptions {
     /// Number of splats spread evenly over a mesh; with `sharp` the maximum number.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub splats: Option<SplatCount>,
-    /// Maximum number of points of a point cloud, at least 1; evenly selected.
+    /// Maximum number of points of a point cloud, at least 1; larger clouds are reduced evenly. `None` sets no maximum,
+    /// except for the default point budget of files with levels of detail.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_points: Option<u32>,
-    /// Factor for every radius; greater than 0.
+    /// Factor by which every radius is multiplied, greater than 0; `None` means 1.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub radius_scale: Option<f64>,
     /// True to clip splats along the sharp edges (creases) of a mesh.
@@ -46,7 +47,8 @@ pub struct ConvertOptions {
     /// `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub error: Option<f64>,
-    /// Attribute by which points and splats are coloured: `rgb`, `height`, `normal`, or a property of the file.
+    /// Attribute by which points and splats are coloured: `rgb`, `height`, `normal`, or a property of the file. `None`
+    /// uses the colours of the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub color_by: Option<String>,
     /// Colour map of the values, with `color_by`.
@@ -67,7 +69,8 @@ pub struct ConvertOptions {
     /// Kind of splat that each point is drawn as; estimated from the points if absent.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub points_as: Option<PointsAs>,
-    /// Box of the selected points, in the file's coordinates: smallest x, y, z, then largest.
+    /// Box of the selected points, in the file's coordinates: smallest x, y, z, then largest. `None` selects points
+    /// everywhere.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
     /// Classes of the selected points; `None` selects all classes.
@@ -83,7 +86,7 @@ pub struct ConvertOptions {
         serde(rename = "where", deserialize_with = "joined_conditions", skip_serializing_if = "Option::is_none")
     )]
     pub condition: Option<String>,
-    /// Interval of selected points: every n-th point, starting with the first; at least 1.
+    /// Interval of selected points: every n-th point, starting with the first; at least 1. `None` selects every point.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub every: Option<u32>,
     /// True to select all points, even points at exactly (0, 0, 0) and more than 16 points in one place.
@@ -278,7 +281,7 @@ impl TextureSampling {
         }
     }
 
-    /// Returns the sampling with this name.
+    /// Returns the sampling with this name; `None` if there is none.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|sampling| sampling.name() == name)
     }

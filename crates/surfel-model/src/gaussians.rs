@@ -31,11 +31,12 @@ pub struct GaussianData {
     pub opacities: Vec<f32>,
     /// Degree of the spherical harmonics, 0 to 3.
     pub degree: u32,
-    /// Spherical harmonics: (degree + 1)² RGB coefficients per Gaussian, the constant one first.
+    /// Spherical harmonics, one Gaussian after another: (degree + 1)² RGB coefficients for each, the constant one
+    /// first.
     pub harmonics: Vec<[f32; 3]>,
     /// True if colours are linear; false if they are sRGB-encoded, as displayed. Both are blended without conversion.
     pub linear_colors: bool,
-    /// Up axis, if the file states it.
+    /// Up axis that the file states; `None` if it states none.
     pub up: Option<Up>,
 }
 
@@ -181,7 +182,7 @@ impl GaussianCloud {
         [a, b, if self.data.kind == GaussianKind::Flat { 0.0 } else { c }]
     }
 
-    /// Returns the RGB coefficients of Gaussian `i`, the constant one first.
+    /// Returns the RGB coefficients of the spherical harmonics of Gaussian `i`, the constant one first.
     pub fn coefficients(&self, i: usize) -> &[[f32; 3]] {
         let each = self.data.coefficients();
         &self.data.harmonics[i * each..(i + 1) * each]

@@ -34,11 +34,12 @@ impl AlphaMode {
 /// Material of triangles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshMaterial {
-    /// Base-colour texture for the mesh's `uvs`, multiplied with its colours and alphas.
+    /// Base-colour texture for the mesh's `uvs`, multiplied with the mesh's colours and alphas; `None` without a
+    /// texture.
     pub texture: Option<Arc<Texture>>,
     /// Meaning of the alpha, which is the product of texture, colour and vertex alphas.
     pub alpha: AlphaMode,
-    /// Normal map: shading normals with more detail than the mesh's own.
+    /// Normal map: shading normals with more detail than the mesh's own. `None` uses the mesh's own normals.
     pub normal_map: Option<NormalMap>,
 }
 
@@ -46,7 +47,8 @@ pub struct MeshMaterial {
 /// the surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormalMap {
-    /// Image for the mesh's `uvs`; a component is 2·level/255 − 1.
+    /// Image at the mesh's texture coordinates `uvs`. A component of a normal is 2·level/255 − 1, for the image's 8-bit
+    /// levels.
     pub image: Arc<Texture>,
     /// Factor on the components of the normals along right and up, which makes the relief stronger or weaker.
     pub scale: f32,
@@ -63,13 +65,13 @@ impl NormalMap {
 /// Materials of a mesh, and the assignment of a material to each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriangleMaterials {
-    /// The materials.
+    /// Materials to which the indices in `of_triangle` refer.
     pub materials: Vec<MeshMaterial>,
     /// Index of each triangle's material in `materials`.
     pub of_triangle: Vec<u32>,
 }
 
-/// An indexed triangle mesh.
+/// An indexed triangle mesh. Optional columns are `None` if the file doesn't have them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Origin of the positions in object space, in object units.
@@ -86,7 +88,7 @@ pub struct Mesh {
     pub alphas: Option<Vec<f32>>,
     /// Texture coordinates, one per vertex; (0, 0) is the texture's top left corner.
     pub uvs: Option<Vec<[f32; 2]>>,
-    /// Base-colour texture for `uvs` shared by all triangles, multiplied with `colors`.
+    /// Base-colour texture for `uvs` shared by all triangles, multiplied with `colors`; `None` without a texture.
     pub texture: Option<Arc<Texture>>,
     /// Materials of the triangles; `None` if all share `texture`. Materials override `texture`.
     pub materials: Option<TriangleMaterials>,
@@ -94,7 +96,7 @@ pub struct Mesh {
     pub vertex_extras: Vec<ExtraColumn>,
     /// Properties of the triangles that Surfel doesn't interpret.
     pub triangle_extras: Vec<ExtraColumn>,
-    /// Up axis stated in the file.
+    /// Up axis that the file states; `None` if it states none.
     pub up: Option<Up>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
@@ -164,7 +166,8 @@ impl Mesh {
         self.materials.as_ref().map_or(Ok(()), |m| m.validate(self.triangles.len()))
     }
 
-    /// Returns the material of a triangle.
+    /// Returns the material of a triangle, by its index. Without [`Mesh::materials`], it is the shared texture, with
+    /// alpha as opacity.
     pub fn material(&self, triangle: usize) -> MaterialRef<'_> {
         match &self.materials {
             None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend, normal_map: None },
@@ -342,7 +345,7 @@ impl Mesh {
 /// Borrowed material of a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MaterialRef<'a> {
-    /// Texture of the material.
+    /// Base-colour texture of the material; `None` without a texture.
     pub texture: Option<&'a Arc<Texture>>,
     /// Meaning of the material's alpha.
     pub alpha: AlphaMode,

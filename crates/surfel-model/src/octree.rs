@@ -55,7 +55,7 @@ pub struct Octree {
 }
 
 impl Octree {
-    /// Validates the parts and creates an octree.
+    /// Creates an octree from splats, polygons, nodes and transitions, and validates them.
     ///
     /// Nodes must be in breadth-first order, the root first, so that the children of all nodes are consecutive. The
     /// splats of the nodes are consecutive in the same order, followed by those of the transitions. The triangles of a
@@ -144,8 +144,8 @@ impl Octree {
         &self.mesh
     }
 
-    /// Sets the interior weight ([`CloudData::interior_weight`]): Σw of the octree's splats inside the surface. Ignored
-    /// unless finite and greater than 0.
+    /// Sets the interior weight ([`CloudData::interior_weight`]): the typical sum of kernel weights of the octree's
+    /// splats inside the surface. Ignored unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         Arc::make_mut(&mut self.cloud).set_interior_weight(weight);
     }

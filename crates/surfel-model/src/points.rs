@@ -8,7 +8,8 @@ use crate::{
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Points with the attributes that a scanner or a file provided.
+/// Points with the attributes that a scanner or a file provided. Optional columns are `None` if the file doesn't have
+/// them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
     /// Origin of the positions in object space, in object units.
@@ -27,9 +28,10 @@ pub struct PointCloud {
     pub rows: Option<Vec<u32>>,
     /// Columns of the file that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
-    /// Up axis stated in the file.
+    /// Up axis that the file states; `None` if it states none.
     pub up: Option<Up>,
-    /// Position of the scanner that measured the points, in world coordinates; `None` if unknown.
+    /// Position of the scanner that measured the points, in the coordinates of the points (with `origin` added); `None`
+    /// if unknown.
     pub viewpoint: Option<DVec3>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
@@ -46,8 +48,8 @@ impl PointCloud {
         self.positions.is_empty()
     }
 
-    /// Returns the corners of the axis-aligned box around the points, in world coordinates; `None` if there are no
-    /// points.
+    /// Returns the smallest and the largest corner of the axis-aligned box around the points, in object space; `None`
+    /// if there are no points.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let first = self.origin + self.positions.high().first().map(|_| self.positions.get(0))?;
         Some((0..self.len()).fold((first, first), |(lo, hi), i| {

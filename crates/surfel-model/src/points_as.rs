@@ -10,12 +10,11 @@ use serde::{Deserialize, Serialize};
 pub enum PointsAs {
     /// Splats whose radii and normals cover the surface that the points sample.
     Surface,
-    /// Balls (rendering model §11); by default the radius is half the spacing of the points.
+    /// Balls (rendering model §11) with this radius; `None` means half the spacing of the points.
     Balls(Option<PointRadius>),
-    /// Disks of equal radius, perpendicular to the estimated normals; by default the radius is half the spacing of the
-    /// points.
+    /// Disks with this radius, perpendicular to the estimated normals; `None` means half the spacing of the points.
     Disks(Option<PointRadius>),
-    /// Dots (rendering model §11): disks parallel to the image; by default the radius is 1.5 pixels.
+    /// Dots (rendering model §11), disks parallel to the image, with this radius; `None` means 1.5 pixels.
     Dots(Option<PointRadius>),
 }
 

@@ -2,7 +2,7 @@
 
 use crate::ModelError;
 
-/// Returns an error if a number is not finite.
+/// Returns an error that names `field` if one of `values` isn't finite.
 pub(crate) fn finite(field: &str, values: &[f64]) -> Result<(), ModelError> {
     match values.iter().find(|v| !v.is_finite()) {
         Some(v) => Err(ModelError::range(field, v, "finite numbers")),
@@ -10,7 +10,7 @@ pub(crate) fn finite(field: &str, values: &[f64]) -> Result<(), ModelError> {
     }
 }
 
-/// Returns an error if a number is not finite or not greater than 0.
+/// Returns an error that names `field` if `value` isn't finite or not greater than 0.
 pub(crate) fn positive(field: &str, value: f64) -> Result<(), ModelError> {
     if value > 0.0 && value.is_finite() {
         return Ok(());

@@ -26,11 +26,11 @@ pub enum Cull {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
-    /// Ambient factor k_a; finite.
+    /// Ambient factor k_a of the shaders `phong` and `toon` (rendering model §5); finite.
     pub ambient: f64,
-    /// Diffuse factor k_d; finite.
+    /// Diffuse factor k_d of the shaders `phong` and `toon`; finite.
     pub diffuse: f64,
-    /// Specular factor k_s; finite.
+    /// Specular factor k_s of the shaders `phong` and `toon`; finite.
     pub specular: f64,
     /// Specular exponent, at least 0.
     pub shininess: f64,
@@ -38,15 +38,15 @@ pub struct Material {
     pub cull: Cull,
     /// True if back-facing splats are shaded with their shading normal reversed.
     pub two_sided: bool,
-    /// Interior weight: Σw inside the object's surface at cutoff 2, greater than 0 (rendering model §5). It overrides
-    /// the cloud's own value.
+    /// Interior weight: the typical sum of kernel weights at cutoff 2 inside the object's surface, greater than 0
+    /// (rendering model §5). It overrides the cloud's own value; `None` uses that value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub interior_weight: Option<f64>,
-    /// True if the normals of all splats point to the outside of the same surface (rendering model §5); overrides the
-    /// cloud's own value.
+    /// True if the normals of all splats point to the outside of the same surface (rendering model §5). It overrides
+    /// the cloud's own value; `None` uses that value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub oriented: Option<bool>,
-    /// Colour of the whole object, which replaces the colours of its file.
+    /// Colour of the whole object, which replaces the colours of its file; `None` shows the file's colours.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub color: Option<Color>,
 }
@@ -109,7 +109,7 @@ pub enum Geometry {
     Gaussians(Arc<GaussianCloud>),
 }
 
-/// Object of a scene.
+/// Object of a scene: geometry with a placement and a material.
 #[derive(Clone, Debug)]
 pub struct Object {
     /// Geometry of the object.
@@ -243,7 +243,7 @@ pub(crate) const DEFAULT_AMBIENT: [f64; 3] = [0.1; 3];
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct SceneFile {
-    /// Up axis.
+    /// Up axis of the scene; `None` if the file doesn't state it.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub up: Option<Up>,
     /// Camera from which the scene is drawn.

@@ -23,15 +23,15 @@ pub struct Settings {
     pub mapping: Mapping,
     /// Depth tolerance: largest distance behind the nearest surface at which a fragment is blended with it.
     pub depth_tolerance: DepthTolerance,
-    /// Shading of pixels.
+    /// Shader: rule for the colour of a pixel.
     pub shader: Shader,
-    /// Edge antialiasing.
+    /// Method of edge antialiasing.
     pub edge_aa: EdgeAa,
     /// Method of drawing transparent splats.
     pub transparency: Transparency,
     /// Method by which clip curves and lines cut splats.
     pub clip: ClipPolicy,
-    /// Precision of accumulation.
+    /// Smallest precision in which weighted attributes of fragments are summed.
     pub accumulate: Accumulate,
     /// Method of drawing files of trained Gaussians.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_surface"))]
@@ -43,7 +43,8 @@ pub struct Settings {
     /// training; for `principal` see [`Filter::Principal`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
     pub gaussian_filter: Filter,
-    /// Largest radius, in pixels, of the splats selected from an octree; greater than 0, at most [`MOST_LOD_ERROR_PX`].
+    /// Largest radius, in pixels, of the splats that are selected from levels of detail (octrees and COPC files);
+    /// greater than 0, at most [`MOST_LOD_ERROR_PX`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
 }
@@ -225,7 +226,8 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
     }
 }
 
-/// Screen-space filters (rendering model §4).
+/// Screen-space filter, which widens splats smaller than a pixel (rendering model §4). Its radius h is
+/// [`Settings::prefilter_radius_px`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
@@ -260,7 +262,7 @@ impl Filter {
     }
 }
 
-/// Mapping of a splat to the screen (rendering model §3).
+/// Mapping by which a pixel finds its position on a splat (rendering model §3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Mapping {
@@ -331,7 +333,7 @@ impl From<DepthToleranceKey> for DepthTolerance {
     }
 }
 
-/// Shading of pixels (rendering model §5).
+/// Shader: rule for the colour of a pixel (rendering model §5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
@@ -377,16 +379,17 @@ impl Shader {
 pub enum Transparency {
     /// Every splat is drawn opaque.
     Off,
-    /// Depth peeling (Guennebaud 2006 §6).
+    /// Depth peeling (Guennebaud 2006 §6): the layers of transparent splats are drawn one by one, from front to back.
     Peel {
         /// Number of layers including the last; 1 to 64.
         layers: u32,
         /// True to omit the last layer, which blends all fragments that remain.
         drop_last: bool,
     },
-    /// A-buffer (Zwicker 2001 §6).
+    /// A-buffer (Zwicker 2001 §6): the fragments of a pixel are joined into surfaces in the order of their depths. The
+    /// surfaces are then blended one over another.
     ABuffer {
-        /// Maximum number of fragments per pixel, 1 to 64.
+        /// Maximum number of surfaces per pixel, 1 to 64. If there are more, the two nearest to each other are merged.
         layers: u32,
     },
 }
@@ -549,7 +552,7 @@ mod tests {
             refused("gaussian_filter", &|s| s.gaussian_filter = filter);
         }
         assert_eq!(check(&|s| s.gaussian_filter = Filter::Principal), Ok(()));
-        // A plan has a pass for each layer.
+        // A frame is drawn with one pass for each layer.
         for layers in [0, 65, u32::MAX] {
             refused("transparency", &|s| s.transparency = Transparency::Peel { layers, drop_last: false });
             refused("transparency", &|s| s.transparency = Transparency::ABuffer { layers });

@@ -55,8 +55,8 @@ pub struct TableColumn {
     pub format: Option<NumberFormat>,
 }
 
-/// Columns of a table of points, in order: `x,y,z,_,r,g,b`, or with types `f4:x,y,z,intensity`. A type applies until
-/// the next one.
+/// Columns of a table of points, in order: `x,y,z,_,r,g,b` (`_` skips a column), or with types `f4:x,y,z,intensity`. A
+/// type applies until the next one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "String", into = "String"))]
 pub struct TableColumns(Vec<TableColumn>);

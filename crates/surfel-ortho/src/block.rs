@@ -245,7 +245,7 @@ impl Square {
         (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// Splits the rectangle into squares with a side of `px` pixels. Those at the right and at the bottom may be
+    /// Splits the rectangle into squares with a side of `px` pixels. Squares at the right and at the bottom may be
     /// smaller.
     fn parts(self, px: usize) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.left + self.width, self.top + self.height);

@@ -88,13 +88,13 @@ impl Canonical {
         }))
     }
 
-    /// Returns the position of point `i`, rounded.
+    /// Returns the position of point `i`, with each coordinate rounded by its axis's rule.
     pub(crate) fn position(&self, points: &PointCloud, i: usize) -> DVec3 {
         let p = points.origin + points.positions.get(i);
         DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))
     }
 
-    /// Returns the corners of a bounding box, rounded.
+    /// Returns the corners of a bounding box, with each coordinate rounded by its axis's rule.
     pub(crate) fn bounds(&self, (lo, hi): (DVec3, DVec3)) -> (DVec3, DVec3) {
         [lo, hi].map(|p| DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))).into()
     }

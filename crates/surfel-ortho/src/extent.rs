@@ -67,7 +67,8 @@ fn score(source: &Source) -> u32 {
     if widest >= WIDEST_DEG || widest <= 0.0 {
         return 0;
     }
-    // Lengths have equal steps on all axes. Steps of degrees are a hundred thousand times finer than those of heights.
+    // Coordinates in metres have equal decimal steps on all axes. Steps of coordinates in degrees are a hundred
+    // thousand times finer than the steps of their heights in metres.
     let [x, y, z] = points.canonical.steps();
     let is_fine = |step: Option<f64>| step.is_none_or(|step| step <= FINE);
     let is_coarse = |step: Option<f64>| step.is_some_and(|z| z >= 100.0 * FINE && z >= 100.0 * x.unwrap_or(FINE));
@@ -82,7 +83,7 @@ fn score(source: &Source) -> u32 {
     steps + steep + far
 }
 
-/// Stray points far from all others, which enlarge an image.
+/// Stray points far from all others, which would make an image too large, for an error message.
 struct Strays {
     count: usize,
     farthest: DVec3,
@@ -156,7 +157,7 @@ fn strays(sources: &[Source]) -> Option<Strays> {
             } else {
                 out.push((p, source));
             }
-            // Many such points aren't strays.
+            // Many points outside of the core aren't strays.
             if out.len() > (total / STRAY_OF).max(FEW) {
                 return None;
             }

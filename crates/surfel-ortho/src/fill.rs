@@ -26,7 +26,7 @@ const DIRECTIONS: usize = 32;
 /// Without it, data on one line wouldn't determine the slope across the line.
 const LEVEL: f64 = 2e-3;
 
-/// Values of a rectangle of pixels, one plane per kind of value, in rows from the top.
+/// Values of a rectangle of an image's pixels, one plane per kind of value, in rows from the top.
 #[derive(Clone, Default)]
 pub(crate) struct Planes {
     pub(crate) width: usize,
@@ -203,7 +203,8 @@ fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Opt
     let width = planes.width;
     let height = is_data.len() / width;
     let (x, y) = ((at % width) as f64, (at / width) as f64);
-    // Σw, Σwx, Σwy, Σwx², Σwxy, Σwy²; Σwz, Σwzx, Σwzy, with w = 1/d².
+    // Σw, Σwx, Σwy, Σwx², Σwxy, Σwy²; Σwz, Σwzx, Σwzy, with the offset (x, y), distance d, height z and weight w = 1/d²
+    // of the data.
     let (mut sums, mut color, mut normal, mut total) = ([0.0_f64; 9], [0.0_f64; 4], [0.0_f64; 3], 0.0);
     let (mut least, mut largest, mut spread) = (f32::INFINITY, f32::NEG_INFINITY, 0.0);
     for k in 0..DIRECTIONS {

@@ -6,19 +6,20 @@
 use super::grid::Grid;
 use std::ops::RangeInclusive;
 
-/// Largest and smallest side of a block, in pixels.
+/// Largest and smallest side of a block, without its margin, in pixels.
 const BLOCK_PX: (i64, i64) = (2048, 16);
 /// Largest expected number of points in a block and its halo, by which the block's side is selected.
 const BLOCK_POINTS: f64 = 3e6;
 /// Width, in point spacings, of the halo around a drawn area whose points are used too. A splat's radius is at most 4
-/// spacings, and it is estimated from points within further spacings.
+/// spacings. The rest of the halo has the neighbours from which the normals and radii of these splats are estimated.
 const HALO_SPACINGS: f64 = 12.0;
 /// Width, in point spacings, of the margin that is drawn around a block. Its pixels and points help to locate edges
 /// near the block's border.
 const MARGIN_SPACINGS: f64 = 6.0;
 /// Maximum width of the margin around a block, in pixels.
 const MOST_MARGIN_PX: i64 = 1024;
-/// Number of bins along a block's side by which points are sorted.
+/// Number of bins along a block's side. Each file's points are sorted into these square bins, so that the points of a
+/// block are found quickly.
 const BINS: i64 = 4;
 
 /// Density and sizes of the points and splats of all files, by which blocks are laid out. Lengths are in the units of x

@@ -164,7 +164,7 @@ pub struct Ortho {
     options: OrthoOptions,
     /// Colouring by an attribute that all blocks share; `None` if points have their own colours.
     color_by: Option<FixedColor>,
-    /// Coordinate reference system of the image, if it is known.
+    /// Coordinate reference system of the image; `None` if neither the options nor a file state one.
     pub crs: Option<Crs>,
     /// Notes for the user, as sentences without a full stop. Each has the path of a file, or `None` for notes about the
     /// image.
@@ -266,7 +266,8 @@ impl Ortho {
         self.grid.bounds()
     }
 
-    /// Returns the bounds rounded to six decimals, which removes binary rounding errors.
+    /// Returns the bounds of the image (minimum x, minimum y, maximum x, maximum y) rounded to six decimals, which
+    /// removes binary rounding errors.
     pub fn rounded_bounds(&self) -> [f64; 4] {
         self.bounds().map(|v| (v * 1e6).round() / 1e6)
     }
@@ -276,8 +277,8 @@ impl Ortho {
         self.options.gsd
     }
 
-    /// Draws the images, and writes their files. `software` is the program name stored in the files. The files appear
-    /// when all are complete.
+    /// Draws the images, and writes them to `files`. `software` is the program name stored in the files. The files
+    /// appear when all are complete.
     ///
     /// # Errors
     /// [`Error::Usage`] if `files` names no image, [`Error::Io`] if a file exists already or can't be written.
@@ -584,8 +585,8 @@ impl ColorChoice {
     }
 }
 
-/// Frees the points of the least recently used files until the others take at most half of [`KEPT_BYTES`]. Points that
-/// block `time` uses aren't freed.
+/// Frees the points of the least recently used files until the points in memory take at most half of [`KEPT_BYTES`].
+/// Points that the block with number `time` uses aren't freed.
 fn make_room(sources: &mut [Source], time: u64) {
     loop {
         let mut loaded: Vec<_> = sources

@@ -40,8 +40,9 @@ const STEPS: f64 = 64.0;
 /// Number of strips by which the part of the window inside of an edge is integrated.
 const STRIPS: usize = 256;
 
-/// Table by curvature (index in [`CURVATURES`]) and offset from the window's centre ([`STEPS`] per radius): the
-/// likelihood of such a surface edge times the curvature's prior weight, and the integral over all larger offsets.
+/// Table by curvature (index in [`CURVATURES`]) and offset from the window's centre ([`STEPS`] per radius, from
+/// −[`MAX_OFFSET`] on). Each entry has the likelihood of an edge with this curvature and offset, times the curvature's
+/// prior weight, and the integral of this product over all larger offsets.
 struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
 
 /// Tables of likelihoods for the two windows of [`SIZES`].
@@ -88,10 +89,10 @@ static UNITS: LazyLock<[[f32; DIRECTIONS]; 2]> = LazyLock::new(|| {
 });
 
 /// Radius within which points may enclose a position, in radii of the whole window. It is less than 2 point spacings,
-/// so that pits two points wide remain.
+/// so that points in a pit two points wide aren't enclosed.
 const ENCLOSING: f64 = 1.2 / WINDOW;
-/// Distance, in window radii, by which some near point must exceed in each direction for the points to enclose a
-/// position.
+/// Distance from a position, in window radii, along each direction. Near points enclose the position if, in every
+/// direction, some of them are farther away than this.
 const ENCLOSED: f32 = 0.01;
 
 /// Returns the probability that a position is beneath a surface, as an [`Edge`]. The flag is true if nearby points
@@ -161,7 +162,7 @@ impl Outline {
     }
 
     /// Returns the probability that the position is inside of the edge, as a function of the position. Returns `None`
-    /// if all possible edges have it inside.
+    /// if the position is inside of all possible edges.
     fn chance(&self) -> Option<Edge> {
         if self.is_empty {
             return Some(Edge::constant(0.0));

@@ -107,7 +107,8 @@ impl Out<'_, '_, '_> {
         }
     }
 
-    /// Reports that a row of blocks is complete, so that the image files can write their finished tiles.
+    /// Reports that the row of blocks with this index is complete, so that the image files can write their finished
+    /// tiles.
     pub(super) fn done(&mut self, layout: &Layout, row: i64) -> Result<(), IoError> {
         let Self::Image(sink) = self else { return Ok(()) };
         let end = sink.grid.first[1] + i64::from(sink.grid.size[1]) - row * layout.block_px;

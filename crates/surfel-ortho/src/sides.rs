@@ -26,8 +26,9 @@ const WRONG: f64 = 0.05;
 /// [`SCALES`]. A step between evenly distributed points is fitted by a function that rises more slowly than the step.
 /// Its slope decreases with the width of the weights.
 const STEEPNESS: f64 = 4.4;
-/// Weight that pulls the fitted function's slopes to 0, relative to the points' weight at their standard deviation.
-/// Without it, the slopes would be undetermined for few points and for points on a line.
+/// Weight that pulls the fitted function's slopes to 0, as a fraction of the points' total weight, placed at a distance
+/// of one standard deviation. Without this weight, the slopes would be undetermined for few points and for points on a
+/// line.
 const LEVEL: f64 = 2e-3;
 /// Maximum side, in splat radii, of a square of pixels for which the edge between two surfaces is located only once, to
 /// save time. Compared with locating it at every pixel, the RMSE of surface models changes by 1 %.
@@ -68,7 +69,7 @@ pub(crate) struct EdgeLocator {
     points: Vec<Point>,
     /// Index in `points` of each cell's first point, row by row. The last entry is the number of points.
     starts: Vec<u32>,
-    /// Flag per point, true if the point is probably beneath another surface.
+    /// Flag per point, true if the point is probably beneath another surface ([`Self::all_beneath`]).
     beneath: Vec<bool>,
     least: [f64; 2],
     cell: f64,
@@ -136,8 +137,9 @@ impl EdgeLocator {
         all
     }
 
-    /// Returns, for each point, the probability that it is beneath another surface. The probability is 0 if it is low,
-    /// or if no nearby point of the same surface is almost certainly beneath another one.
+    /// Returns, for each point, the probability that the point is beneath another surface. Probabilities up to
+    /// [`BENEATH`] are returned as 0. So is the probability of a point without nearby points, on its own surface, that
+    /// are almost certainly beneath another one ([`WELL_BENEATH`]).
     fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;
@@ -178,9 +180,9 @@ impl EdgeLocator {
         heights.windows(2).all(|pair| f64::from(pair[1] - pair[0]) <= LINKED * radius)
     }
 
-    /// Returns the probability that (x, y) is beneath the surface of the points for which `is_above` is true. The flag
-    /// is true if nearby points of this surface enclose the position. `radius` is the radius of splats there. Returns
-    /// `None` if no such point is nearby.
+    /// Returns, as the coverage of an [`Edge`], the probability that (x, y) is beneath the surface of the points for
+    /// which `is_above` is true. The flag is true if nearby points of this surface enclose the position. `radius` is
+    /// the radius of splats there. Returns `None` if no point of this surface is nearby.
     fn chance(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Edge, bool)> {
         let within = |reach: f64| {
             let from_here = self.around(x, y, reach).map(move |p| (p, [p.at[0] - x, p.at[1] - y]));
@@ -202,8 +204,8 @@ impl EdgeLocator {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. If there are
-    /// very many, as on a wall seen from above, only some of them are returned.
+    /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. Of many more
+    /// than [`MOST_POINTS`], as on a wall seen from above, only a regular selection is returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -220,8 +222,8 @@ impl EdgeLocator {
         rows.flat_map(move |row| of_row(row).step_by(step))
     }
 
-    /// Returns the typical radius of the splats around (x, y). It is that of the mean density within the nearest
-    /// splat's radius.
+    /// Returns the typical radius of the splats around (x, y): the radius that corresponds to the mean density of the
+    /// splats within the nearest splat's radius. Returns `None` if no splat is nearby.
     fn radius_at(&self, x: f64, y: f64) -> Option<f64> {
         let squared = |p: &Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2);
         let mut half = self.cell;
@@ -251,7 +253,7 @@ impl EdgeLocator {
     }
 
     /// Locates the edge near (x, y) between an upper surface with the height `upper` and a lower one with the height
-    /// `lower`. Returns `None` if there are no points nearby.
+    /// `lower`. `near` is a buffer that is reused between calls. Returns `None` if there are no points nearby.
     pub(crate) fn edge(&self, x: f64, y: f64, upper: f64, lower: f64, near: &mut NearbyPoints) -> Option<Edge> {
         let middle = 0.5 * (upper + lower);
         let radius = self.radius_at(x, y)?;
@@ -330,7 +332,7 @@ impl NearbyPoints {
         let [dx, dy, _] = &self.columns;
         self.weights.clear();
         self.weights.extend(dx.iter().zip(dy).map(|(dx, dy)| weight(dx * dx + dy * dy, variance)));
-        // Σw, Σwx, Σwy, Σwx², Σwxy, Σwy²; Σwv, Σwvx, Σwvy.
+        // Σw, Σwx, Σwy, Σwx², Σwxy, Σwy²; Σwv, Σwvx, Σwvy, with the weight w, offset (x, y) and value v of each point.
         let mut sums = [[0.0; LANES]; 9];
         for [dx, dy, side, w] in self.lanes() {
             for k in 0..LANES {

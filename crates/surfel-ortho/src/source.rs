@@ -83,8 +83,8 @@ pub(crate) struct Points {
     /// Rules by which positions are rounded, so that they are identical for all file formats.
     pub(crate) canonical: Canonical,
     cloud: Option<PointCloud>,
-    /// Flag per point, true if the point is on water. Such points aren't dropped as isolated. Empty if no point is on
-    /// water.
+    /// Flag per point, true if the point is on water, where points aren't dropped as isolated in height. Empty if no
+    /// point is on water.
     water: Vec<bool>,
     /// Range of the points in each bin; `None` until the points are sorted into bins.
     bins: Option<Bins>,
@@ -92,7 +92,7 @@ pub(crate) struct Points {
     used: u64,
 }
 
-/// Results of loading a file besides its content: notes, options without effect, and a colouring request.
+/// Results of loading a file besides its content: notes for the user, options without effect, and a colouring request.
 #[derive(Default)]
 pub(crate) struct LoadReport {
     pub(crate) notes: Vec<String>,
@@ -246,7 +246,8 @@ impl Points {
         Ok(())
     }
 
-    /// Appends the points within the rectangle `within` to the points of a block.
+    /// Appends the points within the rectangle `within` (minimum x, minimum y, maximum x, maximum y) to the points of a
+    /// block.
     pub(crate) fn gather(&self, within: [f64; 4], layout: &Layout, into: &mut Gathered) {
         let (Some(cloud), Some(bins)) = (&self.cloud, &self.bins) else { return };
         let [x0, y0, x1, y1] = within;
@@ -288,9 +289,9 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// Returns the points as one cloud, in an order that depends only on the points. Points that are isolated in height
-    /// are dropped if their `spacing` is given; the second value has their positions. `column` is the name of the
-    /// points' values.
+    /// Returns the points as one cloud, in an order that depends only on the points. If the points' mean `spacing` is
+    /// given, points that are isolated in height are dropped, and the second result has the positions of the dropped
+    /// points. `column` is the name of the extra column of the points' values; `None` drops the values.
     pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
@@ -329,7 +330,8 @@ impl Gathered {
     }
 }
 
-/// Returns the splats whose centres are within a rectangle, or `None` if there are none.
+/// Returns the splats whose centres are within a rectangle (minimum x, minimum y, maximum x, maximum y), or `None` if
+/// there are none.
 pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Option<SplatCloud>, Error> {
     let [x0, y0, x1, y1] = within;
     let inside = |p: DVec3| p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1;
@@ -337,7 +339,7 @@ pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Opti
     splats_kept(cloud, &keep)
 }
 
-/// Returns the splats whose flag is set, or `None` if there are none.
+/// Returns the splats whose flag in `keep` is true, or `None` if no flag is true.
 pub(crate) fn splats_kept(cloud: &SplatCloud, keep: &[bool]) -> Result<Option<SplatCloud>, Error> {
     if !keep.contains(&true) {
         return Ok(None);

@@ -7,7 +7,9 @@ use surfel_io::ShowPath as _;
 use surfel_load::Error;
 use surfel_model::ModelError;
 
-/// Returns the coordinate reference system with the given EPSG code, or else the system that all files share.
+/// Returns the coordinate reference system with the given EPSG code, or else the system that all files share; `None` if
+/// no file states one. Adds notes about files without a usable system. Returns an error if files state different
+/// systems, or if the EPSG code's coordinates are degrees.
 pub(super) fn crs_of(
     sources: &[Source],
     epsg: Option<u16>,

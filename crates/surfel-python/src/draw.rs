@@ -28,7 +28,8 @@ const KEPT: usize = 1;
 /// Inputs of a scene, with cached results of loading and preparing.
 pub(crate) struct Input {
     pub(crate) paths: Vec<PathBuf>,
-    /// Contents of the file that arrays were converted to. The name `-` among the paths stands for this file.
+    /// Contents of the file that arrays were converted to; `None` without arrays. The name `-` among the paths stands
+    /// for this file.
     pub(crate) bytes: Option<Arc<[u8]>>,
     /// Number of points in the arrays; 0 if unknown.
     pub(crate) points: u64,
@@ -71,7 +72,7 @@ pub(crate) struct Prepared {
 pub(crate) struct Files {
     /// Files that the inputs refer to, such as textures.
     beside: BTreeSet<PathBuf>,
-    /// Contents of the file named `-`, which stands for arrays.
+    /// Contents of the file named `-`, to which arrays were converted; `None` without arrays.
     bytes: Option<Arc<[u8]>>,
     /// All files with their hashes; set when the first image is written.
     known: Mutex<Option<Vec<metadata::Input>>>,
@@ -390,7 +391,7 @@ impl Recipe {
         Ok(Some(json.to_string()))
     }
 
-    /// Parses the JSON that [`Recipe::to_json`] returned.
+    /// Parses the JSON that [`Recipe::to_json`] returned; `None` if the text isn't such JSON.
     pub(crate) fn from_json(text: &str) -> Option<Self> {
         let json: serde_json::Value = serde_json::from_str(text).ok()?;
         let scene = serde_json::to_vec(json.get("scene")?).ok()?;

@@ -16,7 +16,7 @@ use surfel_sample::SampleError;
 pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
 
 /// Converts option names in a message to keyword arguments. Flags such as `--depth-tolerance` from `surfel-app` become
-/// `depth_tolerance`. Neutral names of lower packages are converted by [`as_keywords`].
+/// `depth_tolerance`. Option names in backquotes, from packages below `surfel-app`, are converted by [`as_keywords`].
 pub(crate) fn in_python(message: &str) -> String {
     let message = as_keywords(message);
     let mut text = String::with_capacity(message.len());

@@ -359,8 +359,8 @@ pub(crate) fn frame_of(
     })
 }
 
-/// Returns the plane `name` from `planes`. Checks that the plane is contiguous and read-only, and has as many pixels as
-/// the planes before it.
+/// Returns the plane `name` from `planes`; `None` if there is no such plane. Checks that the plane is contiguous and
+/// has the same height and width as the planes before it, which `size` stores. Makes the plane's array read-only.
 fn given<T: Element>(
     planes: &Bound<'_, PyDict>,
     name: &str,

@@ -31,7 +31,7 @@ impl Views {
         }
     }
 
-    /// Returns the camera of an image and its name.
+    /// Returns the name and the source of an image's camera; `None` if there is no image with this index.
     fn get(&self, index: usize) -> Option<(String, From)> {
         match self {
             Self::Cameras(cameras) => {
@@ -138,7 +138,7 @@ impl NativeMany {
 pub(crate) struct NativeFrames(Arc<Shared>);
 
 impl NativeFrames {
-    /// Starts the drawing threads.
+    /// Starts the drawing threads, and returns the iterator over the images.
     fn start(py: Python<'_>, input: Arc<Input>, job: Job, views: Arc<Views>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };

@@ -47,7 +47,7 @@ struct Key {
     process: u32,
 }
 
-/// Idle backends with their keys.
+/// Backends that no frame uses at the moment, each with its key.
 static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
 /// Maximum number of idle backends in the pool.
 const MOST: usize = 16;

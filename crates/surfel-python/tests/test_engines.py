@@ -185,7 +185,7 @@ def test_shares_of_a_collection_are_put_together_though_a_worker_is_killed(engin
     assert output.read_bytes() == b"mine"
     output.unlink()
     surfel.convert(inputs[:3], tmp_path / "all.0001.shard", shard=(1, 2))
-    with pytest.raises(surfel.InputError, match="a share of other inputs"):
+    with pytest.raises(surfel.InputError, match="a shard of other inputs"):
         list(engine.module.convert(inputs, output, shares=2, **engine.options))
 
 

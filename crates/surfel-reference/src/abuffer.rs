@@ -26,7 +26,8 @@ struct Shaded {
     alpha: f64,
 }
 
-/// Groups the transparent fragments of every pixel into surfaces, and returns these as layers, nearest first.
+/// Groups the transparent fragments of every pixel into surfaces. Returns the surfaces of each pixel as layers, nearest
+/// first; pixels are in row order.
 pub(crate) fn gather(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let run = Run::new(transparent.splats, transparent.bands, lighting.view, lighting.plan);
     let pixels = run.fragments();
@@ -52,7 +53,8 @@ impl Pixel<'_> {
         let mut layers = LayerCompositor::default();
         let mut surfaces: Vec<Shaded> = Vec::new();
         let mut sums = Sums::default();
-        // The smallest z + ε of the surface's unfiltered splats, as in the visibility pass.
+        // The smallest z + ε so far of the current surface's fragments inside unfiltered footprints, as in the
+        // visibility pass.
         let mut threshold = f64::INFINITY;
         for f in &fragments {
             layers.marginal |= f.inside && margin::on_depth(f.z, self.opaque_depth);

@@ -236,13 +236,14 @@ pub(crate) fn between(fragments: &[BallFragment], from: f64, to: f64) -> &[BallF
     &fragments[first..end]
 }
 
-/// Returns the nearest solid fragment, which the planes of depth, normal and nearest splat show.
+/// Returns the nearest solid fragment, which the planes of depth, normal and nearest splat show; `None` if no fragment
+/// is solid. `fragments` are those of one pixel, nearest first.
 pub(crate) fn shown(fragments: &[BallFragment]) -> Option<&BallFragment> {
     fragments.iter().find(|f| f.is_solid)
 }
 
-/// True if rounding could change the order of visible fragments, which of them is solid, or their order relative to the
-/// depths `surfaces` of other surfaces.
+/// True if rounding could change the order of a pixel's visible fragments, which of them is solid, or their order
+/// relative to the depths `surfaces` of other surfaces. `fragments` are those of the pixel, nearest first.
 pub(crate) fn is_marginal(fragments: &[BallFragment], surfaces: &[f64]) -> bool {
     let mut transmittance = 1.0;
     for (i, f) in fragments.iter().enumerate() {

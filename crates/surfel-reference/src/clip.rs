@@ -22,7 +22,8 @@ pub(crate) struct SplatClip {
 }
 
 impl SplatClip {
-    /// Creates the clip of splat `i` under a policy, with identity maps; `None` if the splat isn't clipped.
+    /// Creates the clip of splat `i` under a policy; `None` if the splat isn't clipped. Both maps are identities, until
+    /// a filter that turns half-axes sets them. `oriented` is true for a splat of an oriented cloud.
     pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
@@ -65,8 +66,8 @@ impl SplatClip {
     }
 }
 
-/// Returns the splat's own (u, v) at the pixel offset `d` of a footprint. It is (0, 0) if W ≤ 0, which only occurs with
-/// the filter `clamp`.
+/// Returns the splat's own (u, v) at the pixel offset `d` of a footprint. It is (0, 0) if the footprint's homogeneous
+/// coordinate w is at most 0 there, which only occurs with the filter `clamp`.
 fn own_coordinates(footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> V2<f64> {
     let (u, v, w) = footprint.at(d);
     if w > 0.0 { turn.apply(V2::new(u / w, v / w)) } else { V2::new(0.0, 0.0) }

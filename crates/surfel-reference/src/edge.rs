@@ -66,12 +66,12 @@ impl Edges<'_> {
     }
 }
 
-/// Returns the depth at which a pixel's own surface ends: one ε behind the threshold's writer depth.
+/// Returns the depth at which a pixel's own surface ends: one ε behind [`Threshold::writer_depth`].
 fn limit(own: Threshold) -> f64 {
     own.writer_depth + own.epsilon
 }
 
-/// Returns the depth at which a neighbour's surface begins: one ε before the threshold's writer depth.
+/// Returns the depth at which a neighbour's surface begins: one ε in front of [`Threshold::writer_depth`].
 fn step(neighbour: Threshold) -> f64 {
     neighbour.writer_depth - neighbour.epsilon
 }
@@ -86,7 +86,8 @@ mod tests {
         Edges { passes, polygons, rect: *rect }
     }
 
-    /// Returns a row of pixels with these depths, all certain, with ε = 0.1.
+    /// Returns the passes' results for a row of pixels whose nearest surfaces have these depths and ε = 0.1. Rounding
+    /// could change none of the thresholds.
     fn row(depths: &[f64]) -> (Passes, Region) {
         let at = |depth: f64| Threshold { depth, writer_depth: depth, epsilon: 0.1, ..Threshold::NONE };
         let thresholds: Vec<Threshold> = depths.iter().map(|&z| at(z + 0.1)).collect();
@@ -136,7 +137,7 @@ mod tests {
             assert_eq!(edges(&row, &polygon(z, false)).pixels()[0], edge, "{z}");
             assert!(!edges(&row, &polygon(z, false)).marginal()[0], "{z}");
         }
-        // A polygon that rounding could remove, or move across the step.
+        // Rounding could remove the first polygon, and move the second across the limit of a step.
         assert!(edges(&row, &polygon(1.1, true)).marginal()[0]);
         assert!(edges(&row, &polygon(1.2001, false)).marginal()[0]);
     }

@@ -5,8 +5,8 @@ use surfel_math::V2;
 use surfel_math::eye_dome::{NEIGHBOURS, brightness, rise_weight};
 use surfel_render::{Region, View};
 
-/// Eye-dome lighting of a rectangle of pixels. It stores the depth of each pixel's nearest surface, and true if
-/// rounding could change the depth.
+/// Eye-dome lighting of a rectangle of pixels. Each entry of `depths` is the depth of a pixel's nearest surface (+∞
+/// without one), and true if rounding could change it.
 pub(crate) struct EyeDome<'a> {
     depths: Vec<(f64, bool)>,
     rect: Region,

@@ -108,8 +108,8 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
         .collect()
 }
 
-/// Returns the work rectangle, over which all passes run. It is the region, grown by the neighbours that passes read,
-/// inside the image.
+/// Returns the work rectangle, over which all passes run. It is the view's region, enlarged on each side by the number
+/// of neighbouring pixels that passes read, and limited to the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
 }
@@ -130,7 +130,8 @@ pub(crate) struct OpaqueImage<'a> {
     eye_dome: Option<EyeDome<'a>>,
     /// Outlines detected between the nearest surfaces; `None` if the plan has none.
     outlines: Option<Outlines<'a>>,
-    /// Shaded nearest surface of each pixel in the work rectangle, and true if rounding could change it.
+    /// Shaded nearest surface of each pixel in the work rectangle, `None` in empty pixels, and true if rounding could
+    /// change it.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 

@@ -60,8 +60,9 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Runs both passes over the transparent splats in front of opaque surfaces, as if these splats were opaque. The
-    /// result gives their depths. `None` if there are no such splats.
+    /// Runs the visibility and attribute passes over the transparent splats in front of opaque surfaces, as if these
+    /// splats were opaque. Their thresholds and sums give the depths of the nearest transparent surfaces. `None` if
+    /// there are no transparent splats.
     pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
         if self.transparent.is_empty() {
             return None;
@@ -94,7 +95,7 @@ impl<'a> Front<'a> {
         if let Some(meshes) = &self.meshes {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
-        // Without a threshold, nothing is behind the pixel either.
+        // The limit is also +∞ at an edge pixel without a threshold, since nothing is drawn behind it.
         let limit: Vec<f64> = front
             .thresholds
             .iter()

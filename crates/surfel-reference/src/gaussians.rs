@@ -14,8 +14,8 @@ use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, Pa
 /// Largest relative distance of a value, such as α, from a limit at which rounding could change the comparison with the
 /// limit.
 const MARGIN: f64 = 1e-4;
-/// Width, in pixels, of the surroundings of a ray within which rounding may move a Gaussian. Values that cross a limit
-/// there are uncertain.
+/// Distance, in pixels, by which rounding may move a Gaussian relative to a pixel's ray. A value that crosses a limit
+/// within this distance of the ray is uncertain.
 const RIM_PX: f64 = 1e-3;
 /// Largest relative distance between two depths whose order f32 rounding may change.
 const DEPTH_MARGIN: f64 = 5e-7;
@@ -30,7 +30,8 @@ struct VisibleGaussian {
     bounds_px: Option<[V2<f64>; 2]>,
     forms: GaussianForms<f64>,
     opacity: f64,
-    /// Factor of α after its limits: the fraction of the filtered footprint that the Gaussian covers, or 1 as trained.
+    /// Factor by which α is multiplied after its comparison with the limits: the fraction of the filtered footprint
+    /// that the Gaussian covers, or 1 if Gaussians are drawn as they were trained.
     weight: f64,
     color: DVec3,
     /// Unit normal in world space.

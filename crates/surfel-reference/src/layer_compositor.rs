@@ -26,7 +26,7 @@ pub(crate) struct LayerCompositor {
     layers: Vec<Layer>,
     /// Surface of the nearest layer, which the planes of depth and normal show; `None` without layers.
     pub nearest: Option<Surface>,
-    /// Number of surfaces that were added as layers; empty surfaces don't count.
+    /// Number of surfaces that were added as layers, before any are merged; empty surfaces don't count.
     pub count: u32,
     /// Number of fragments that were summed in the layers' surfaces.
     pub fragments: u32,

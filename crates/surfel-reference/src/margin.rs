@@ -74,9 +74,9 @@ pub(crate) fn on_step(near: f64, far: f64) -> bool {
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
 }
 
-/// Returns the thresholds, without ties, that a pixel could have if sides are separated, and true if rounding could
-/// change the side that it shows. `nearest` is the result if all uncertain fragments exist, and `farthest` if none
-/// does.
+/// Returns the thresholds that a pixel could have if front and back sides of oriented surfaces are separated; their
+/// `tie` isn't set. The second value is true if rounding could change the side that the pixel shows. `nearest` is the
+/// visibility result if all uncertain fragments exist, and `farthest` if none of them does.
 pub(crate) fn possible_of_sides(nearest: &SideThresholds, farthest: &SideThresholds) -> (PossibleThresholds, bool) {
     let surely_before = |side: usize, other: usize| {
         let (far, near) = (farthest.nearness()[side], nearest.nearness()[other]);

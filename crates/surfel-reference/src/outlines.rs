@@ -8,8 +8,8 @@ use surfel_math::toon::step_back_limit;
 use surfel_math::{V2, V3};
 use surfel_render::{Region, View};
 
-/// Nearest surfaces of a rectangle of pixels, between which outlines are detected. It stores the depth of each surface,
-/// and true if rounding could change the depth.
+/// Nearest surfaces of a rectangle of pixels, between which outlines are detected. Each entry of `depths` is the depth
+/// of a pixel's surface (+∞ without one), and true if rounding could change it.
 pub(crate) struct Outlines<'a> {
     depths: Vec<(f64, bool)>,
     rect: Region,

@@ -27,7 +27,7 @@ impl TransparentSplats<'_> {
 }
 
 /// Draws the transparent layers that the plan asks for. Each layer has the nearest surface of every pixel behind the
-/// previous layer.
+/// previous layer. Returns the layers of each pixel, nearest first; pixels are in row order.
 pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<LayerCompositor> {
     let plan = lighting.plan;
     let mut layers = vec![LayerCompositor::default(); transparent.opaque_depth.len()];

@@ -41,8 +41,8 @@ pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item 
 pub(crate) fn touched(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
     let range = |min: f64, max: f64, start: u32, length: u32| {
         let (lo, hi) = (f64::from(start), f64::from(start + length));
-        // Float-to-int casts saturate: an infinite box is clipped to the rectangle. Samples are a quarter of a pixel
-        // wide.
+        // The limits also hold for an infinite box. The slack is twice the margin of an image of samples: its pixels
+        // are a quarter as wide, so that the margin spans four times as many.
         let slack = 8.0 * margin::RIM_PX;
         let first = (min - 0.5 - slack).ceil().clamp(lo, hi) as u32;
         let end = ((max - 0.5 + slack).floor() + 1.0).clamp(lo, hi) as u32;

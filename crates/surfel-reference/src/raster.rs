@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use surfel_math::{V2, kernel};
 use surfel_render::{Attributes, FramePlan, Region, View};
 
-/// Number of pixel rows in a band, the unit of parallel work. It changes no pixel.
+/// Number of pixel rows in a band, the unit of parallel work. No pixel's value depends on it.
 const BAND_ROWS: u32 = 8;
 
 /// Sums of the attributes of a pixel's fragments, each multiplied by its weight; `weight` is the sum of the weights.
@@ -138,7 +138,7 @@ pub(crate) struct Fragment {
     pub inside: bool,
     /// True if the pixel is inside the unfiltered footprint.
     pub visible: bool,
-    /// True if rounding could change `inside`, or whether the fragment has a depth within the limits.
+    /// True if rounding could change `inside`, or remove the fragment at z_near or by its splat's facing.
     pub marginal: bool,
     /// True if rounding could change `visible`.
     pub on_visible_rim: bool,
@@ -209,8 +209,8 @@ impl<'a> Run<'a> {
         Passes { thresholds, sums, possible, fragments }
     }
 
-    /// Returns the fragments of every pixel of the rectangle, in splat order. The pixel is inside the splat's
-    /// unfiltered or filtered footprint, or on a rim.
+    /// Returns the fragments of every pixel of the rectangle, in splat order. A splat has a fragment where the pixel is
+    /// inside its unfiltered or filtered footprint, or on the rim of one of them.
     pub(crate) fn fragments(&self) -> Vec<Vec<Fragment>> {
         let of_band = |(band, list): (usize, &'a Vec<u32>)| {
             let pass = self.band(band, list);
@@ -387,7 +387,8 @@ impl BandPass<'_> {
                 possible[at].farthest.lower(own);
             }
         });
-        // A fragment that barely fails to exist would be among the nearest, or the only one.
+        // Fragments that are missing only because their depth misses z_near or z_far by less than the margin. With
+        // these fragments, the threshold or the sums would differ.
         self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
             let z = splat.depth_nearly_at(pixel, self.run.view);
             if z.is_none_or(|z| !self.limits.admit(at, z) || z > thresholds[at].depth) {

@@ -43,7 +43,8 @@ impl Renderer {
             .stack_size(STACK_BYTES)
             .build()
             .map_err(|e| RenderError::Threads { backend: "reference", message: e.to_string() })?;
-        // Waits until each thread has run, so that callers can measure the memory that thread starts leave.
+        // Waits until every thread has run once, so that callers can measure the memory that threads occupy from their
+        // start.
         pool.broadcast(|_| ());
         let info = RendererInfo {
             backend: "reference",

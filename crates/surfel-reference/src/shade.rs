@@ -94,7 +94,8 @@ impl Lighting<'_> {
         Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
     }
 
-    /// Shades a ball at a pixel.
+    /// Shades a ball at a pixel with the given planar depth and unit normal in world space. `weight` is the fragment's
+    /// coverage, which the weight plane shows.
     pub(crate) fn shade_ball(
         &self,
         ball: &ScreenBall,
@@ -188,8 +189,9 @@ impl Lighting<'_> {
     }
 
     /// Computes ambient, diffuse and specular light at a point. The second value is true if rounding could add or
-    /// remove a highlight or a shadow. `diffused` maps a diffuse amount from 0 to 1. `highlighted` maps a highlight's
-    /// strength and the fraction of the light that reaches the point.
+    /// remove a highlight or a shadow. `diffused` returns the diffuse factor for max(0, n·l) times the fraction of the
+    /// light that reaches the point. `highlighted` returns the specular factor for a highlight's strength max(0,
+    /// r·v)^shininess, and that fraction.
     fn lit(
         &self,
         point: &Point,

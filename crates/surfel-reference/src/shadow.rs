@@ -21,7 +21,8 @@ pub(crate) struct Shadow<'a> {
     texels: Vec<Texel>,
 }
 
-/// Texel of a shadow map: the depth limit up to which points are lit. The limit includes the bias.
+/// Texel of a shadow map: the depth in the map's view up to which points are lit. It is the threshold min(z + ε) of the
+/// visibility pass, also lowered by polygons and balls.
 #[derive(Clone, Copy)]
 struct Texel {
     threshold: f64,

@@ -205,8 +205,8 @@ fn project(
     Some(shape)
 }
 
-/// Projects a splat that reaches or passes z_near, or whose extent is large relative to its distance. The projection is
-/// exact, and the splat isn't filtered.
+/// Projects a splat that reaches or passes z_near, or whose extent is large relative to its distance; `None` if no part
+/// of it is at or beyond z_near. The projection is exact, and the splat isn't filtered.
 fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<ScreenSplat> {
     let mapped = through_near(splat, &view.projection);
     let near_box = bounds::through_near(splat, &view.projection)?;

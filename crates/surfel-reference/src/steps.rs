@@ -125,7 +125,7 @@ impl Steps<'_> {
             if polygon.is_some_and(|hit| hit.marginal) {
                 opaque.push(self.opaque(at, threshold, false));
             }
-            // Both are equally near, so either may be the nearest.
+            // Polygon and splats begin at nearly the same depth, so either may be the nearest surface.
             if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.writer_depth - threshold.epsilon)) {
                 opaque.push(DepthRange::of(threshold));
             }

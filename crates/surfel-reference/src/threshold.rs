@@ -16,7 +16,7 @@ pub(crate) struct Threshold {
     pub epsilon: f64,
     /// Side of oriented surfaces that the pixel shows; [`Facing::Undeclared`] if it shows both.
     pub facing: Facing,
-    /// Smallest depth of the side that the pixel shows; +∞ if sides aren't separated.
+    /// Smallest [`nearness`] of the fragments on the side that the pixel shows; +∞ if sides aren't separated.
     pub nearest: f64,
 }
 
@@ -82,7 +82,8 @@ pub(crate) struct PossibleThresholds {
 pub(crate) struct SideThresholds {
     /// Depth threshold of each side's fragments. Fragments of undeclared splats count for both sides.
     pub thresholds: [Threshold; 2],
-    /// Smallest depth of each side's fragments, and the fragment that has this depth; +∞ if there are none.
+    /// Smallest [`nearness`] of each side's fragments, as the field `depth`; the other fields are those of the fragment
+    /// that has it. It is +∞ if a side has no fragment.
     pub nearest: [Threshold; 2],
 }
 
@@ -102,7 +103,8 @@ impl SideThresholds {
         }
     }
 
-    /// Returns the smallest depth of each side's fragments; +∞ for a side without fragments.
+    /// Returns the smallest [`nearness`] of each side's fragments, a depth by which the nearer side is chosen. It is +∞
+    /// for a side without fragments.
     pub(crate) fn nearness(&self) -> [f64; 2] {
         self.nearest.map(|nearest| nearest.depth)
     }

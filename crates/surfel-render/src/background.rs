@@ -9,14 +9,14 @@ use std::sync::atomic::AtomicBool;
 #[derive(Debug, Default)]
 pub struct Background {
     /// Parameters of the recorded squares; `None` if nothing is recorded.
-    of: Option<Of>,
+    key: Option<RecordKey>,
     /// One flag per square, row by row: true if the square contains only the background.
     squares: Vec<AtomicBool>,
 }
 
 /// Parameters of a [`Background`] record. The record is valid only for an image with the same parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Of {
+struct RecordKey {
     /// Background colour, linear premultiplied RGBA.
     color: [f32; 4],
     /// Region of the view that is divided into squares.
@@ -36,18 +36,18 @@ impl Background {
         side_px: u32,
         [columns, rows]: [u32; 2],
     ) -> &[AtomicBool] {
-        let of = Some(Of { color, region, side_px });
-        if self.of != of {
+        let key = Some(RecordKey { color, region, side_px });
+        if self.key != key {
             let none = || AtomicBool::new(false);
             let count = columns as usize * rows as usize;
-            *self = Self { of, squares: std::iter::repeat_with(none).take(count).collect() };
+            *self = Self { key, squares: std::iter::repeat_with(none).take(count).collect() };
         }
         &self.squares
     }
 
     /// Clears the record, so that no square counts as containing only background.
     pub(crate) fn forget(&mut self) {
-        self.of = None;
+        self.key = None;
     }
 }
 

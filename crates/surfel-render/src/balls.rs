@@ -3,8 +3,8 @@
 use crate::View;
 use glam::{DAffine3, DVec3};
 
-/// Returns the factor by which an object's placement scales the radii of its balls (rendering model §11). Balls remain
-/// spheres, and the factor preserves the ratio of their volume to the volume of space.
+/// Returns the factor by which an object's matrix scales the radii of its balls (rendering model §11): the cube root of
+/// the determinant's absolute value. Balls remain spheres, and their volume changes by the same factor as all volumes.
 pub fn ball_scale(world_from_object: &DAffine3) -> f64 {
     world_from_object.matrix3.determinant().abs().cbrt()
 }

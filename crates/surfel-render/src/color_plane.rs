@@ -15,10 +15,10 @@ const PIXELS: usize = LINE / size_of::<[f32; 4]>();
 #[derive(Default)]
 pub(crate) struct ColorPlane {
     /// Allocated memory: the pixels, and a few unused elements before and after them that allow the alignment.
-    /// Index in `memory` of the first pixel.
     memory: Vec<[f32; 4]>,
-    /// Number of pixels.
+    /// Index in `memory` of the first pixel.
     first: usize,
+    /// Number of pixels.
     count: usize,
 }
 
@@ -30,7 +30,7 @@ impl ColorPlane {
     pub(crate) fn resize(&mut self, count: usize) {
         let room = count + if count > 0 { PIXELS - 1 } else { 0 };
         if self.memory.capacity() < room {
-            // The old memory is freed first.
+            // The old memory is freed first, so that both never exist at once.
             self.memory = Vec::new();
             self.memory = vec![[0.0; 4]; room];
         } else if self.memory.len() < room {
@@ -43,7 +43,7 @@ impl ColorPlane {
 }
 
 impl ColorPlane {
-    /// Returns the memory, and the index of the first pixel in it.
+    /// Returns the allocated memory without a copy, and the index of the first pixel in it.
     pub(crate) fn into_memory(self) -> (Vec<[f32; 4]>, usize) {
         if self.count == 0 { (Vec::new(), 0) } else { (self.memory, self.first) }
     }

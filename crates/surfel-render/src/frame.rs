@@ -20,7 +20,7 @@ pub struct Planes {
     pub depth: bool,
     /// True for unit normals in world space.
     pub normal: bool,
-    /// True for Σw, the sum of splat weights.
+    /// True for Σw, the sum of the splats' weights in each pixel.
     pub weight: bool,
     /// True for the number of fragments that contributed to each pixel.
     pub fragments: bool,
@@ -43,7 +43,7 @@ pub struct Planes {
 }
 
 impl Planes {
-    /// The colour plane alone.
+    /// Selection of the linear colour plane alone.
     pub const COLOR: Self = Self {
         color: true,
         rgba8: false,
@@ -150,7 +150,7 @@ pub struct FramePlanes {
     pub depth: Vec<f32>,
     /// Unit normals in world space; zero where nothing is visible.
     pub normal: Vec<[f32; 3]>,
-    /// Sum of splat weights, Σw.
+    /// Sum of the splats' weights in each pixel, Σw; 0 where nothing is visible.
     pub weight: Vec<f32>,
     /// Number of fragments that contributed to each pixel.
     pub fragments: Vec<u32>,
@@ -185,11 +185,12 @@ pub struct PlanesMut<'a> {
     pub depth: &'a mut [f32],
     /// Unit normals in world space; zero where nothing is visible.
     pub normal: &'a mut [[f32; 3]],
-    /// Sum of splat weights, Σw.
+    /// Sum of the splats' weights in each pixel, Σw; 0 where nothing is visible.
     pub weight: &'a mut [f32],
     /// Number of fragments that contributed to each pixel.
     pub fragments: &'a mut [u32],
-    /// Nearest splats, as numbers of the backend's choice, which [`Frame::finish`] replaces by rows.
+    /// Nearest splat of each pixel, as a number of the backend's choice, which [`Frame::finish`] replaces by the
+    /// splat's row.
     pub index: &'a mut [u32],
     /// Sum of the weights of a pixel's Gaussians, Σw: their accumulated opacity.
     pub alpha: &'a mut [f32],
@@ -242,7 +243,7 @@ impl Frame {
         /// Returns unit normals in world space; zero where nothing is visible. For Gaussians, returns the weighted sum
         /// Σw·n, whose length is at most their accumulated opacity.
         normal, normal_mut: [f32; 3];
-        /// Returns the sum of splat weights, Σw.
+        /// Returns the sum of the splats' weights in each pixel, Σw; 0 where nothing is visible.
         weight, weight_mut: f32;
         /// Returns the number of fragments that contributed to each pixel.
         fragments, fragments_mut: u32;
@@ -386,9 +387,9 @@ impl Frame {
 }
 
 impl Frame {
-    /// Computes the planes that derive from others: identities and positions. Backends call this after all other planes
-    /// are written. `identity` converts the backend's numbers in the plane `index` to identities; it isn't called
-    /// without that plane.
+    /// Computes the planes that derive from others: `index`, `object`, `label` and `position`. Backends call this after
+    /// all other planes are written. `identity` converts the backend's numbers in the plane `index` to identities.
+    /// Without that plane, `identity` isn't called.
     pub fn finish(&mut self, view: &View, identity: impl Fn(u32) -> Identity) {
         for at in 0..self.index.len() {
             self.put_identity(at, identity(self.index[at]));
@@ -396,8 +397,8 @@ impl Frame {
         self.locate(view);
     }
 
-    /// Encodes the colours, if requested, and drops them if they weren't requested; called by backends that don't
-    /// encode colours while drawing.
+    /// Fills the plane `rgba8` from the linear colours if `planes` has `rgba8`; drops the linear colours unless
+    /// `planes` has `color`, too. Called by backends that don't encode colours while drawing.
     pub fn encode(&mut self, planes: Planes) {
         if planes.rgba8 {
             for (encoded, color) in self.rgba8.iter_mut().zip(&*self.color) {
@@ -407,14 +408,16 @@ impl Frame {
         }
     }
 
-    /// Drops colours that were needed only for encoding; called by backends.
+    /// Drops the linear colours unless `planes` has `color`: they were needed only for the plane `rgba8`. Called by
+    /// backends.
     pub fn drop_color(&mut self, planes: Planes) {
         if !planes.color {
             self.color.resize(0);
         }
     }
 
-    /// Writes the identity of the nearest surface in a pixel, if requested; called by backends.
+    /// Writes the identity of the nearest surface to the pixel with index `at`, in those of the planes `index`,
+    /// `object` and `label` that the frame has. Called by backends.
     pub fn put_identity(&mut self, at: usize, found: Identity) {
         let planes = [(&mut self.index, found.row), (&mut self.object, found.object), (&mut self.label, found.label)];
         for (plane, value) in planes {
@@ -424,7 +427,7 @@ impl Frame {
         }
     }
 
-    /// Computes the plane of world positions from depths, if requested; called by backends.
+    /// Computes the plane of world positions from depths, if the frame has that plane; called by backends.
     pub fn locate(&mut self, view: &View) {
         let width = (self.width as usize).max(1);
         for (at, (position, z)) in self.position.iter_mut().zip(&self.depth).enumerate() {
@@ -438,7 +441,7 @@ impl Frame {
 /// write the pixels.
 fn resize<T: Clone>(plane: &mut Vec<T>, count: usize, zero: T) {
     if plane.capacity() < count {
-        // The old memory is freed first.
+        // The old memory is freed first, so that both never exist at once.
         *plane = Vec::new();
         *plane = vec![zero; count];
     } else {

@@ -50,7 +50,7 @@ impl<'a> GaussianView<'a> {
         self.view_from_object.transform_point3(self.cloud.center(i)).z
     }
 
-    /// Projects Gaussian `i`; `None` if it isn't visible.
+    /// Projects Gaussian `i` to the image; `None` if the Gaussian isn't visible.
     pub fn project(&self, i: usize) -> Option<ProjectedGaussian> {
         let view_gaussian = ViewGaussian {
             center: v3(self.view_from_object.transform_point3(self.cloud.center(i))),
@@ -62,7 +62,8 @@ impl<'a> GaussianView<'a> {
         view_gaussian.project(&self.projection, self.size_px, &self.rules)
     }
 
-    /// Returns the colour of Gaussian `i` as seen from the eye, in the cloud's own colour space.
+    /// Returns the RGB colour of Gaussian `i` as seen from the eye, in the cloud's own colour space: linear or
+    /// sRGB-encoded.
     pub fn color(&self, i: usize) -> [f64; 3] {
         let direction = match self.projection.is_perspective() {
             true => self.cloud.center(i) - self.eye,

@@ -1,25 +1,25 @@
 //! Selection of the parts of an octree that a view needs, as splats or polygons (rendering model §6, after G06 §5.2),
 //! and of LOD nodes of points.
 
-mod enough;
-mod sight;
+mod early_end;
+mod visibility;
 
 use crate::View;
-use enough::Enough;
+use early_end::EarlyEnd;
 use glam::{DAffine3, DVec3};
-pub use sight::SplatVisibility;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::ops::Range;
 use surfel_math::basis::unit;
 use surfel_model::{Cull, Octree, OctreeNode};
+pub use visibility::SplatVisibility;
 
 /// Parts of an octree that are drawn in a view.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
-    /// Selected splats, as ranges of the octree's cloud in ascending order.
+    /// Indices of the selected splats in the octree's cloud, as ranges in ascending order.
     pub splats: Vec<Range<u32>>,
-    /// Selected polygons, as ranges of the mesh's triangles in ascending order.
+    /// Indices of the selected triangles in the octree's mesh, as ranges in ascending order.
     pub triangles: Vec<Range<u32>>,
 }
 
@@ -58,9 +58,12 @@ enum Drawn {
 /// leaf are larger.
 ///
 /// Nodes outside the whole image are skipped, even if only a region of it is drawn. With [`Cull::Back`], nodes that
-/// face away completely are skipped, too. The splats of a transition are drawn if one of its leaves is drawn by its own
-/// splats. They are also drawn if one leaf is drawn as polygons and the other by an ancestor's splats. Two leaves drawn
-/// by ancestors need no transition. This rule is Surfel's own: G06 draws the transition too.
+/// face away completely are skipped, too.
+///
+/// An edge that two leaves share has transition splats. They are selected if one of the two leaves is drawn by its own
+/// splats. They are also selected if one leaf is drawn as polygons and the other by an ancestor's splats. If ancestors'
+/// splats replace both leaves, no transition splats are needed. This rule is Surfel's own: G06 draws the transition
+/// splats there, too.
 pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &View, error_px: f64) -> Selection {
     let nodes = octree.nodes();
     let eye = Eye::new(world_from_object, cull, view);
@@ -73,7 +76,7 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
         if !eye.may_be_visible(center, node.radius) || eye.is_culled_back_facing(center, node) {
             continue;
         }
-        // A node too small for a splat of its size has none.
+        // A node smaller than the splats of its level has no splats.
         let small = eye.size_px(center, node.radius, node.splat_radius) <= error_px;
         if small && !node.splats.is_empty() {
             selection.splats.push(node.splats.clone());
@@ -97,7 +100,8 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
     selection
 }
 
-/// Marks the leaves below the node `root`, whose splats are drawn in place of the leaves'.
+/// Marks, in `drawn`, the node `root` as drawn by its own splats and all nodes below it as drawn by an ancestor's
+/// splats.
 fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     let mut open = vec![root];
     while let Some(i) = open.pop() {
@@ -122,7 +126,8 @@ struct Eye<'a> {
     scale: f64,
     /// True if the object's matrix preserves angles and handedness: rotation and uniform scale, no mirror.
     conformal: bool,
-    /// Side planes of the view: each inward unit normal, in view space, and the plane's distance from the eye along it.
+    /// Left, right, top and bottom plane of the view. Each is an inward unit normal in view space and the plane's
+    /// distance from the eye along the normal, in world units.
     sides: [(DVec3, f64); 4],
     /// Axes of the object in view space, with the lengths that the object's matrix gives them.
     axes: [DVec3; 3],
@@ -131,8 +136,8 @@ struct Eye<'a> {
 impl<'a> Eye<'a> {
     fn new(world_from_object: &'a DAffine3, cull: Cull, view: &'a View) -> Self {
         let m = world_from_object.matrix3;
-        // The root of the sum of squared columns is an upper bound of the largest singular value, within √3;
-        // similarities are exact.
+        // The root of the sum of squared columns is at least the largest singular value, and at most √3 times as large.
+        // For similarities, the scale is exact.
         let gram = m.transpose() * m;
         let columns = [gram.x_axis.x, gram.y_axis.y, gram.z_axis.z];
         let mean = columns.iter().sum::<f64>() / 3.0;
@@ -142,7 +147,8 @@ impl<'a> Eye<'a> {
             && m.determinant() > 0.0;
         let scale = if conformal { mean.sqrt() } else { columns.iter().sum::<f64>().sqrt() };
         let p = &view.projection;
-        // The sides of the whole image, so that a region of it has the same parts and the same shadows.
+        // These are the sides of the whole image, not of its region, so that all regions of an image select the same
+        // nodes.
         let [width, height] = view.size.map(f64::from);
         let slope = |pixel: f64, axis: usize| (pixel - p.principal_px[axis]) / p.focal_px[axis];
         let side = |axis: DVec3, at: f64| match p.is_perspective() {
@@ -264,7 +270,8 @@ impl Magnification {
         self.at_depth(self.depth.0.dot(point) + self.depth.1)
     }
 
-    /// Returns the smallest magnification in a cube that is aligned with the object's axes; `half` is half of its side.
+    /// Returns the smallest magnification, in pixels per object unit, in a cube that is aligned with the object's axes.
+    /// `half` is half of the cube's side.
     pub fn least_in(&self, center: DVec3, half: f64) -> f64 {
         self.at_depth(self.depth.0.dot(center) + self.depth.1 + half * self.depth.0.abs().element_sum())
     }
@@ -274,8 +281,8 @@ impl Magnification {
     }
 }
 
-/// Level-of-detail (LOD) node of a point cloud. In the node's cube, its points and those of its ancestors together
-/// represent the cloud.
+/// Level-of-detail (LOD) node of a point cloud: a cube with some of the cloud's points. In the cube, the node's points
+/// and its ancestors' points together represent the cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
     /// Centre of a cube around the node's points, along the axes of object space.
@@ -314,21 +321,21 @@ pub enum StopReason {
     /// The next node would exceed the point budget.
     Points,
     /// There are so many points per pixel that more of them would hardly change the image.
-    Enough,
+    EnoughPoints,
 }
 
 /// Number of octaves (halvings) of the viewing distance during which the points of a finer level fade in. A larger
 /// number changes less from one image to the next, and draws larger splats.
 pub const FADE_OCTAVES: f64 = 0.5;
 
-/// Distance outside a view up to which nodes are still drawn, in splat radii of the parent node. Splats at the view's
-/// border thereby overlap with their neighbours outside.
+/// Distance outside a view up to which LOD nodes still count as visible, in splat radii of the parent node. Splats at
+/// the view's border thereby overlap with their neighbours outside.
 const RIM: f64 = 4.0;
 
 /// Selects the LOD nodes that views need. The root is always selected. A visible child of a selected node is selected
-/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Children with the
-/// largest such splats are selected first. The selection ends at `most_points` points, or when more points would be
-/// barely visible ([`StopReason::Enough`]).
+/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Children for which the
+/// parent's splats are largest are selected first. The selection ends at `most_points` points, or when more points
+/// would be barely visible ([`StopReason::EnoughPoints`]).
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -372,12 +379,12 @@ pub fn select_levels(
     let least_px = if selection.end == StopReason::Points { selection.error_px } else { error_px };
     let left = open.into_sorted_vec().into_iter().rev();
     sizes.extend(left.filter_map(|wanted| Some((wanted.size_px, nodes.get(wanted.node as usize)?))));
-    if let Some(enough_px) = Enough::error_px(&eyes, &sizes, (error_px, least_px)) {
-        // No node is smaller than its children.
+    if let Some(enough_px) = EarlyEnd::error_px(&eyes, &sizes, (error_px, least_px)) {
+        // A node's size is at least that of each of its children, so `sizes` descends and ancestors come first.
         let taken = sizes.partition_point(|(size_px, _)| *size_px > enough_px);
         selection.nodes.truncate(taken);
         selection.points = sizes[..taken].iter().fold(0, |sum, (_, node)| node.points.saturating_add(sum));
-        (selection.error_px, selection.end) = (enough_px, StopReason::Enough);
+        (selection.error_px, selection.end) = (enough_px, StopReason::EnoughPoints);
     }
     selection.nodes.sort_unstable();
     selection

@@ -23,7 +23,7 @@ pub(crate) struct ShaderNeeds {
 }
 
 impl ShaderNeeds {
-    /// Returns the needs of a shader.
+    /// Returns the pixel attributes, the pass and the backend feature that a shader needs.
     pub(crate) fn of(shader: Shader) -> Self {
         let none = Self::default();
         let lit = Self { albedo: true, normal: true, lights: true, ..none };

@@ -52,7 +52,8 @@ impl SplatFilter {
     }
 }
 
-/// Attributes of splats that are accumulated per pixel, weighted by w, in addition to the sum of weights Σw.
+/// Attributes of splats that are accumulated per pixel, weighted by the kernel's value w, in addition to the sum of
+/// weights Σw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     /// True to accumulate the albedo.
@@ -137,7 +138,7 @@ pub struct FramePlan {
     pub passes: Vec<Pass>,
     /// Filter, mapping, kernel and depth tolerance of splats.
     pub splat_filter: SplatFilter,
-    /// Method by which clips are evaluated; [`ClipPolicy::Off`] also if the scene has none.
+    /// Method by which clips are evaluated; [`ClipPolicy::Off`] also if the scene has no clips.
     pub clip: ClipPolicy,
     /// Attributes that are accumulated per pixel.
     pub attributes: Attributes,
@@ -156,7 +157,8 @@ pub struct FramePlan {
     pub splats: u64,
     /// True if balls are blended by their alphas; false if transparency is off and balls are drawn as opaque.
     pub ball_alphas: bool,
-    /// Side of an image pixel in world units, if the radii of some balls are in pixels.
+    /// Side of an image pixel in world units, by which balls whose radii are in pixels are drawn; `None` if the scene
+    /// has none.
     pub ball_pixel: Option<BallPixel>,
     /// Maximum number of surfaces that [`Pass::ABuffer`] stores per pixel; 0 without that pass.
     pub abuffer_surfaces: u32,
@@ -279,7 +281,7 @@ fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Re
 struct SurfacePasses {
     /// Passes of the frame, in order.
     list: Vec<Pass>,
-    /// True if splats are drawn; false if the scene has only polygons and balls.
+    /// True if splats are drawn, also if the scene is empty; false if it has only polygons and balls.
     draw_splats: bool,
     /// Method of edge antialiasing; off without a colour plane.
     edges: EdgeAa,
@@ -303,7 +305,8 @@ impl SurfacePasses {
         list.extend(summary.meshes.then_some(Pass::Polygons));
         list.extend(draw_splats.then_some(Pass::Attributes));
         list.push(Pass::Shade);
-        // Balls need neither: their shading and their outlines are closed forms.
+        // Balls need neither the shader's pass over neighbouring pixels nor edge antialiasing: their shading and their
+        // outlines are closed forms.
         let surfaces = draw_splats || summary.meshes;
         list.extend(needs.pass.filter(|_| surfaces));
         let edges = if planes.color && surfaces { settings.edge_aa } else { EdgeAa::Off };
@@ -356,7 +359,7 @@ fn attributes(
     has_shadow_maps: bool,
 ) -> Attributes {
     let &SurfacePasses { draw_splats, edges, separates_transparent, abuffer_surfaces, .. } = passes;
-    // The direction of a light and its shadow depend on the position. So does the choice, behind an edge, between
+    // The direction of a local light and every shadow depend on the position. Behind an edge, depth decides between
     // splats and polygons.
     let light_needs_depth = needs.lights && (summary.has_local_lights || has_shadow_maps);
     let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && draw_splats;
@@ -482,7 +485,8 @@ pub fn unsupported(
 /// Advice in [`RenderError::Unsupported`]: choose a shader that every backend draws.
 const OTHER_SHADERS: &str = "choose unlit, phong, normal or depth";
 
-/// Returns a feature's name in a message, its origin, and advice for doing without it.
+/// Returns the parts of an error message about a feature: its name, its origin in scene or settings, and advice for
+/// drawing without the feature.
 fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
     let setting = "is asked for by the settings";
     match feature {

@@ -6,8 +6,8 @@ use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 /// Named trade-off of speed and accuracy; sets filter, mapping, cutoff and edge antialiasing.
 ///
 /// The presets are chosen by measurements of `cargo xtask tradeoff` (docs/accuracy.md). None uses the filter `clamp` or
-/// a short kernel, which are slower than `principal` and no better. Edges are antialiased by samples, which has the
-/// smallest error for watertight surfaces and for scans of uneven density.
+/// another kernel cutoff than the default: both are less accurate at the same cost. Edges are antialiased by samples,
+/// which has the smallest error for watertight surfaces and for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// No filter, no edge antialiasing, and affine footprints: splats that cross the near plane are dropped.
@@ -60,7 +60,7 @@ pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
     let (width, height) = (i64::from(frame.width()), i64::from(frame.height()));
     let depth = |x: i64, y: i64| {
         let is_there = (0..width).contains(&x) && (0..height).contains(&y);
-        // Pixels outside the image are ignored.
+        // Pixels outside the image don't count as neighbours.
         is_there.then(|| frame.depth().get((y * width + x) as usize).copied().unwrap_or(f32::INFINITY))
     };
     let is_inside = |i: i64| {
@@ -89,8 +89,8 @@ impl Preset {
         }
     }
 
-    /// Returns the first preset that would not change these settings. `None` if there is none, or if sums may be in 16
-    /// bits, because no preset's promise covers these.
+    /// Returns the first preset that would not change these settings. Returns `None` if every preset would change them,
+    /// or if attributes are summed in 16 bits ([`Accumulate`]), because no preset's promise covers such sums.
     pub fn of(settings: &Settings) -> Option<Self> {
         let is_whole = settings.accumulate == Accumulate::F32;
         Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)
@@ -99,9 +99,10 @@ impl Preset {
     /// Returns the accuracy that the preset guarantees.
     pub fn promise(self) -> Promise {
         let (model_db, inside_db) = match self {
-            // Splats across z_near, which the affine mapping drops, and large clipped splats.
+            // The largest errors are at splats across z_near, which the affine mapping drops, and at large clipped
+            // splats.
             Self::Fastest => (10.0, 9.0),
-            // Needles, which alias.
+            // The largest errors are at needles (long, thin splats), which alias.
             Self::Fast => (12.0, 24.0),
             Self::Balanced | Self::Quality | Self::Reference => (f64::INFINITY, f64::INFINITY),
         };

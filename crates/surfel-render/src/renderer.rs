@@ -62,7 +62,8 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
-    /// Returns the capabilities of a backend that lacks no feature.
+    /// Returns the capabilities of a backend that supports every feature except [`Feature::Sky`], which no backend
+    /// supports.
     pub const fn everything(backend: &'static str) -> Self {
         Self { backend, lacks: &[Feature::Sky] }
     }

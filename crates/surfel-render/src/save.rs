@@ -15,9 +15,9 @@ impl Frame {
         surfel_images::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
     }
 
-    /// Writes all planes of the frame as OpenEXR: linear, premultiplied, colour in 16 bits and the others in 32. An
-    /// existing file is overwritten; the file appears whole or not at all. [`surfel_images::save_exr`] also writes
-    /// metadata, and colour in 32 bits.
+    /// Writes all planes of the frame as OpenEXR: linear premultiplied colour in 16 bits, and the other planes in 32
+    /// bits. An existing file is overwritten; the file appears whole or not at all. [`surfel_images::save_exr`] also
+    /// writes metadata, and colour in 32 bits.
     ///
     /// # Errors
     /// [`IoError::System`] if the frame has no plane or the file can't be written.

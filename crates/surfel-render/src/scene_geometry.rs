@@ -32,7 +32,8 @@ impl SceneGeometry {
     /// True if a scene has the same objects in the same order, and each shares its geometry by `Arc` with the original
     /// scene.
     pub fn is_of(&self, scene: &Scene) -> bool {
-        // A weak pointer prevents its address from being reused.
+        // The weak pointer keeps the memory of a dropped cloud allocated, so no other geometry can have the same
+        // address.
         let is_same = |(known, found): (&Identity, &Geometry)| match (known, found) {
             (Identity::Splats(known), Geometry::Splats(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
             (Identity::Mesh(known), Geometry::Mesh(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
@@ -60,7 +61,7 @@ mod tests {
         assert!(geometry.is_of(&moved));
         moved.objects.push(Object::from(cloud()));
         assert!(!geometry.is_of(&moved) && !geometry.is_of(&Scene::from(cloud())));
-        // The place of a cloud that is gone isn't that of a new one.
+        // A new cloud isn't mistaken for a dropped one, whose memory it could reuse.
         drop((scene, moved));
         assert!(!geometry.is_of(&Scene::from(cloud())));
     }

@@ -53,8 +53,8 @@ pub struct ShadowMap {
 }
 
 impl ShadowScene {
-    /// Collects the lights that cast shadows and the bounds of the scene; `None` if no light casts a shadow, or if the
-    /// scene is empty.
+    /// Collects the lights that cast shadows and the bounds of the scene. Returns `None` if no light casts a shadow, or
+    /// if the scene has no extent.
     pub fn of(scene: &Scene) -> Option<Self> {
         let lights: Vec<(usize, Light)> =
             scene.lights.iter().flatten().cloned().enumerate().filter(|(_, light)| light.casts_shadow()).collect();
@@ -122,7 +122,8 @@ impl ShadowScene {
                 let position = DVec3::from(*position);
                 let forward = unit(DVec3::from(*direction));
                 let farthest = (self.center - position).length() + r;
-                // Depth is stored as a float: a near plane at a thousandth of the range is close enough to the light.
+                // Depths are stored as floats, which have enough precision for a near plane at a thousandth of the
+                // range.
                 let near = 1e-3 * farthest;
                 let perspective = |forward, focal| map(position, forward, ProjectionKind::Perspective, focal, near);
                 if *outer_deg <= WIDEST_SINGLE_MAP_DEG {
@@ -155,8 +156,8 @@ fn bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     bounds
 }
 
-/// Calls `each` with the world position and radius of every splat and vertex. Unselected parts of an octree are
-/// included, so that the maps don't change with the selection.
+/// Calls `each` with the world position and bounding radius of every splat, and with every vertex and the radius 0.
+/// Unselected parts of an octree are included, so that the maps don't change with the selection.
 fn for_extents(scene: &Scene, mut each: impl FnMut(DVec3, f64)) {
     for object in &scene.objects {
         let m = &object.world_from_object;

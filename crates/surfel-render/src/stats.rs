@@ -15,7 +15,7 @@ pub struct PassTime {
 pub struct Stats {
     /// Duration of the whole frame, in milliseconds.
     pub frame_ms: f64,
-    /// Duration of each stage.
+    /// Durations of the frame's stages, into which the backend divides the frame.
     pub passes: Vec<PassTime>,
     /// Number of splats of the scene's clouds, and of splats selected from octrees.
     pub splats: u64,

@@ -42,7 +42,7 @@ pub struct SceneSummary {
     pub has_sky: bool,
     /// True if some cloud, mesh or octree has colours or a texture.
     pub colors: bool,
-    /// True if some splat has an alpha below 1.
+    /// True if some splat, other than balls and Gaussians, has an alpha below 1.
     pub transparent: bool,
     /// True if some cloud has splats that are cut by clip curves or lines.
     pub clips: bool,
@@ -52,7 +52,7 @@ pub struct SceneSummary {
     pub materials_differ: bool,
     /// True if the direction to some light depends on the position of the lit surface, as for spot lights.
     pub has_local_lights: bool,
-    /// Lights that cast shadows, and the bounds of the scene; `None` if no light does.
+    /// Lights that cast shadows, and the bounds of the scene; `None` if no light casts shadows or the scene is empty.
     pub shadows: Option<ShadowScene>,
     /// Objects that are octrees.
     pub octrees: Vec<SceneOctree>,
@@ -60,12 +60,13 @@ pub struct SceneSummary {
     pub gaussians: Option<GaussianColors>,
     /// True if some object is drawn as a surface, not as Gaussians.
     pub surfaces: bool,
-    /// Index of the first object of splats (not balls) whose interior weight
+    /// Index of the first object of splats (not balls) that has no interior weight
     /// ([`CloudData::interior_weight`](surfel_model::CloudData::interior_weight)), the sum of weights inside its
-    /// surface, is unknown. Images that need it ([`needs_interior_weight`](crate::needs_interior_weight)) can't
-    /// be drawn then. `None` if all are known.
+    /// surface; `None` if all have one. Without it, images that need it
+    /// ([`needs_interior_weight`](crate::needs_interior_weight)) can't be drawn.
     pub without_interior_weight: Option<usize>,
-    /// Index of the first object whose splats have no row numbers, as of any octree; `None` if all have some.
+    /// Index of the first object whose splats or balls have no rows (their numbers in the input file); octrees never
+    /// have them. `None` if all objects with splats have rows.
     pub without_rows: Option<usize>,
     /// True if some cloud is oriented and its back faces are drawn, so that both sides of its surface may be visible.
     pub both_facings: bool,

@@ -50,13 +50,13 @@ pub struct View {
     pub projection: Projection,
     /// Size of the whole image, in pixels.
     pub size: [u32; 2],
-    /// Part of the image that is rendered.
+    /// Rectangle of the image that is rendered, in pixels of the whole image.
     pub region: Region,
 }
 
 impl View {
-    /// Returns the world-space point at planar depth `z` on the ray through a position in the image, in pixels. The
-    /// point is computed in f64; it is +∞ if `z` isn't finite.
+    /// Returns the world-space point at planar depth `z` on the ray through a position in the whole image, in pixels.
+    /// The point is computed in f64; all its coordinates are +∞ if `z` isn't finite.
     pub(crate) fn world_position(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
         if !z.is_finite() {
             return [f64::INFINITY; 3];
@@ -133,12 +133,12 @@ impl View {
         self.view_from_world.row(2)
     }
 
-    /// Returns the number of pixels rendered.
+    /// Returns the number of pixels of the rendered region.
     pub fn pixels(&self) -> usize {
         self.region.width as usize * self.region.height as usize
     }
 
-    /// Returns the view at `factor` times the resolution, for supersampling.
+    /// Returns the view with `factor` times as many pixels along each side, for supersampling.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] if the result has more than [`MAX_IMAGE_PIXELS`].

@@ -1,8 +1,8 @@
 //! Automatic scenes for files without a scene file: camera, lights, materials and settings that suit their data.
 
-use crate::closed;
 use crate::estimates::Estimates;
 use crate::sheets;
+use crate::watertight;
 use std::borrow::Cow;
 use std::path::Path;
 use surfel_framing::patches::Patches;
@@ -51,7 +51,7 @@ pub struct AutoOptions {
     pub projection: FrameProjection,
     /// Image width and height in pixels, used by the framed camera.
     pub size: [u32; 2],
-    /// Camera that is used as it is, instead of one that is placed so that the scene fills the image.
+    /// Camera that is used as it is; `None` places one so that the scene fills the image.
     pub camera: Option<Camera>,
     /// Background in linear RGB and straight alpha in [0, 1]. `None` uses white, or grey if most of the scene is white
     /// and the shader is `unlit` or `edl`.
@@ -147,8 +147,8 @@ pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec
     notes
 }
 
-/// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
-/// states it decides; otherwise the objects' shape does ([`upright_of`]).
+/// Determines the up axis of objects without a scene file, and the reason for it. The axis is that of the first file
+/// whose content or format states one; otherwise it is estimated from the objects' shape ([`upright_of`]).
 pub fn auto_up(loaded: &LoadedObjects, samples: &Samples) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
@@ -170,10 +170,10 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     Ok(staged.into_scene(up, Some(lights), options.settings))
 }
 
-/// Camera, background and materials of an automatic scene.
+/// Camera, background and objects with materials of an automatic scene, as [`stage`] chooses them.
 #[derive(Clone, Debug)]
 pub struct Staged {
-    /// The camera.
+    /// Camera of the options, or one that frames the scene.
     pub camera: Camera,
     /// Background, linear RGB and straight alpha in [0, 1].
     pub background: [f64; 4],
@@ -182,7 +182,7 @@ pub struct Staged {
 }
 
 impl Staged {
-    /// Returns the scene file with these lights and settings.
+    /// Returns the scene file with the up axis `up`, these lights and settings.
     pub fn into_scene(self, up: Up, lights: Option<Vec<Light>>, settings: Settings) -> SceneFile {
         let Self { camera, background, objects } = self;
         let (sky, ground, matcap) = (None, None, None);
@@ -221,14 +221,14 @@ pub fn stage(
             estimates.camera(loaded, &scene, framing).ok_or_else(nothing)?
         }
     };
-    // An invalid camera is reported later, where the scene is drawn.
+    // With an invalid camera, `view` is `None`; the camera is reported when the scene is drawn.
     let (brightness, view) = (estimates.brightness(loaded), View::new(&camera).ok());
     let all = || loaded.facts.iter().zip(&loaded.objects).enumerate();
     let hides_back_faces = |(i, (facts, drawn))| hides_back_faces(facts, drawn, || samples.of_object(i));
-    let closed = estimates.closed(|| all().map(hides_back_faces).collect());
-    for ((object, (i, (facts, drawn))), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
+    let watertight = estimates.watertight(|| all().map(hides_back_faces).collect());
+    for ((object, (i, (facts, drawn))), is_watertight) in objects.iter_mut().zip(all()).zip(watertight) {
         let covers = |view| samples.of_object(i).is_some_and(|patches| sheets::has_thin_sheets(drawn, &patches, view));
-        let is_culled = *is_closed && (facts.each_side || !view.as_ref().is_some_and(covers));
+        let is_culled = *is_watertight && (facts.each_side || !view.as_ref().is_some_and(covers));
         let color = object.material.color;
         object.material = Material { color, ..material(facts, is_culled, brightness.exposure()) };
     }
@@ -237,7 +237,7 @@ pub fn stage(
 }
 
 /// True if an object's splats cover a watertight surface from outside, so that its back faces may be culled. This is
-/// stated by the file, derived from the mesh, or estimated from the cloud ([`closed::is_closed`]).
+/// stated by the file, derived from the mesh, or estimated from the cloud ([`watertight::is_watertight`]).
 fn hides_back_faces<'s>(
     facts: &ObjectFacts,
     object: &Object,
@@ -245,7 +245,7 @@ fn hides_back_faces<'s>(
 ) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
-    facts.closed || is_judged && sample().is_some_and(|patches| closed::is_closed(&patches))
+    facts.is_watertight || is_judged && sample().is_some_and(|patches| watertight::is_watertight(&patches))
 }
 
 /// Returns an object's material for an automatic scene. Objects with colours are shown at their brightness times
@@ -271,7 +271,7 @@ pub struct LoadedScene {
     pub file: SceneFile,
     /// Scene with all files loaded.
     pub scene: Scene,
-    /// Notes on data that was dropped, assumed or estimated, for each file.
+    /// Notes for the user, each about one file: data that was dropped, assumed or estimated.
     pub notes: Vec<ObjectNote>,
 }
 

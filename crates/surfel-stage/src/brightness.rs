@@ -9,7 +9,7 @@ const BRIGHTEST: f64 = 1.04;
 /// Linear light to which the exposure reduces the brightest surfaces, so that they don't saturate and the shape of
 /// white objects is visible.
 const HEADROOM: f64 = 0.9;
-/// Largest fraction of the surface, in order of brightness, that counts as stray highlights. They are ignored when the
+/// Fraction of the surface, the brightest part of it, that counts as stray highlights. These are ignored when the
 /// brightest colour is estimated.
 const HIGHLIGHTS: f64 = 0.02;
 /// Two limits for a grey background. The first is the smallest linear albedo, in every channel, of a white surface. The
@@ -52,9 +52,9 @@ impl BrightnessStats {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// Returns the background for a shader: white, or grey for mostly white scenes under `unlit` and `edl`. Lit white
-    /// surfaces are darker at their outlines, which face away from the lights, and stand out against white. Unlit
-    /// surfaces don't, and `edl` darkens only edges next to nearer surfaces.
+    /// Returns the background for a shader, as linear RGBA: white, or grey for scenes with much white surface under
+    /// `unlit` and `edl`. Lit white surfaces are darker at their outlines, which face away from the lights, and stand
+    /// out against white. Unlit surfaces don't, and `edl` darkens only edges next to nearer surfaces.
     pub(crate) fn background(&self, shader: Shader) -> [f64; 4] {
         let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }

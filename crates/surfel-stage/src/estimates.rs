@@ -18,7 +18,7 @@ pub struct Estimates {
     kept: OnceLock<Option<Sphere>>,
     center: OnceLock<Option<DVec3>>,
     brightness: OnceLock<BrightnessStats>,
-    closed: OnceLock<Vec<bool>>,
+    watertight: OnceLock<Vec<bool>>,
     lighting: Mutex<Option<(Up, Lighting)>>,
     camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
 }
@@ -45,7 +45,7 @@ impl Estimates {
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
     }
 
-    /// Returns the samples of the framed objects.
+    /// Returns the samples of the surfaces of the framed objects ([`Estimates::framed`]).
     pub fn samples(&self, framed: &LoadedObjects) -> &Samples {
         self.samples.get_or_init(|| Samples::new(&framed.objects))
     }
@@ -57,7 +57,8 @@ impl Estimates {
         *self.kept.get_or_init(find)
     }
 
-    /// Returns the centre of the framed part of the scene ([`surfel_framing::center_within`]).
+    /// Returns the centre, in world space, of the framed part of the scene ([`surfel_framing::center_within`]); `None`
+    /// if there is no geometry.
     pub fn center(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<DVec3> {
         *self.center.get_or_init(|| surfel_framing::center_within(scene, self.kept(loaded, scene)))
     }
@@ -68,8 +69,8 @@ impl Estimates {
 
     /// Returns one flag per object, true if the object is watertight, so that its back faces are never visible. The
     /// first call computes the flags with `estimate`; later calls return the same flags.
-    pub fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
-        self.closed.get_or_init(estimate)
+    pub fn watertight(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
+        self.watertight.get_or_init(estimate)
     }
 
     /// Returns the properties of the objects that determine their lights, for an up axis. The value for the last up
@@ -78,7 +79,8 @@ impl Estimates {
         last(&self.lighting, up, |up| Lighting::of(loaded, self.samples(loaded), *up))
     }
 
-    /// Returns the camera that frames the scene without its stray points ([`surfel_framing::frame_within`]).
+    /// Returns the camera that frames the scene without its stray points ([`surfel_framing::frame_within`]); `None` if
+    /// there is no geometry. The camera for the last options is cached.
     pub fn camera(&self, loaded: &LoadedObjects, scene: &Scene, options: FrameOptions) -> Option<Camera> {
         last(&self.camera, options, |options| surfel_framing::frame_within(scene, self.kept(loaded, scene), options))
     }

@@ -25,11 +25,11 @@
 
 mod auto;
 mod brightness;
-mod closed;
 mod estimates;
 mod lights;
 mod named_light;
 mod sheets;
+mod watertight;
 
 pub use auto::*;
 pub use estimates::Estimates;

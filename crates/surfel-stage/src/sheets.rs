@@ -41,7 +41,7 @@ fn cell_of(position: DVec3, cell: f64) -> [i32; 3] {
     (position / cell).floor().to_array().map(|index| index as i32)
 }
 
-/// Patches of an object in a grid of cubic cells, for finding those close below a patch.
+/// Patches of an object in a grid of cubic cells, by which the patches close below another patch are found.
 struct Grid<'a> {
     cell: f64,
     cells: HashMap<[i32; 3], Vec<&'a Patch>>,
@@ -58,8 +58,8 @@ impl<'a> Grid<'a> {
         Self { cell, cells }
     }
 
-    /// True if, within the depth `reach` below a patch, there is the underside of its sheet and, at or below that,
-    /// another surface.
+    /// True if a patch is the top of a thin sheet over another surface: within the depth `reach` below the patch, there
+    /// are the sheet's underside and, at the same depth or deeper, the other surface.
     fn lies_over_others(&self, patch: &Patch, reach: f64) -> bool {
         let lateral = radius(patch);
         let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);

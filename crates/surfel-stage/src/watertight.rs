@@ -27,9 +27,9 @@ const GROWN: f64 = 2.0;
 /// True if a cloud is watertight: in every view, its image is the same with and without back-facing splats, except at
 /// silhouettes. The views are along the axes and diagonals of a cube. Where estimated normals point inwards, the cloud
 /// seems to have a hole.
-pub(crate) fn is_closed(patches: &Patches) -> bool {
-    // These are the cells at the centres of faces and at the corners of a 3×3×3 grid, and exclude the other 13 of 27
-    // cells.
+pub(crate) fn is_watertight(patches: &Patches) -> bool {
+    // Of the directions from the centre of a 3×3×3 grid to its cells, those to the 6 face centres and the 8 corners are
+    // used.
     let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
     let directions: Vec<DVec3> = all.filter(|d| [1.0, 3.0].contains(&d.length_squared())).collect();
     directions.into_par_iter().all(|forward| {
@@ -114,7 +114,7 @@ mod tests {
     use std::sync::Arc;
     use surfel_model::{Geometry, Material, Object, SplatCloud};
 
-    /// Runs the test on disks at points with normals.
+    /// Returns the result of [`is_watertight`] for disks of this radius at the given points with normals.
     fn is_closed_of(splats: &[(DVec3, DVec3)], radius: f64) -> bool {
         is_closed_at(splats, radius, DAffine3::IDENTITY)
     }
@@ -125,7 +125,7 @@ mod tests {
         let cloud = SplatCloud::disks(&positions, &normals, &vec![radius as f32; splats.len()]).unwrap();
         let geometry = Geometry::Splats(Arc::new(cloud));
         let object = Object { geometry, world_from_object, material: Material::default() };
-        is_closed(&Patches::of(&[object]).unwrap())
+        is_watertight(&Patches::of(&[object]).unwrap())
     }
 
     /// Returns points spread evenly over a unit sphere, with their normals.

@@ -25,12 +25,12 @@ window.surfelSource = {
     if (beside && location.protocol === 'file:') {
       return say('This page reads files beside it, which browsers allow from a web server only.', true);
     }
-    // The worker has no address of its own.
+    // The worker can't resolve relative addresses, so it gets absolute ones.
     const address = (file) => ({ url: new URL(encodeURIComponent(file), document.baseURI).href });
     const take = beside ? address : text;
     const modules = { fused: take('fused.wasm'), emulated: take('emulated.wasm') };
     this.worker.postMessage({ modules, file: beside ? address(beside) : text('file'), name, flags, ranged });
-    // Their text isn't needed any more.
+    // The worker has the text of these elements, so they are removed from the page.
     if (!beside) for (const id of ['fused.wasm', 'emulated.wasm', 'file']) document.getElementById(id).remove();
     this.takeFiles(say);
   },

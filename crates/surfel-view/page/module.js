@@ -2,12 +2,12 @@
 // crates/surfel-web. This file is used by the page's worker and by the module's test.
 'use strict';
 
-/** Numbers of the module's buffers. */
+/** Numbers of the module's input buffers: for a file's bytes, and for a request's text. */
 const [MODEL, REQUEST] = [0, 1];
 
 /**
- * A module of one function, f32x4.relaxed_madd of three numbers. It tells whether the host has the instruction, and
- * whether it rounds once (fused) or twice.
+ * A module of one function, f32x4.relaxed_madd of three numbers. It shows whether the host has this instruction, and
+ * whether the instruction rounds once (fused) or twice.
  */
 const PROBE = new Uint8Array([
   0, 0x61, 0x73, 0x6d, 1, 0, 0, 0, // magic number and version
@@ -27,7 +27,7 @@ function isFused() {
   return f(factor, factor, -(1 + 2 ** -11)) === 2 ** -24;
 }
 
-/** A loaded module. */
+/** A loaded drawing module, with functions that copy its inputs and outputs. */
 class SurfelModule {
   constructor(compiled) {
     this.readFile = null; // returns bytes of the host's file, by offset and count
@@ -50,7 +50,7 @@ class SurfelModule {
     new Uint8Array(memory.buffer).set(bytes, address);
   }
 
-  /** Returns the reply's text, or its bytes with a header and a file. */
+  /** Returns the reply: an object parsed from JSON, or bytes that contain a header and a file. */
   reply(length) {
     const { reply, memory } = this.exports;
     const bytes = new Uint8Array(memory.buffer, reply(), length).slice();
@@ -64,7 +64,7 @@ class SurfelModule {
     return this.reply(this.exports.open());
   }
 
-  /** Opens a file of which `readFile` returns parts, like open(). */
+  /** Opens a file of `bytes` bytes like open(); `readFile` returns parts of it, by byte offset and count. */
   openHost(readFile, bytes, name, flags = []) {
     this.readFile = readFile;
     this.write(REQUEST, new TextEncoder().encode([name, ...flags.flat()].join('\n')));

@@ -25,10 +25,10 @@ const turned = (v, axis, angle) => {
   const [c, s] = [Math.cos(angle), Math.sin(angle)];
   return add(add(scaled(v, c), scaled(cross(axis, v), s)), scaled(axis, dot(axis, v) * (1 - c)));
 };
-/** Ten digits are enough for map coordinates, and the same text gives the same image. */
+/** Formats a vector. Ten digits are enough for map coordinates, and the same text gives the same image. */
 const text = (v) => v.map((x) => Number(x.toPrecision(10))).join(',');
 const short = (x) => (x === null ? '–' : Number(x.toPrecision(7)).toString());
-/** Coordinates of maps have seven digits before the point. */
+/** Formats a coordinate with 11 digits. Map coordinates have seven of them before the decimal point. */
 const coordinate = (x) => Number(x.toPrecision(11)).toString();
 
 // ---------------------------------------------------------------- state
@@ -49,7 +49,7 @@ let scene = null;        // description of the scene
 let picks = [];
 let wholeBounds = null;  // bounds of the scene without a clip box
 
-/** Returns the state of the fragment; null if there is none. */
+/** Returns the state that the address's fragment contains; null if it contains none. */
 function fragment() {
   try {
     const found = JSON.parse(decodeURIComponent(location.hash.slice(1)));
@@ -58,11 +58,11 @@ function fragment() {
 }
 
 function writeFragment() {
-  // A frame in a notebook has no address of its own.
+  // The frame of a notebook has no address, so that this may fail.
   try { history.replaceState(null, '', '#' + encodeURIComponent(JSON.stringify(state))); } catch { /* nothing to keep */ }
 }
 
-/** Sets options; undefined removes one. Draws the exact image. */
+/** Sets options of the state; the value undefined removes an option. If `still` is true, draws the exact image. */
 function set(changes, still = true) {
   for (const [name, value] of Object.entries(changes)) {
     if (value === undefined || value === '') delete state[name]; else state[name] = value;
@@ -120,7 +120,7 @@ const server = {
 };
 const source = window.surfelSource ?? server;
 
-/** Ends what waits for an answer. */
+/** Rejects all requests that wait for an answer, for the reason `why`. */
 function lose(why) {
   movingIds.clear();
   waiting.forEach(({ reject }) => reject(new Error(why)));
@@ -161,7 +161,7 @@ function say(message, bad = false) {
 }
 
 function begin(message) {
-  // Another file than before: nothing of the old one is kept.
+  // If another file was opened, everything about the previous one is removed.
   if (message.isOther) {
     [camera, scene, knownClasses, wholeBounds, picks] = [null, null, null, null, []];
     endComparing();
@@ -240,12 +240,12 @@ function sendMoving() {
 
 async function show(header, file) {
   forgetAsked(header);
-  // About 22 ms per image leave time for encoding and sending.
+  // The scale is adapted so that drawing takes about 22 ms per image, which leaves time for encoding and sending.
   if (header.moving && header.layer === 0) {
     scale = Math.min(1, Math.max(0.25, scale * Math.sqrt(Math.min(1.6, Math.max(0.5, 22 / header.ms)))));
   }
   sendMoving();
-  // A late image of an earlier camera doesn't replace a newer one.
+  // An image that answers an older request doesn't replace a newer one.
   const isLate = () => layers[header.layer] && header.id < layers[header.layer].header.id;
   if (isLate()) return;
   const pixels = () => new ImageData(new Uint8ClampedArray(file.buffer, file.byteOffset, file.length), ...header.size);
@@ -273,7 +273,7 @@ async function show(header, file) {
   showMarks();
 }
 
-/** Takes over what an exact image tells: its camera, scene and notes. */
+/** Stores the camera and scene that the header of an exact image states, and shows its notes. */
 function settle(header) {
   stats.exact = header.id;
   if (!isMoving) camera = header.camera;
@@ -287,7 +287,7 @@ function settle(header) {
   if (!document.activeElement?.id.startsWith('save-')) [$('save-width').value, $('save-height').value] = [width, height];
 }
 
-/** Says in the status what an exact image is of. */
+/** Shows an exact image's size, numbers of splats, backend and drawing time in the status line. */
 function sayDrawn({ size: [width, height], splats, drawn, frame_ms, backend }) {
   say(`${width}×${height}, ${splats.toLocaleString('en')} splats, ${drawn.toLocaleString('en')} drawn by ${backend} in ${frame_ms.toFixed(1)} ms`);
 }
@@ -358,14 +358,14 @@ function upVector() {
   return ['x', 'y', 'z'].map((axis) => (up[1] === axis ? (up[0] === '-' ? -1 : 1) : 0));
 }
 
-/** Turns the camera about a point: about the scene's up axis, and up or down. Angles are in radians. */
+/** Turns the camera about its target: by `yaw` about the scene's up axis, and by `pitch` upward, in radians. */
 function orbit(yaw, pitch) {
   if (!camera) return;
   const { right, up } = axes();
   const axis = upVector();
   const rotate = (v) => turned(turned(v, right, -pitch), axis, -yaw);
   const offset = rotate(sub(camera.eye, camera.target));
-  // Not over the poles.
+  // The camera doesn't turn past the up axis.
   const level = dot(unit(offset), axis);
   if (Math.abs(level) > 0.9998 && Math.abs(level) > Math.abs(dot(unit(sub(camera.eye, camera.target)), axis))) {
     return orbitLevel(yaw, axis);
@@ -404,7 +404,7 @@ function zoom(factor, x, y) {
   }
 }
 
-/** Flies: along the camera's axes, in parts of the distance to the target. */
+/** Moves the camera and its target along the camera's axes, in steps of 2 % of the distance between them. */
 function flyBy(ahead, aside, upward) {
   if (!camera) return;
   const { forward, right, up } = axes();
@@ -556,7 +556,7 @@ function toggleSpin() {
   let last = performance.now();
   const step = (now) => {
     spinTimer = requestAnimationFrame(step);
-    // The next image is asked for when the server is free, so that it turns evenly.
+    // The next image is requested only when the server is free, so that the scene turns evenly.
     if (movingIds.size >= 2) return;
     orbit((now - last) * 0.0006, 0);
     last = now;
@@ -811,7 +811,7 @@ $('other-name').onchange = () => {
       return select;
     };
     const [left, right] = [files('left', 0), files('right', 1)];
-    // Both are seen from one place, not from where each would be.
+    // Both sides are viewed by the same camera, not by the automatic camera of each.
     if (camera && !state.eye) place(camera.eye, camera.target, camera.up, camera.projection.orthographic?.height);
     left.onchange = right.onchange = () => {
       leftFile = Number(left.value);

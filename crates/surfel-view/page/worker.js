@@ -1,11 +1,12 @@
-// Draws by WebAssembly on a thread of its own, so that the exported page stays responsive. Follows module.js.
+// Draws by WebAssembly on a thread of its own, so that the exported page stays responsive. The page loads this script
+// behind module.js.
 
 let surfel = null; // the module, once it is loaded
 const draws = [null, null]; // newest request for an image of each layer
 const tasks = [];           // other requests
 const { port1: wake, port2: woken } = new MessageChannel();
 
-/** Loads a module or a file: packed by gzip and written in base64, or of an address. */
+/** Loads a module or a file, from its gzip-compressed base64 text or from its URL. Returns its bytes. */
 async function load(place) {
   if (!place.url) return unpack(place);
   const answer = await fetch(place.url);
@@ -57,7 +58,7 @@ function open(bytes, name, flags, isOther) {
   tell({ ...surfel.open(bytes, name, flags), isOther });
 }
 
-/** Answers the next request, then lets newer ones come in. */
+/** Answers the next request. The message at the end lets newer requests arrive before the next answer. */
 woken.onmessage = () => {
   const request = draws.find((draw) => draw) ?? tasks.shift();
   if (!request) return;
@@ -67,7 +68,7 @@ woken.onmessage = () => {
   try {
     answer = surfel.answer(request);
   } catch (error) {
-    // A module that has run out of memory can't go on.
+    // After a failure, such as a lack of memory, the module can't answer further requests.
     tell({ do: 'error', id: request.id, layer: request.layer, of: request.do, message: `The drawing module failed (${error.message}). Open the page again.` });
     return;
   }

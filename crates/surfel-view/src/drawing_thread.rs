@@ -1,7 +1,7 @@
 //! Drawing thread, which answers the requests of all pages, one after another.
 
-use crate::desk::{Answer, RequestHandler, layer_of};
 use crate::hub::{Hub, Job, Next, Outgoing};
+use crate::request_handler::{Answer, RequestHandler, layer_of};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ const FIRST_SIZE: [u32; 2] = [1024, 768];
 /// Minimum time between two messages about progress.
 const PROGRESS_TIME: Duration = Duration::from_millis(100);
 
-/// Progress of loading, which is sent to all pages.
+/// Progress of loading, which is sent to all pages at most once per [`PROGRESS_TIME`].
 struct Report<'a> {
     hub: &'a Hub,
     state: Mutex<Stage>,
@@ -57,17 +57,18 @@ impl Progress for Report<'_> {
     }
 }
 
-/// State of the drawing thread: the scene, and the requests that still need it.
+/// Drawing thread: the queues of all clients, the handler that answers their requests, and requests that wait until the
+/// scene is loaded.
 pub(crate) struct DrawingThread {
     hub: Arc<Hub>,
-    desk: RequestHandler,
+    handler: RequestHandler,
     /// Requests that need all points, and wait until they are loaded.
     deferred: Vec<Job>,
 }
 
 impl DrawingThread {
-    pub(crate) fn new(hub: Arc<Hub>, desk: RequestHandler) -> Self {
-        Self { hub, desk, deferred: Vec::new() }
+    pub(crate) fn new(hub: Arc<Hub>, handler: RequestHandler) -> Self {
+        Self { hub, handler, deferred: Vec::new() }
     }
 
     /// Loads the scene, and answers requests until the program ends.
@@ -76,7 +77,7 @@ impl DrawingThread {
         if let Err(problem) = self.load_first(note) {
             note(&format!("error: {problem}"));
         }
-        // These requests were answered only by an image of the sample.
+        // Until here, deferred requests have at most an image of the sample as an answer.
         for job in std::mem::take(&mut self.deferred) {
             self.reply(&job);
         }
@@ -106,7 +107,7 @@ impl DrawingThread {
     fn answer(&mut self, job: &Job) -> Result<(), String> {
         let hub = self.hub.clone();
         let report = Report::new(&hub);
-        match self.desk.answer(Arc::as_ptr(&job.outbox) as usize, &job.request, &report)? {
+        match self.handler.answer(Arc::as_ptr(&job.outbox) as usize, &job.request, &report)? {
             Answer::Text(answer) => job.outbox.push(Outgoing::Text(answer.to_string())),
             Answer::Image(file) => job.outbox.put_image(layer_of(&job.request), file),
             Answer::File(file) => job.outbox.push(Outgoing::Binary(file)),
@@ -117,28 +118,30 @@ impl DrawingThread {
     /// Loads the files before the first request. Meanwhile, pages show a sample of the points, and can move the camera.
     fn load_first(&mut self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
         let text = |e: Error| e.to_string();
-        let asked = self.desk.image_request(&Value::Null, &self.desk.initial, FIRST_SIZE)?;
+        let asked = self.handler.image_request(&Value::Null, &self.handler.initial, FIRST_SIZE)?;
         let hub = self.hub.clone();
         let report = Report::new(&hub);
-        let session = self.desk.session(&asked.key)?;
+        let session = self.handler.session(&asked.key)?;
         // With a single thread, this function occupies the pool, and nothing can be loaded beside it.
         let can_share = rayon::current_num_threads() > 1;
         let loader = if can_share { session.show_coarse(&asked.options.render, &report).map_err(text)? } else { None };
         if let Some(loader) = loader {
             let loaded = self.show_sample(loader)?;
-            self.desk.session(&asked.key)?.adopt(loaded.map_err(text)?);
+            self.handler.session(&asked.key)?.adopt(loaded.map_err(text)?);
         }
         let mut notes = Vec::new();
         // An open page already has its own size and options, which its image needs.
-        let of_page = self.hub.waiting_draw().and_then(|request| self.desk.page_image_request(&request).ok());
+        let of_page = self.hub.waiting_draw().and_then(|request| self.handler.page_image_request(&request).ok());
         let asked = of_page.filter(|of_page| of_page.key == asked.key).unwrap_or(asked);
-        let session = self.desk.session(&asked.key)?;
+        let session = self.handler.session(&asked.key)?;
         let shown = session.show(&asked.options.render, &report, &mut |text| notes.push(text)).map(|_| ());
         notes.iter().for_each(|text| note(text));
         shown.map_err(text)
     }
 
-    /// Loads all points on another thread. Meanwhile, answers requests by images of the resident sample.
+    /// Loads all points on another thread. Meanwhile, answers requests by images of the resident sample. Returns the
+    /// loaded points or the error of loading; the outer error is a message if the loading thread ended without a
+    /// result.
     fn show_sample(&mut self, loader: Loader) -> Result<Result<Loaded, Error>, String> {
         let hub = self.hub.clone();
         let (sender, receiver) = std::sync::mpsc::sync_channel(1);

@@ -2,8 +2,8 @@
 //! scene's file, or a folder of these for a web server.
 
 use crate::Config;
-use crate::desk::RequestHandler;
 use crate::page;
+use crate::request_handler::RequestHandler;
 use data_encoding::BASE64;
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -27,8 +27,8 @@ const TRIED_SIZE: [u32; 2] = [64, 48];
 /// Names of the options that concern the exporting machine, not the scene. They are left out of the exported page.
 const OF_MACHINE: [&str; 3] = ["backend", "adapter", "memory"];
 
-/// Returns the page's content security policy, by which the page runs only its own code. `connects` are the sources
-/// that the page may read from.
+/// Returns the page's content security policy, by which the page runs only its own code. `connects` are the policy's
+/// sources from which the page may read data, such as `'self'`.
 fn policy(connects: &str) -> String {
     format!(
         "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src \
@@ -48,8 +48,8 @@ const WORKER: [(&str, &str); 2] =
 /// and the options of the configuration.
 ///
 /// # Errors
-/// A message if the drawing module isn't built; for a scene file, several files, a file that refers to others, that
-/// can't be drawn or that is above 512 MiB; and for options that name files.
+/// A message if the drawing module isn't built, or if the input isn't one file, is a scene file, refers to other files,
+/// can't be drawn, or has more than 512 MiB. Also a message for options that name files.
 pub fn export(config: &Config) -> Result<Vec<u8>, String> {
     let input = checked(config)?;
     let bytes = read(config, input)?;
@@ -123,10 +123,10 @@ fn checked(config: &Config) -> Result<&Path, String> {
 
 /// Draws the scene once, so that a scene that can't be drawn is refused now instead of in a browser.
 fn try_once(config: &Config) -> Result<(), String> {
-    let mut desk = RequestHandler::new(config)?;
-    let asked = desk.image_request(&json!(null), &desk.initial.clone(), TRIED_SIZE)?;
-    desk.show_once(&asked)?;
-    if let Some(other) = desk.session(&asked.key)?.shown().and_then(|shown| shown.beside.first()) {
+    let mut handler = RequestHandler::new(config)?;
+    let asked = handler.image_request(&json!(null), &handler.initial.clone(), TRIED_SIZE)?;
+    handler.show_once(&asked)?;
+    if let Some(other) = handler.session(&asked.key)?.shown().and_then(|shown| shown.beside.first()) {
         return Err(format!(
             "{} refers to {}, and an exported page holds no second file\n  help: convert it to splats: surfel convert \
              INPUT out.ply",

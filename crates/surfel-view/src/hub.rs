@@ -1,5 +1,5 @@
-//! Queues between clients and the drawing thread. Of each client, only the newest request for an image and the newest
-//! image wait.
+//! Queues between clients (open pages) and the drawing thread. For each client and layer, only the newest request for
+//! an image and the newest image wait.
 
 use serde_json::Value;
 use std::collections::VecDeque;
@@ -69,7 +69,7 @@ impl Outbox {
         self.changed.notify_all();
     }
 
-    /// Adds an image of a layer to the queue. It replaces an older image of the layer that waits.
+    /// Adds an image of a layer to the queue. The image replaces an older one of the same layer that still waits.
     pub(crate) fn put_image(&self, layer: usize, image: Vec<u8>) {
         let mut waiting = lock(&self.waiting);
         if let Some(slot) = waiting.images.get_mut(layer) {
@@ -123,8 +123,8 @@ struct Client {
     outbox: Arc<Outbox>,
     draws: [Option<Value>; LAYERS],
     tasks: VecDeque<Value>,
-    /// True if the client's last answered request was one for an image. The next one is then another request, if one
-    /// waits.
+    /// True if the client's last answered request was one for an image. The next answer is then to a request of another
+    /// kind, if one waits.
     drew: bool,
 }
 
@@ -161,7 +161,8 @@ pub(crate) struct Hub {
 }
 
 impl Hub {
-    /// Adds a client; `None` if there are too many.
+    /// Adds a client, and returns its identifier and its queue of messages. Returns `None` if there are [`MAX_CLIENTS`]
+    /// already.
     pub(crate) fn join(&self) -> Option<(u64, Arc<Outbox>)> {
         let mut clients = lock(&self.clients);
         if clients.all.len() >= MAX_CLIENTS {
@@ -185,8 +186,8 @@ impl Hub {
         });
     }
 
-    /// Adds a request of a client. A request for an image replaces an older one that waits. Returns false if too many
-    /// other requests wait.
+    /// Adds a request of a client. A request for an image replaces a waiting one for the same layer. Returns false if
+    /// too many requests of other kinds wait, or if there is no such client.
     pub(crate) fn ask(&self, id: u64, request: Value) -> bool {
         let mut clients = lock(&self.clients);
         let Some(client) = clients.all.iter_mut().find(|client| client.id == id) else { return false };

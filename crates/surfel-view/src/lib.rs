@@ -13,13 +13,13 @@
 //! ```
 //!
 //! # Parts
-//! - `desk` answers the requests of pages with a [`surfel_app::session::Session`] per backend and inputs, which
+//! - `request_handler` answers the requests of pages with a [`surfel_app::session::Session`] per backend and inputs, which
 //!   `sessions` stores;
-//! - [`Painter`] is a desk for a single page without a server, in a notebook or in a page that draws by WebAssembly;
+//! - [`Painter`] is a request handler for a single page without a server, in a notebook or in a page that draws by WebAssembly;
 //! - `server` serves the page's files over HTTP, and one WebSocket per page; `http` limits the size of requests, and
 //!   `guard` controls access;
 //! - `hub` queues the newest request of each page and the newest image for it, so that memory is bounded;
-//! - `artist` is the thread that draws the images for all pages of a server;
+//! - `drawing_thread` is the thread that draws the images for all pages of a server;
 //! - `export` writes a page that draws by WebAssembly, as one file (Cargo feature `export`);
 //! - `state` maps the page's state, an object of options, to the options table, and to commands;
 //! - `mcp` offers the functions of the page as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
@@ -32,8 +32,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 #[cfg(feature = "server")]
-mod artist;
-mod desk;
+mod drawing_thread;
 #[cfg(feature = "export")]
 mod export;
 #[cfg(feature = "server")]
@@ -47,6 +46,7 @@ pub mod mcp;
 #[cfg(any(feature = "export", feature = "widget"))]
 mod page;
 mod painter;
+mod request_handler;
 #[cfg(feature = "server")]
 mod server;
 mod sessions;
@@ -62,10 +62,11 @@ use std::sync::Arc;
 #[cfg(feature = "server")]
 pub use viewer::Viewer;
 
-/// Returns the page for a notebook's frame. The page sends its requests as messages to the surrounding window.
+/// Returns the HTML of the page for a notebook's frame. The page sends its requests as messages to the surrounding
+/// window.
 ///
 /// # Errors
-/// A message if the page lacks a place for its parts, which is a defect.
+/// A message if the page's HTML lacks a place for its style, script or icon, which is a defect of Surfel.
 #[cfg(feature = "widget")]
 pub fn page_in_frame() -> Result<String, String> {
     const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob: \

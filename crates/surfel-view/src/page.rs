@@ -9,7 +9,7 @@ const PAGE: &str = include_str!("../page/index.html");
 /// the elements that precede the page's script and define `window.surfelSource`.
 ///
 /// # Errors
-/// A message if the page lacks a place for one of them.
+/// A message if the page's HTML lacks the place for one of these parts.
 pub(crate) fn with(policy: &str, before: &str) -> Result<String, String> {
     let mut html = PAGE.to_owned();
     let mut insert = |place: &str, with: &str| {

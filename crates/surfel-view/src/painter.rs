@@ -1,7 +1,7 @@
 //! Drawing for a single page, without a server.
 
 use crate::Config;
-use crate::desk::{Answer, RequestHandler};
+use crate::request_handler::{Answer, RequestHandler};
 use serde_json::{Value, json};
 use surfel_app::wording::as_flags;
 use surfel_sample::NoProgress;
@@ -29,7 +29,7 @@ pub enum Message {
 /// # Ok::<(), String>(())
 /// ```
 pub struct Painter {
-    desk: RequestHandler,
+    handler: RequestHandler,
 }
 
 impl Painter {
@@ -38,18 +38,18 @@ impl Painter {
     /// # Errors
     /// A message that names a flag that isn't an option.
     pub fn new(config: &Config) -> Result<Self, String> {
-        Ok(Self { desk: RequestHandler::new(config)? })
+        Ok(Self { handler: RequestHandler::new(config)? })
     }
 
-    /// Returns the first message to the page: its options and the initial state.
+    /// Returns the first message to the page, as JSON: the options that the page can set, and the initial state.
     pub fn welcome(&self) -> String {
-        self.desk.welcome().to_string()
+        self.handler.welcome().to_string()
     }
 
     /// Answers a request, which is a JSON object. An error is returned as a message, too.
     pub fn answer(&mut self, request: &str) -> Message {
         let request: Value = serde_json::from_str(request).unwrap_or_default();
-        match self.desk.answer(0, &request, &NoProgress) {
+        match self.handler.answer(0, &request, &NoProgress) {
             Ok(Answer::Text(answer)) => Message::Text(answer.to_string()),
             Ok(Answer::Image(file) | Answer::File(file)) => Message::Binary(file),
             Err(problem) => {

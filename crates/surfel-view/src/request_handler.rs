@@ -1,5 +1,6 @@
-//! Answers to the requests of pages: images, picks, copies and comparisons. This code uses no server and no threads. It
-//! therefore also runs in a notebook's kernel and in a page's own WebAssembly.
+//! Answers to the requests of pages: images, picked points, copied commands and scenes, saved images, and comparisons.
+//! This code uses no server and no threads, and therefore also runs in a notebook's kernel and in a page's own
+//! WebAssembly.
 
 use crate::Config;
 use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, draw_timed, picked_json};
@@ -53,7 +54,8 @@ pub(crate) struct Asked {
     pub(crate) options: Options,
 }
 
-/// Answers to the requests of all pages: the sessions of one scene, and the options that pages can't change.
+/// Handler of the requests of all pages: the sessions that load and draw the scene, and the options that pages can't
+/// change.
 pub(crate) struct RequestHandler {
     pub(crate) fixed: Fixed,
     pub(crate) initial: Map<String, Value>,
@@ -62,8 +64,8 @@ pub(crate) struct RequestHandler {
     sends_pixels: bool,
     /// Scratch buffer for encoded images, reused between images.
     bytes: Vec<u8>,
-    /// Client and layer of the page whose options each session shows, by the session's key. `None` if the options
-    /// belong to no client. A session has no entry while only a sample is loaded.
+    /// For each session, by its key: the client and the layer whose options the session shows; `None` if these options
+    /// belong to no client. A session has no entry while only a sample of its points is loaded.
     shown_client_layer: Vec<(Key, Option<Side>)>,
 }
 
@@ -72,7 +74,7 @@ pub(crate) struct RequestHandler {
 type Side = (usize, usize);
 
 impl RequestHandler {
-    /// Creates a desk for these inputs and options. Nothing is loaded yet.
+    /// Creates the handler for these inputs and options. Nothing is loaded yet.
     ///
     /// # Errors
     /// A message that names a flag that isn't an option.
@@ -121,8 +123,8 @@ impl RequestHandler {
         }
     }
 
-    /// Makes the session show the options of a client's layer, unless it does already. Sessions are shared by all
-    /// clients.
+    /// Applies the options of a client's request to its session, which all clients share. Does nothing if the session
+    /// shows the options of the same client and layer, or while only a sample of the points is loaded.
     fn show_for(&mut self, client: usize, asked: &Asked, progress: &dyn Progress) -> Result<(), String> {
         let side = (client, asked.layer);
         match self.shown_client_layer.iter().find(|(key, _)| *key == asked.key) {
@@ -192,7 +194,7 @@ impl RequestHandler {
         self.show(asked, &surfel_sample::NoProgress).map(|_| ())
     }
 
-    /// Makes a session show the scene of a request, loading it if necessary. Returns the notes about it.
+    /// Applies a request's options to its session, and loads the scene if necessary. Returns notes about the scene.
     fn show(&mut self, asked: &Asked, progress: &dyn Progress) -> Result<Vec<String>, String> {
         let session = self.session(&asked.key)?;
         let mut notes = Vec::new();

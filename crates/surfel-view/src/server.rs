@@ -105,7 +105,7 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
     }
 }
 
-/// Answers one request.
+/// Reads one request from a connection, and answers it by a file of the page, a redirection, a WebSocket or an error.
 fn answer(mut stream: TcpStream, shared: &Arc<Shared>) {
     let request = match http::read(&mut stream) {
         Ok(request) => request,

@@ -36,7 +36,8 @@ impl Sessions {
         Self { stdin, backend_options, all: Vec::new() }
     }
 
-    /// Returns the session with this key. Starts a session if there is none, and ends older ones to limit the memory.
+    /// Returns the session with this key. If no session has the key, starts one, and ends older sessions to limit the
+    /// memory.
     pub(crate) fn of(&mut self, key: &Key) -> Result<&mut Session, String> {
         match self.all.iter().position(|(known, _)| known == key) {
             Some(place) => self.all[..=place].rotate_right(1),

@@ -54,7 +54,8 @@ fn text_of(value: &Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// Returns the options of a state with their texts, the fixed options first.
+/// Returns the fixed options and then those of a state, each with the text of its value. Options that the state
+/// replaces are left out. Returns an error for an option that pages can't set, or for options that exclude each other.
 fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, String> {
     let mut flags = Vec::new();
     let replaces_camera = ["view", "eye", "target"].iter().any(|name| state.contains_key(*name));
@@ -68,7 +69,8 @@ fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, St
             flags.push((row, text.clone()));
         }
     }
-    // The page's camera replaces the camera of a view, and each projection replaces the other.
+    // The page's eye and target replace the camera of a view. Of the options for perspective and orthographic
+    // projection, only those of the current projection are used.
     let has = |name: &str| state.contains_key(name);
     let is_replaced = |name: &str| {
         name == "view" && (has("eye") || has("target"))
@@ -111,7 +113,7 @@ pub(crate) fn options(fixed: &Fixed, state: &State, size: [u32; 2]) -> Result<Op
     Ok(options)
 }
 
-/// Returns the shell command that writes the image of a state.
+/// Returns the shell command that writes the image of a state, with `width` × `height` pixels.
 pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
     let mut words = vec!["surfel".to_owned(), "render".to_owned()];
     for path in &fixed.names {
@@ -144,7 +146,7 @@ fn quoted(word: &str) -> String {
     }
 }
 
-/// Returns the Python program that writes the image of a state.
+/// Returns the Python program that writes the image of a state, with `width` × `height` pixels.
 pub(crate) fn python(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
     let inputs: Vec<String> = fixed.names.iter().map(|path| json!(path.to_string_lossy()).to_string()).collect();
     let mut keywords: Vec<(&'static str, Vec<String>)> = Vec::new();

@@ -1,10 +1,10 @@
 //! Public entry point of the server: opens a port and serves pages.
 
 use crate::Config;
-use crate::artist::DrawingThread;
-use crate::desk::RequestHandler;
+use crate::drawing_thread::DrawingThread;
 use crate::guard::{self, Guard};
 use crate::hub::Hub;
+use crate::request_handler::RequestHandler;
 use crate::server::{self, Shared};
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub struct Viewer {
     listener: TcpListener,
     address: SocketAddr,
     guard: Guard,
-    desk: RequestHandler,
+    handler: RequestHandler,
 }
 
 impl Viewer {
@@ -38,9 +38,9 @@ impl Viewer {
         };
         let listener = TcpListener::bind(wanted).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;
-        let desk = RequestHandler::new(&config)?;
+        let handler = RequestHandler::new(&config)?;
         let guard = Guard::new(address.port())?;
-        Ok(Self { listener, address, guard, desk })
+        Ok(Self { listener, address, guard, handler })
     }
 
     /// Returns the address of the page, which contains the token.
@@ -64,12 +64,12 @@ impl Viewer {
     /// A message if the server's thread can't be started.
     pub fn run(self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
         let hub = Arc::new(Hub::default());
-        let welcome = self.desk.welcome().to_string();
+        let welcome = self.handler.welcome().to_string();
         let shared = Arc::new(Shared::new(hub.clone(), self.guard, welcome));
         let listener = self.listener;
         let accepting = thread::Builder::new().name("server".to_owned());
         let started = accepting.spawn(move || server::accept(&listener, &shared));
         started.map_err(|e| format!("can't start the server's thread: {e}"))?;
-        DrawingThread::new(hub, self.desk).run(note)
+        DrawingThread::new(hub, self.handler).run(note)
     }
 }

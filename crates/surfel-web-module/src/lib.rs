@@ -1,4 +1,4 @@
-//! WebAssembly module with which exported pages of `surfel view` draw, as bytes.
+//! Bytes of the WebAssembly modules with which exported pages of `surfel view` draw.
 //!
 //! `cargo xtask web` compiles `surfel-web` to the folder `module` of this package, once for each set of instructions.
 //! The package in a registry contains the compiled modules.

@@ -1,4 +1,4 @@
-//! File of the host, of which the page reads parts by HTTP ranges.
+//! Input file that the page's JavaScript reads by HTTP ranges, so that only the necessary parts are transferred.
 
 use std::collections::VecDeque;
 use std::io;
@@ -11,7 +11,7 @@ const BLOCK_BYTES: u64 = 1 << 16;
 /// Maximum number of blocks that are cached in memory.
 const MAX_BLOCKS: usize = 64;
 
-/// Function that fills a buffer from a byte offset of the host's file.
+/// Function that fills a buffer with the bytes of the file from a byte offset on.
 type ReadAt = fn(u64, &mut [u8]) -> io::Result<()>;
 
 /// File that the page's JavaScript reads by byte ranges. Small parts are read in blocks, which are cached in memory.
@@ -19,7 +19,7 @@ type ReadAt = fn(u64, &mut [u8]) -> io::Result<()>;
 pub(crate) struct RangeFile {
     file_bytes: u64,
     read: ReadAt,
-    /// Cached blocks with their numbers, the least recently used first.
+    /// Cached blocks with their indices in the file, the least recently used first.
     blocks: Mutex<VecDeque<(u64, Vec<u8>)>>,
 }
 
@@ -29,8 +29,8 @@ impl RangeFile {
         Self { file_bytes, read, blocks: Mutex::default() }
     }
 
-    /// Copies bytes of a block to `out`, reading the block if it isn't cached. `out` begins at byte offset `at` of the
-    /// file.
+    /// Copies the bytes that the block with index `number` has in common with `out`, and reads the block if it isn't
+    /// cached. `out` begins at byte offset `at` of the file.
     fn copy_block(&self, number: u64, at: u64, out: &mut [u8]) -> io::Result<()> {
         let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
         let found = blocks.iter().position(|(other, _)| *other == number);

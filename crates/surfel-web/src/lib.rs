@@ -4,8 +4,8 @@
 //!
 //! 1. [`make_room`] allocates `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns their address; the
 //!    host writes there.
-//! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`]. Or `open_host` opens a file of the
-//!    host, of which only parts are read.
+//! 2. [`open`] opens the file in [`MODEL`], with the name and options in [`REQUEST`]. Alternatively, `open_host` opens
+//!    a file of which the host reads only the parts that are needed.
 //! 3. [`answer`] answers the request in [`REQUEST`], a JSON object like a message to the server's WebSocket.
 //! 4. These functions return the length of their reply; [`reply`] returns its address. The first byte is 0 for text, 1
 //!    for a header with a file.
@@ -21,7 +21,7 @@ use surfel_view::{Config, Message, Painter};
 
 /// Number of the buffer that contains a file.
 pub const MODEL: usize = 0;
-/// Number of the buffer that contains a request.
+/// Number of the buffer that contains a request, or the name and options of a file to open.
 pub const REQUEST: usize = 1;
 
 /// State of the module: the buffers and the open file.
@@ -65,8 +65,8 @@ pub extern "C" fn open() -> usize {
     })
 }
 
-/// Opens a file of the host, of `file_bytes` bytes, like [`open`]. The module reads parts of it by the imported
-/// function `read` of the module `host`. Returns the length of the reply.
+/// Opens a file of `file_bytes` bytes that the page's JavaScript (the host) reads, like [`open`]. The module reads
+/// parts of the file by the function `read`, which it imports from the module `host`. Returns the length of the reply.
 #[cfg(target_family = "wasm")]
 #[unsafe(no_mangle)]
 pub extern "C" fn open_host(file_bytes: f64) -> usize {
@@ -108,7 +108,8 @@ pub extern "C" fn reply() -> usize {
     MODULE.with_borrow(|module| module.reply.as_ptr() as usize)
 }
 
-/// Returns the number of wrong results of the fused multiply-add in `count` random and hard cases.
+/// Returns the number of wrong results of the fused multiply-add in `count` random and hard cases; `count` if they
+/// can't be tested. For the module's test.
 #[cfg(target_family = "wasm")]
 #[unsafe(no_mangle)]
 pub extern "C" fn fused_errors(count: usize) -> usize {

@@ -1,4 +1,4 @@
-//! Prints a table of the errors of surface models against exact surfaces: ours, means with the best radius, and a
+//! Prints a table of the errors of surface models against exact surfaces: Surfel's, means with the best radius, and a
 //! triangulation of first returns, all from the same scans. Each row averages `SEEDS` scans (default 8). Further
 //! arguments select kinds of surfaces by name.
 //!

@@ -14,7 +14,7 @@ use surfel_sample::NoProgress;
 use surfel_stage::{AutoOptions, auto_depth_tolerance, auto_scene};
 use surfel_stage::{LoadedScene, open};
 
-/// Height of a storey.
+/// Height of a storey, in world units.
 const STOREY: f64 = 0.35;
 
 /// Returns a long, narrow building as an OBJ file: walls and a roof of two triangles each, and floors between the
@@ -47,8 +47,8 @@ fn image(scene: &Scene, file: &surfel_model::SceneFile) -> Frame {
     backend.render(&resident, &file.camera, &file.settings).unwrap()
 }
 
-/// Pixels that show a surface of at least this light, away from outlines: how many there are, and how many of them have
-/// another light than that of the polygons.
+/// Counts pixels of surfaces whose light is at least `least`, away from outlines. Returns their number, and the number
+/// of those whose light differs from that in `truth`, the image of the polygons.
 fn differing(truth: &Frame, frame: &Frame, least: f32) -> (usize, usize) {
     let [width, height] = [truth.width() as usize, truth.height() as usize];
     let (mut inside, mut lines) = (0, 0);
@@ -154,8 +154,9 @@ fn check_roof(thickness: f64, size: [u32; 2], [azimuth_deg, elevation_deg]: [f64
     assert!(inside > 10_000 && mixed == 0, "{thickness} {size:?}: {mixed} of {inside}");
 }
 
-/// Returns pairs of drawn and exact depth for 15,625 points drawn automatically at 128 × 96 pixels, and the number of
-/// pixels without a projected point among them. `truth` gives the exact depth by the ray's x and y at z = 1.
+/// Draws 15,625 points automatically at 128 × 96 pixels. Returns drawn and exact depth of each pixel that has an exact
+/// depth, and the number of these pixels into which no point projects. `truth` returns the exact depth from x and y of
+/// a ray at z = 1; infinity means none.
 fn depth_of_points(name: &str, points: &[[f64; 3]], truth: impl Fn(f64, f64) -> f64) -> (Vec<[f64; 2]>, usize) {
     const SIZE: [u32; 2] = [128, 96];
     const FOCAL_PX: f64 = 112.5;

@@ -10,7 +10,8 @@ const SIZES: [[u32; 2]; 5] = [[256, 256], [640, 480], [800, 800], [1024, 1024], 
 /// Width of the rim along the outline, in pixels, in which the background may show.
 const RIM_PX: f64 = 3.0;
 
-/// Returns the corners of a regular polygon about the y axis.
+/// Returns the corners of a regular polygon with `n` corners about the y axis, at the height `y` and with the radius
+/// `r`.
 fn ring(n: usize, y: f64, r: f64) -> impl Iterator<Item = DVec3> {
     (0..n).map(move |i| {
         let (sin, cos) = (std::f64::consts::TAU * i as f64 / n as f64).sin_cos();

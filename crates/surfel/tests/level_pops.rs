@@ -14,7 +14,8 @@ use surfel_sample::NoProgress;
 /// Colours of the test terrain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Colors {
-    /// Waves 17 m long, 17 pixels at the start, with the amplitude of those on the mesh octree's ball.
+    /// Waves 17 m long, which are 17 pixels at the start of a flight. Their amplitude is that of the waves in the tests
+    /// of mesh octrees.
     Waves,
     /// Fields of 5 m whose colours differ by 0.4 at their borders, with noise of 0.2 from point to point.
     Fields,
@@ -78,23 +79,24 @@ const SLANTED: f64 = 0.15;
 /// Largest RMSE between images before and after a change of levels, the same as for the octree of a mesh. Measured:
 /// 0.0044.
 const POP_RMSE: f64 = 0.005;
-/// Largest change of a pixel of a smooth surface, with colours like those of the octree's ball: less than half of the
-/// octree's limit. Measured: 0.0122.
+/// Largest change of a pixel of a smooth surface with the colours [`Colors::Waves`]: less than half of the limit in the
+/// tests of mesh octrees. Measured: 0.0122.
 const POP: f64 = 0.0135;
 /// Largest change of a pixel of a smooth surface if colours differ from point to point. A kernel ends where its weight
 /// is e⁻² of that at its centre. When a shrinking splat leaves a pixel, it takes this fraction of the weights' sum,
 /// 1.25, and may differ from the rest by 0.5: 0.054. Measured: 0.047.
 const STEP_POP: f64 = 0.054;
-/// Largest change of all but 0.1 % of these pixels. Measured: 0.0256.
+/// Largest change of all but 0.1 % of the pixels of a smooth surface whose colours differ from point to point.
+/// Measured: 0.0256.
 const MOST_POP: f64 = 0.026;
 /// Largest change of all but 0.1 % of the pixels at borders and ridges. Measured: 0.0209.
 const MOST_OUTLINE_POP: f64 = 0.022;
-/// Second difference of the depths of three pixels in a row, relative to the middle one, from which they are different
-/// surfaces.
+/// Smallest second difference of the depths of three pixels in a row at which they count as different surfaces,
+/// relative to the depth of the middle pixel.
 const MOST_BENT: f32 = 0.02;
 
 /// Returns the camera of a step. The flight approaches and circles the middle of the terrain; each step reduces the
-/// distance by the same factor.
+/// distance by the same factor. `rise` is the elevation of the camera in radians.
 fn flown(step: u32, rise: f64) -> Camera {
     let (share, width) = (f64::from(step) / f64::from(STEPS), f64::from(SIDE) * 0.1);
     let distance = 1.2 * width * 0.5_f64.powf(share);
@@ -142,7 +144,7 @@ fn smooth(frame: &Frame) -> Vec<bool> {
     (0..z.len()).map(|i| is_smooth(&i)).collect()
 }
 
-/// Returns the change of colour of each pixel that both frames cover.
+/// Returns the largest change of a colour component for each pixel; 0 for pixels that one of the frames doesn't cover.
 fn changes(a: &Frame, b: &Frame) -> Vec<f64> {
     let covered = |c: &[f32; 4]| c[3] > 0.999;
     let change = |(a, b): (&[f32; 4], &[f32; 4])| match covered(a) && covered(b) {
@@ -204,7 +206,7 @@ impl Flight {
     }
 }
 
-/// Runs a flight with splats of at most 1 px; each selection is shared by `views` equal views.
+/// Runs a flight at the elevation `rise`, with splats of at most 1 px. Each selection is shared by `views` equal views.
 fn fly(path: &Path, rise: f64, views: usize) -> Flight {
     let store = Arc::new(LevelStore::caching_nodes());
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();

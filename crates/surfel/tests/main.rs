@@ -1,6 +1,5 @@
 //! Tests of the facade's public interface.
 
-mod closed;
 mod facades;
 mod figure;
 mod flat_faces;
@@ -15,4 +14,5 @@ mod rooms;
 mod session;
 mod sky;
 mod swap;
+mod watertight;
 mod whites;

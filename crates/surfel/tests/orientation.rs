@@ -510,7 +510,7 @@ fn small_changes_change_neither() {
     }
 }
 
-/// Writes a file for a test.
+/// Writes a file for a test, and returns its path.
 fn written(name: &str, text: &str) -> std::path::PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, text).unwrap();
@@ -661,7 +661,7 @@ fn wires_over_a_street_dont_make_it_a_mirror_image() {
     assert_eq!(upright(&[object(cloud)], POINTS).up, Up::PlusZ);
 }
 
-/// Returns trained Gaussians of a ball, and needles of a length in it.
+/// Returns a ball of 2000 trained Gaussians, `needles` of which are needles with the standard deviation `length`.
 fn ball_with_needles(needles: usize, length: f32) -> Scene {
     let most = 2000;
     let at = |i: usize| {

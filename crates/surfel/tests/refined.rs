@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use surfel_io::copc::{CopcOptions, save_copc};
 use surfel_load::LoadOptions;
-use surfel_load::levels::{Levels, Seen};
+use surfel_load::levels::{Levels, ViewSelection};
 use surfel_load::{
     LoadedObjects, ObjectNote,
     scene::{load_objects, refine_objects},
@@ -15,7 +15,7 @@ use surfel_sample::NoProgress;
 /// Side of a square of points, 0.1 apart.
 const SIDE: u32 = 450;
 
-/// A COPC file of a wavy square, with normals and radii.
+/// Writes a COPC file of a wavy square, with normals and radii, and returns its path.
 fn land(folder: &Path, name: &str) -> PathBuf {
     let (text, copc) = (folder.join("in.xyz"), folder.join(name));
     let line = |i: u32| {
@@ -78,8 +78,8 @@ fn refined_objects_have_their_view_s_points_and_one_set_of_notes_a_file() {
     // Close to a corner, so that what is far away stays coarse.
     let camera = Camera::perspective([5.0, 5.0, 6.0], [12.0, 12.0, 0.0], 50.0, [300, 300]);
     let views = [View::new(&camera.with_up([0.0, 0.0, 1.0])).unwrap()];
-    let seen = Seen { views: &views, error_px: 1.0, sight_px: None };
-    refine_objects(&mut loaded, &files, &folder, &options, &seen, &NoProgress).unwrap();
+    let selection = ViewSelection { views: &views, error_px: 1.0, margin_px: None };
+    refine_objects(&mut loaded, &files, &folder, &options, &selection, &NoProgress).unwrap();
     let refined = splats(&loaded);
     assert!(refined[0] != overview[0] && refined[0] < (SIDE * SIDE) as usize, "{overview:?} {refined:?}");
     assert!(refined[0] == refined[3] && refined[2] < refined[0] && refined[1] == 1, "{refined:?}");
@@ -91,7 +91,7 @@ fn refined_objects_have_their_view_s_points_and_one_set_of_notes_a_file() {
         views: views.clone().into(),
         world_from_object: files[if x > 0.0 { 2 } else { 0 }].world_from_object().unwrap(),
         error_px: 1.0,
-        sight_px: None,
+        margin_px: None,
     };
     for (path, file, x) in [(&near, &files[2], 3000.0), (&far, &files[3], 0.0)] {
         let options = options.clone().with_levels(Some(levels(x)));

@@ -73,7 +73,7 @@ fn off(view: ViewAngles, up: Up, opening: DVec3) -> f64 {
     level.angle_between(-opening).to_degrees()
 }
 
-/// Returns a room of walls that face inward, without the one on the open side, and a block inside.
+/// Returns a room of walls that face inward, without the wall on the open side, and a block inside.
 fn room(size: [f64; 3], open: DVec3) -> Faces {
     let [x, y, z] = size;
     let walls = Faces::default().block([0.0; 3], size, true, &[open]);

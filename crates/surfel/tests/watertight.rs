@@ -51,8 +51,8 @@ fn what_a_file_says_of_its_splats_decides() {
     for facts in [known, partial, transparent] {
         assert_eq!(cull_of(&with(facts)), Cull::None);
     }
-    let closed = ObjectFacts { closed: true, ..ObjectFacts::default() };
-    assert_eq!(cull_of(&LoadedObjects { facts: vec![closed], ..ball_up_to(0.0) }), Cull::Back);
+    let watertight = ObjectFacts { is_watertight: true, ..ObjectFacts::default() };
+    assert_eq!(cull_of(&LoadedObjects { facts: vec![watertight], ..ball_up_to(0.0) }), Cull::Back);
 }
 
 #[test]

@@ -36,7 +36,7 @@ fn loaded(cloud: SplatCloud, colored: bool) -> LoadedObjects {
         world_from_object: DAffine3::IDENTITY,
         material: Material::default(),
     };
-    let facts = ObjectFacts { colored, closed: true, ..ObjectFacts::default() };
+    let facts = ObjectFacts { colored, is_watertight: true, ..ObjectFacts::default() };
     LoadedObjects { objects: vec![object], facts: vec![facts], ..LoadedObjects::default() }
 }
 

@@ -71,7 +71,8 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     }
 }
 
-/// Declares some clouds oriented, in the cloud or in the material. It uses its own generator, like [`matcap`].
+/// Declares some clouds oriented, in the cloud or in the material. It uses its own generator, so that other properties
+/// of a scene don't depend on the number of clouds.
 pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     let mut random = Random::new(seed.rotate_left(16));
     if random.chance(0.5) {

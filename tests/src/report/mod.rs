@@ -47,7 +47,7 @@ struct Sum<'a> {
     outliers: usize,
     /// Number of forgiven outliers, in all scenes.
     forgiven: usize,
-    /// Report with the largest error.
+    /// Report with the largest error; `None` if no plane was compared.
     worst: Option<&'a Report>,
 }
 

@@ -42,7 +42,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     Ok(page.html())
 }
 
-/// Returns the results of all backends in a scene, with the backends' names.
+/// Returns the results of all backends for the truth with index `truth`, with the backends' names.
 fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static str, &Checked)> {
     entries.iter().filter_map(move |entry| match entry {
         Entry::Ran(run) => Some((run.info.backend, run.checked.get(truth)?)),
@@ -145,7 +145,8 @@ fn metrics(got: Option<&Frame>, want: Option<&Frame>) -> String {
     compared().map_or_else(String::new, |c| format!("{:.1} dB, {:.5}", c.psnr, c.flip_mean.unwrap_or(f64::NAN)))
 }
 
-/// Returns an image of the errors, in colours that show fractions of the tolerance.
+/// Returns an image of the errors: grey up to the tolerance (white), red beyond it, and blue beyond it within a
+/// decision margin.
 fn difference(got: &Frame, want: &Frame) -> Vec<[f32; 4]> {
     let color = |(&error, &margin): (&f64, &f32)| match (error > 1.0, margin != 0.0) {
         (false, _) => [error as f32, error as f32, error as f32, 1.0],

@@ -55,7 +55,8 @@ pub(super) fn ball_cases() -> Vec<Case> {
     cases
 }
 
-/// Creates a cloud of balls or dots with random colours.
+/// Creates a cloud of balls given by centres and radii, or of dots if `flat` is true, with random colours. Radii are in
+/// pixels if `in_pixels` is true, otherwise in object units.
 ///
 /// # Panics
 /// If a ball is invalid: scenes are written in code, not read.
@@ -230,7 +231,8 @@ fn balls_among_glass() -> Case {
     case
 }
 
-/// Returns balls with shadows. Catches shadows that balls don't cast or receive, or that a ball casts on itself.
+/// Returns balls with shadows, whose radii are multiplied by `scale`. Catches shadows that balls don't cast or receive,
+/// or that a ball casts on itself.
 fn shadows_of_balls(scale: f64) -> Case {
     let balls: Vec<_> = points(40, [0.06, 0.2], 17).into_iter().map(|(p, r)| (p * 0.8, r * scale)).collect();
     let mut case = lit(

@@ -202,7 +202,8 @@ pub fn shell_over_floor() -> Case {
     Case::new("shell-over-floor", scene, camera(3.4, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Returns plates around the eye and across the near plane, seen from inside and from outside. They are set up in f64.
+/// Returns plates around the eye and across the near plane, seen from inside and from outside. The CPU backend draws
+/// splats so near in f64, by code of its own.
 pub fn inside_a_shell() -> Case {
     let mut random = Random::new(179);
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y].into_iter().flat_map(|out| {

@@ -93,7 +93,8 @@ pub fn splats_faded_over_mesh() -> Case {
 mod tests {
     use super::*;
 
-    /// Computes the rendering model's formula (§5, `matcap`) by which `three-materials/matcap` is drawn.
+    /// Returns the colour of the built-in matcap at (x, y), both from −1 to 1, by the formula of the rendering model
+    /// (§5). The scene `three-materials/matcap` is drawn with this matcap.
     fn clay([x, y]: [f64; 2]) -> [f64; 3] {
         let outside = x.hypot(y).max(1.0);
         let n = DVec3::new(x / outside, y / outside, (1.0 - (x * x + y * y) / (outside * outside)).max(0.0).sqrt());

@@ -48,7 +48,7 @@ pub struct Point {
     pub compared: usize,
     /// Reason why the backend drew no image, if it didn't.
     pub refused: Option<String>,
-    /// True if the backend reports that it doesn't support such images.
+    /// True if the backend reports that it doesn't support the image.
     pub unsupported: bool,
 }
 
@@ -77,7 +77,7 @@ pub struct Outcome {
     pub points: Vec<Point>,
 }
 
-/// Returns the first point with a fault.
+/// Returns the first point with a fault; `None` if there is none.
 pub fn first_break(outcome: &Outcome) -> Option<&Point> {
     outcome.points.iter().find(|point| point.fault().is_some())
 }

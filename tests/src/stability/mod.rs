@@ -99,7 +99,7 @@ pub enum Naive {
     Covariance(ViewSplat<f64>),
     /// Exact arithmetic of the splat that results from rounding the inputs of the intended one.
     Moved(ViewSplat<f64>),
-    /// Error of the published formula that is known without evaluating it.
+    /// Error of the published formula, which is known without evaluating it.
     Known(f64),
 }
 

@@ -15,7 +15,7 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// Returns the faults of one backend within the required range.
+    /// Returns the faults of the backend with index `backend` within the sweep's required range.
     pub fn faults(&self, backend: usize) -> Vec<String> {
         let points = self.outcomes.get(backend).map_or(&[][..], |outcome| &outcome.points);
         let required = points.iter().filter(|point| self.sweep.requires(point.value));

@@ -18,7 +18,8 @@ const THICKNESS: f64 = 0.02;
 /// Half the height of the view at the middle of the sheet, in units of the sheet's half size.
 const HALF_VIEW: f64 = 0.2;
 
-/// Parameters of a view of the sheet.
+/// Parameters of a view of the sheet: the unit of all lengths, the camera's elevation and distance, and the sheet's
+/// thickness.
 #[derive(Clone, Copy)]
 struct Seen {
     unit: f64,
@@ -93,7 +94,7 @@ pub(super) fn sweeps() -> Vec<Sweep> {
 }
 
 /// Returns images of a sheet's top, its underside and the floor below it. The camera is above, and the view is within
-/// the top. The truth is the image of a sheet whose other parts have the top's colour.
+/// the top. The truth is the image in which underside and floor also have the top's colour.
 fn probes(seen: Seen) -> Vec<Probe> {
     let (sin, cos) = seen.elevation_deg.to_radians().sin_cos();
     // The sheet is lengthened to compensate for its foreshortening, and the eye is moved away by the same factor. The
@@ -144,7 +145,8 @@ mod tests {
 
     #[test]
     fn floor_shows_where_the_underside_is_culled() {
-        // Without an underside nothing ends the tolerance, so that the sweeps measure the rule.
+        // Without the underside, nothing limits the depth tolerance, and the floor shows. So the sweeps do measure the
+        // rule for sheets.
         fn culled(elevation_deg: f64) -> Vec<Probe> {
             let mut probes = probes(Seen { elevation_deg, ..USUAL });
             probes.iter_mut().for_each(|p| p.image.scene.objects[0].material.cull = surfel_model::Cull::Back);

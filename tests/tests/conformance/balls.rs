@@ -24,7 +24,7 @@ fn both() -> (surfel_reference::Renderer, surfel_cpu::Renderer) {
     )
 }
 
-/// Returns white balls on transparent black, so that alpha is coverage.
+/// Returns white balls, given by centres and radii, on transparent black, so that alpha is coverage.
 fn white(balls: &[(DVec3, f64)]) -> Scene {
     let mut data = ball_cloud(balls, false, false).into_data();
     data.colors = None;
@@ -32,7 +32,8 @@ fn white(balls: &[(DVec3, f64)]) -> Scene {
     Scene { objects: vec![object(cloud)], ..Scene::default() }
 }
 
-/// Returns the depth at which the ray through a position of the image meets a ball.
+/// Returns the planar depth at which the ray through the pixel position (x, y) meets a ball; `None` if it misses the
+/// ball.
 fn depth_on(camera: &Camera, (center, radius): (DVec3, f64), x: f64, y: f64) -> Option<f64> {
     // Rays are linear in the position.
     let [a, b, c] = [(0, 0), (1, 0), (0, 1)].map(|(x, y)| ray(camera, x, y));
@@ -150,14 +151,14 @@ fn a_ball_is_lit_on_its_whole_front_and_shades_what_is_behind() {
     scene.objects[0].material.specular = 0.0;
     let mut case = Case::new("ball_over_ball", scene, camera(6.0, 40.0, [256, 256]));
     case.settings.shader = Shader::Phong;
-    // Seen along the light, the front of either ball is lit by its cosine, but for the hidden part of the other.
+    // Seen along the light, every visible point of either ball is lit by the cosine of its normal.
     case.camera.eye = [0.0, 0.02, 6.0];
     let (mut reference, mut cpu) = both();
     for (frame, _) in [drawn_once(&mut reference, &case, Planes::ALL), drawn_once(&mut cpu, &case, Planes::ALL)] {
         let mut lit = 0;
         for ((color, normal), weight) in frame.color().iter().zip(frame.normal()).zip(frame.weight()) {
             let cosine = normal[2].max(0.0);
-            // A pixel of one fragment alone.
+            // Only pixels that one fragment covers completely are counted.
             if *weight >= 1.0 && cosine > 0.2 {
                 let shaded = (color[0] - cosine).abs() > 0.02;
                 lit += usize::from(!shaded);

@@ -1,8 +1,8 @@
-//! The checkerboard's table in the rendering model (§5), measured again.
+//! The checkerboard's table in docs/decisions/017-principal-filter.md, measured again.
 
 use surfel_conformance::checkerboard::{Bands, measure, variants};
 
-/// The table's lines at cutoff 2, h = √½.
+/// Rows of the table at cutoff 2 and prefilter radius h = √½ px: filter, and RMSE of its image in each band.
 const TABLE: [(&str, Bands); 4] = [
     ("none", [0.189, 0.113, 0.076, 0.061, 0.097]),
     ("clamp", [0.064, 0.063, 0.062, 0.060, 0.097]),
@@ -19,8 +19,8 @@ fn filter_errors_on_a_checkerboard_are_the_models_table() {
         println!("{name}: {got:.4?}");
         assert_eq!(*name, expected);
         for (band, (g, w)) in got.iter().zip(want).enumerate() {
-            // Half a digit of the table, and a little more. The far band is 18 rows high, and without a filter it is
-            // pure aliasing: starting it a row later, or adding a row, changes it by up to 0.005.
+            // Half of the table's last digit, and a little more. The far band is 18 rows high, and without a filter it
+            // is pure aliasing: starting it a row later, or adding a row, changes it by up to 0.005.
             let tolerance = if *name == "none" && band == 0 { 0.006 } else { 0.001 };
             assert!((g - w).abs() <= tolerance, "{name}: {got:?}, the model says {want:?}");
         }

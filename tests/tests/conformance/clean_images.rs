@@ -77,7 +77,7 @@ fn splats_of_a_curved_part_and_a_scan_have_no_holes_from_any_side() {
     check_models(&["rocker-arm.obj", "igea.ply"]);
 }
 
-/// Draws models like bare files, with splats two pixels apart.
+/// Checks that models have no holes if they are drawn like bare files, with splats two pixels apart.
 fn check_models(names: &[&str]) {
     for name in names {
         let Some(mesh) = model(name) else { continue };
@@ -91,7 +91,7 @@ fn check_models(names: &[&str]) {
     }
 }
 
-/// Large clipped splats seen from the side must show every surface that they hide.
+/// No pixel is empty in which a large clipped splat, seen from the side, hides another surface.
 #[test]
 fn sharp_splats_have_no_holes_from_any_side() {
     check_sharp_models(&[("fandisk.obj", Some(2500))]);
@@ -103,7 +103,8 @@ fn sharp_splats_of_a_curved_part_have_no_holes_from_any_side() {
     check_sharp_models(&[("rocker-arm.obj", None)]);
 }
 
-/// Checks models drawn as clipped splats.
+/// Checks that models drawn as clipped splats have no holes. `models` are names with numbers of splats; `None` is the
+/// default number.
 fn check_sharp_models(models: &[(&str, Option<usize>)]) {
     for &(name, splats) in models {
         let Some(mesh) = model(name) else { continue };

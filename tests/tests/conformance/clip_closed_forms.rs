@@ -60,7 +60,7 @@ fn clip_lines_make_a_perfect_cube() {
                 }
                 let normal = DVec3::select(enter.cmpge(DVec3::splat(z)), -direction.signum(), DVec3::ZERO);
                 let got = DVec3::from(frame.normal()[at].map(f64::from));
-                // Stored in f32, from axes stored in f32.
+                // Both the normal and the axes from which it is computed are stored in f32.
                 assert!((got - normal).length() < 1e-6, "{filter:?} {x},{y}: {got} {normal}");
                 assert!((f64::from(frame.depth()[at]) / z - 1.0).abs() < 1e-6, "{filter:?} {x},{y}");
                 covered += 1;

@@ -51,7 +51,7 @@ fn mapping_of_a_tilted_disk_is_the_rays_own_hit() {
     let mut hits = 0;
     for (x, y, at) in pixels(&frame) {
         let d = ray(&case.camera, x, y);
-        // eye + z·d = p + u·s + v·t.
+        // Solves eye + z·d = p + u·s + v·t for (z, u, v).
         let solved = DMat3::from_cols(d, -s, -t).inverse() * (p - DVec3::from(case.camera.eye));
         let rho_squared = solved.y * solved.y + solved.z * solved.z;
         if (rho_squared - 1.0).abs() < 1e-9 {

@@ -21,14 +21,14 @@ fn is_by_cells(stats: &Stats) -> bool {
     counter(stats, CELL_PAIRS).is_some()
 }
 
-/// True if the rule selects the compute path for a case.
+/// True if [`GpuPath::Auto`] selects the compute path for a case.
 fn is_for_cells(case: &Case, renderer: &impl Renderer) -> bool {
     let summary = SceneSummary::of(&case.scene);
     let plan = plan(&summary, &case.view(), &case.settings, planes(), &renderer.info().capabilities);
     plan.is_ok_and(|plan| GpuPath::Auto.draws_cells(&plan))
 }
 
-/// Returns disks side by side over the whole image, and behind each other.
+/// Returns `count` disks that face the eye, spread evenly over a circle of radius `spread`, at five depths.
 fn wall_splats(count: usize, radius: f64, spread: f64) -> Vec<Splat> {
     let disk = |i: usize| {
         let angle = i as f64 * 2.399_963;
@@ -96,7 +96,8 @@ fn agrees_by_raster_hardware(renderer: &mut impl Renderer) {
     assert!(failed.is_empty(), "{}", failed.join("\n"));
 }
 
-/// Here the raster hardware draws what the tests of `gpu_backends` draw by compute shaders.
+/// Compares the raster path with the reference in every scene; `gpu_backends` compares the path that is selected by
+/// default.
 #[test]
 #[ignore = "118 s on lavapipe with two cores: cargo xtask test --full"]
 fn raster_hardware_agrees_with_the_reference_on_every_scene() {
@@ -158,7 +159,7 @@ fn with_rows(mut case: Case) -> Case {
     case
 }
 
-/// Returns a case with every kind of edges.
+/// Returns the case with each kind of edge antialiasing: off, by coverage, and by samples.
 fn by_every_edge(case: &Case) -> [Case; 3] {
     [EdgeAa::Off, EdgeAa::Coverage, EdgeAa::Samples].map(|edge_aa| case.with("edges", |s| s.edge_aa = edge_aa))
 }
@@ -202,7 +203,8 @@ fn agrees_with_the_cpu(renderer: &mut impl Renderer, case: &Case) -> Stats {
     stats
 }
 
-/// Draws 140 × 140 cells of samples, nearly all of them active: more than the first capacity.
+/// Draws 140×140 cells of samples. Nearly all of them are active, which are more than the first capacity for active
+/// cells.
 fn draws_again_where_active_cells_do_not_fit(renderer: &mut impl Renderer) {
     let stats = agrees_with_the_cpu(renderer, &wall(40_000, 0.003, 1.5, [560, 560]));
     assert!(counter(&stats, "sample_cells").unwrap() > f64::from(1 << 14), "{stats:?}");
@@ -214,7 +216,7 @@ fn tile_whose_active_cells_do_not_fit_is_drawn_again() {
     with_each!(GpuPath::Compute, draws_again_where_active_cells_do_not_fit);
 }
 
-/// A tile of 260 × 260 cells of samples draws them in two parts.
+/// Draws a tile with 260×260 cells of samples, which are drawn in two parts.
 fn draws_samples_in_parts(renderer: &mut impl Renderer) {
     agrees_with_the_cpu(renderer, &wall(60, 0.06, 1.5, [1040, 1040]));
 }
@@ -257,7 +259,7 @@ fn every_run_and_both_backends_have_the_same_bits() {
     validated_gpu::no_messages();
 }
 
-/// A cell with more pairs than one workgroup draws is drawn in parts.
+/// Draws cells with more pairs of a splat and a cell than one workgroup draws, so that these cells are drawn in parts.
 fn draws_dense_cells(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     let size = [40, 40];
@@ -280,7 +282,8 @@ fn dense_cells_are_drawn_in_parts() {
     with_each!(GpuPath::Compute, draws_dense_cells);
 }
 
-/// Each of few splats touches every cell: more pairs than estimated.
+/// Draws few splats of which each touches every cell. There are more pairs of a splat and a cell than estimated, so
+/// that the tile is drawn again.
 fn draws_again_where_pairs_do_not_fit(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     let case = wall(100, 3.0, 0.1, [200, 150]);

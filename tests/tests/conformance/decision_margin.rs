@@ -59,7 +59,7 @@ fn margin_of_edges_adds_to_that_of_fragments_and_stays_small() {
 /// Shifts of the view by a third of the margin change only marked pixels abruptly, in every scene.
 #[test]
 fn margin_holds_all_that_a_third_of_it_flips() {
-    // In pixels of what is drawn: samples are a quarter as wide.
+    // `px` is the width of a drawn pixel in pixels of the image: 1, or ¼ for samples.
     let shifts: [fn(&mut View, f64); 4] = [
         |v, px| v.projection.principal_px = v.projection.principal_px.map(|c| c + 3e-4 * px),
         |v, px| v.projection.principal_px = v.projection.principal_px.map(|c| c - 3e-4 * px),
@@ -188,7 +188,7 @@ fn margin_holds_outlines_that_a_rounding_draws() {
     }
 }
 
-/// A surface that faces the light has no bias of its own, but rounding must not decide all over it.
+/// The shadow map's bias has no slope term for a surface that faces the light. Rounding must not decide all over it.
 #[test]
 fn margin_is_small_where_polygons_face_the_light() {
     let floor = quad(DVec3::new(0.0, -0.5, -1.5), [DVec3::X, DVec3::NEG_Z], 1.0);

@@ -23,7 +23,7 @@ fn reference() -> Reference {
     Reference::new(Default::default()).unwrap()
 }
 
-/// Returns every scene with samples.
+/// Returns all scenes whose edges are antialiased by samples.
 fn sampled() -> Vec<Case> {
     scenes::all().into_iter().filter(|case| case.settings.edge_aa == EdgeAa::Samples).collect()
 }
@@ -33,7 +33,7 @@ fn panes_that_are_left_out() -> Case {
     scenes::pane_through_sphere().with("peel-1-drop", |s| s.transparency = "peel:1:drop".parse().unwrap()).sampled()
 }
 
-/// Returns the means of sixteen pixels each of an image without antialiasing, four times as wide and high.
+/// Returns, per pixel, the mean of 4×4 pixels of an image without antialiasing that is four times as wide and high.
 fn means(renderer: &mut impl Renderer, case: &Case) -> Vec<[f32; 4]> {
     let mut settings = case.settings.with_edge_aa(EdgeAa::Off);
     // The octree's nodes are selected for the image's pixels.
@@ -142,7 +142,8 @@ fn gpus_draw_every_scene_of_samples_as_the_reference_does() {
     }
 }
 
-/// Returns a quad that faces the eye, unlit and white, with its corners at these pixels of 1/16 unit.
+/// Returns an unlit, white quad that faces the eye, in an image of 32×32 pixels. The numbers are the quad's sides in
+/// pixels: left, top, right, bottom.
 fn quad_at([x0, y0, x1, y1]: [f64; 4]) -> Case {
     let (half, of_px) = (16.0, |px: f64| (px - 16.0) / 16.0);
     let center = DVec3::new(0.5 * (of_px(x0) + of_px(x1)), -0.5 * (of_px(y0) + of_px(y1)), 0.0);
@@ -155,7 +156,8 @@ fn quad_at([x0, y0, x1, y1]: [f64; 4]) -> Case {
 
 #[test]
 fn edges_of_a_rectangle_have_the_share_of_samples_that_it_covers() {
-    // Samples are at odd eighths: of a column covered from ⅓ on three of four are inside, of one covered up to ⅗ two.
+    // Samples are at odd eighths of a pixel. If a pixel is covered from ⅓ on, three of four columns of samples are
+    // inside; if it is covered up to ⅗, two are.
     let case = quad_at([8.0 + 1.0 / 3.0, 10.0, 20.6, 23.0]);
     for image in [render(&mut reference(), &case, Planes::COLOR), render(&mut cpu(), &case, Planes::COLOR)] {
         let image = image.unwrap();
@@ -195,7 +197,7 @@ fn edges_of_a_slanted_quad_are_as_smooth_as_sixteen_samples_make_them() {
     assert!(edges > 60 && rmse < 0.06, "{rmse} of {edges} pixels");
 }
 
-/// Returns the middle of a plane that ends outside the image.
+/// Returns a region inside a plane, in which no pixel has a depth step to a neighbour.
 fn without_a_step() -> Case {
     let mut case = scenes::facing_plane().sampled();
     case.region = Some(Region { x: 20, y: 20, width: 16, height: 16 });
@@ -259,7 +261,7 @@ fn errors_at_edges(case: &Case) -> [f64; 2] {
     })
 }
 
-/// Returns a cloud in the middle of a square image, lit.
+/// Returns a lit case of a cloud in the middle of a square image.
 fn framed(name: &str, cloud: SplatCloud) -> Case {
     let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
     let (min, max) = centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), c| (a.min(*c), b.max(*c)));

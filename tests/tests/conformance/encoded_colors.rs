@@ -5,7 +5,7 @@ use surfel_math::srgb::encode_rgba8;
 use surfel_model::{EdgeAa, Shader};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// Returns all scenes, and some with passes over the whole image.
+/// Returns all scenes, and three with passes that read neighbouring pixels.
 fn cases() -> Vec<Case> {
     let mut cases = scenes::all();
     cases.push(scenes::thin_shell().with("samples", |s| s.edge_aa = EdgeAa::Samples));

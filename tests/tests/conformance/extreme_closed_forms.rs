@@ -84,7 +84,7 @@ fn disks_of_any_size_and_tilt_cover_what_their_plane_does() {
         for y in 0..6 {
             for x in 0..7 {
                 let at = (y * 7 + x) as usize;
-                // eye + z·d is on the plane.
+                // Solves for z so that eye + z·d is on the plane.
                 let z = if perspective {
                     -n.dot(case.camera.eye.into()) / n.dot(ray(&case.camera, x, y))
                 } else {
@@ -105,7 +105,7 @@ fn disks_of_any_size_and_tilt_cover_what_their_plane_does() {
     });
 }
 
-/// Returns facing disks that cover the image, from z = 1 to −1.
+/// Returns `count` facing disks of opacity `alpha` that cover the image, from z = 1 to −1, drawn with an A-buffer.
 fn stack(count: usize, alpha: f32, layers: u32) -> Case {
     let place = |i: usize| dvec3(0.0, 0.0, 1.0 - 2.0 * i as f64 / count as f64);
     let splats: Vec<Splat> = (0..count).map(|i| Splat::disk(place(i), DVec3::Z, 60.0, [0.8, 0.4, 0.1])).collect();
@@ -119,7 +119,7 @@ fn stack(count: usize, alpha: f32, layers: u32) -> Case {
     })
 }
 
-/// Asserts an alpha of 1 − (1 − α)ⁿ in every pixel.
+/// Asserts that every pixel has the alpha 1 − (1 − α)ⁿ and the disks' colour, where α is `alpha` and n is `count`.
 fn is_whole_stack(frame: &Frame, count: usize, alpha: f32, what: &str) {
     let covered = 1.0 - (1.0 - f64::from(alpha)).powf(count as f64);
     for color in frame.color() {

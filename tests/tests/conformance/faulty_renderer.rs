@@ -128,7 +128,7 @@ fn choose_again(scene: &mut Scene, choose: fn(&Octree, &View) -> Selection) {
     }
 }
 
-/// Returns the right selection, for `share` of the right threshold.
+/// Returns the nodes that are selected with `share` times the right threshold; with 1, the selection is right.
 fn chosen(octree: &Octree, view: &View, share: f64) -> Selection {
     select(octree, &DAffine3::IDENTITY, Cull::Back, view, share * scenes::OCTREE_ERROR_PX)
 }

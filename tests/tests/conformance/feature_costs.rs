@@ -23,32 +23,33 @@ type Change = fn(&mut Case);
 /// A feature, and its allowed costs.
 struct Row {
     name: &'static str,
-    /// Settings to which the feature is added.
+    /// Function that changes the settings both of the case with the feature and of the case without it.
     before: fn(&mut Settings),
-    /// Adds the feature to the scene.
+    /// Function that adds the feature to the scene.
     there: Change,
-    /// Requests the feature in the settings.
+    /// Function that requests the feature in the settings.
     asked: fn(&mut Settings),
     /// True if requesting the feature must change nothing when the scene doesn't have it.
     is_of_the_scene: bool,
-    /// Settings without the feature, if it is drawn only on request.
+    /// Function that disables the feature in the settings; `None` if the settings can't disable it.
     unasked: Option<fn(&mut Settings)>,
-    /// Passes that no other feature has, in order.
+    /// Passes that only this feature adds to a plan, in order.
     passes: &'static [Pass],
-    /// Number of sums per pixel.
+    /// Number of sums per pixel that the feature adds.
     sums: usize,
-    /// GPU targets that no other feature has.
+    /// GPU targets that only this feature adds.
     targets: &'static [Target],
     /// Bytes per pixel of GPU targets and layer composites, including shared ones; `None` if no GPU backend draws the
     /// feature.
     gpu_bytes: Option<u64>,
-    /// Bytes of a tile that the CPU stores for neighbours; `None` if records of other splats or triangles are added.
+    /// Bytes per tile that the CPU backend stores for passes that read neighbours. `None` if it also stores records of
+    /// other splats or triangles, whose size isn't checked.
     cpu_bytes: Option<u64>,
-    /// Number of shadow maps.
+    /// Number of shadow maps that are drawn.
     maps: u64,
 }
 
-/// Bytes of a tile's plane, one number per pixel.
+/// Bytes of a plane of a tile with four bytes per pixel.
 const PLANE: u64 = 4 * (SIDE * SIDE) as u64;
 /// Bytes of the flags of a tile's blocks.
 const MARKS: u64 = 16;
@@ -106,10 +107,10 @@ const ROWS: [Row; 12] = [
         name: "antialiased edges",
         asked: |s| s.edge_aa = EdgeAa::Coverage,
         passes: &[Pass::EdgeAntialiasing],
-        // Coverage.
+        // The sum is coverage.
         sums: 1,
         targets: &[Target::EdgeThreshold, Target::EdgeBackgroundThreshold, Target::EdgeBackgroundColor],
-        // 4, 4 and 16, 8 for tolerances, and for the coverage pass 16 and 8.
+        // The three targets have 4, 4 and 16 bytes, tolerances 8, and the coverage pass 16 and 8.
         gpu_bytes: Some(56),
         // Begin and reach of surfaces, the depth threshold, and coverage.
         cpu_bytes: Some(4 * PLANE + MARKS),
@@ -120,7 +121,7 @@ const ROWS: [Row; 12] = [
         asked: |s| s.edge_aa = EdgeAa::Samples,
         passes: &[Pass::EdgeSamples],
         targets: &[Target::Steps],
-        // Steps, and tolerances of thresholds: 8 each. Samples are drawn into the image's own targets.
+        // Steps and tolerances of thresholds have 8 bytes each. Samples are drawn into the image's own targets.
         gpu_bytes: Some(16),
         // Splats around the sampled pixels are set up once more.
         cpu_bytes: None,
@@ -133,11 +134,11 @@ const ROWS: [Row; 12] = [
         is_of_the_scene: true,
         unasked: Some(|s| s.transparency = Transparency::Off),
         passes: &[Pass::PeelLayer, Pass::PeelLayer, Pass::RemainingLayer],
-        // Alpha and depth.
+        // The sums are alpha and depth.
         sums: 2,
         // The layer's other targets are an A-buffer's, too.
         targets: &[Target::LayerCounts],
-        // 4, three of 16 and 8 for a layer, 16 for the depth of opaque surfaces, 48 of layer composites.
+        // A layer's targets have 4, three times 16, and 8 bytes, the depth of opaque surfaces 16, layer composites 48.
         gpu_bytes: Some(60 + 16 + 48),
         cpu_bytes: None,
         ..NOTHING
@@ -149,10 +150,11 @@ const ROWS: [Row; 12] = [
         is_of_the_scene: true,
         unasked: Some(|s| s.transparency = Transparency::Off),
         passes: &[Pass::ABuffer],
-        // Alpha, depth and coverage.
+        // The sums are alpha, depth and coverage.
         sums: 3,
         targets: &[Target::LayerCoverage],
-        // 4 and four of 16 for a layer, 16 for the depth of opaque surfaces, 24 for their coverage, 48 of composites.
+        // A layer's targets have 4 and four times 16 bytes, the depth of opaque surfaces 16, their coverage 24,
+        // composites 48.
         gpu_bytes: Some(68 + 16 + 24 + 48),
         cpu_bytes: None,
         ..NOTHING
@@ -169,10 +171,10 @@ const ROWS: [Row; 12] = [
         name: "polygons",
         there: pane,
         passes: &[Pass::Polygons],
-        // Coverage.
+        // The sum is coverage.
         sums: 1,
         targets: &[Target::PolygonDepth, Target::Polygons],
-        // 4 and 8, and the coverage pass.
+        // The two targets have 4 and 8 bytes, and the coverage pass 24.
         gpu_bytes: Some(12 + 24),
         cpu_bytes: None,
         ..NOTHING
@@ -181,7 +183,7 @@ const ROWS: [Row; 12] = [
         name: "balls",
         there: balls,
         passes: &[Pass::Balls],
-        // Depth.
+        // The sum is depth.
         sums: 1,
         gpu_bytes: Some(16),
         cpu_bytes: None,
@@ -193,7 +195,7 @@ const ROWS: [Row; 12] = [
         there: cast,
         unasked: Some(|s| s.shader = Shader::Unlit),
         passes: &[Pass::ShadowMap],
-        // Depth, for the position of a surface.
+        // The sum is depth, from which a surface's position is computed.
         sums: 1,
         maps: 1,
         ..NOTHING
@@ -203,7 +205,7 @@ const ROWS: [Row; 12] = [
         before: phong,
         asked: |s| s.shader = Shader::Toon,
         passes: &[Pass::Outlines],
-        // Depth.
+        // The sum is depth.
         sums: 1,
         // Depths, and depth limits of neighbours.
         cpu_bytes: Some(2 * PLANE + MARKS),
@@ -213,7 +215,7 @@ const ROWS: [Row; 12] = [
         name: "eye-dome lighting",
         asked: |s| s.shader = Shader::Edl,
         passes: &[Pass::EyeDome],
-        // Depth.
+        // The sum is depth.
         sums: 1,
         gpu_bytes: Some(16),
         cpu_bytes: Some(PLANE + MARKS),
@@ -223,7 +225,7 @@ const ROWS: [Row; 12] = [
         name: "both sides of an oriented cloud",
         there: |case| case.scene.objects[0].material.oriented = Some(true),
         targets: &[Target::FacingDepth, Target::Facing],
-        // 4 and 4.
+        // The two targets have 4 bytes each.
         gpu_bytes: Some(8),
         ..NOTHING
     },
@@ -232,7 +234,7 @@ const ROWS: [Row; 12] = [
         there: |case| case.scene.matcap = Some(Matcap::builtin()),
         asked: |s| s.shader = Shader::Matcap,
         unasked: Some(|s| s.shader = Shader::Unlit),
-        // The normal.
+        // The sums are the three components of the normal.
         sums: 3,
         gpu_bytes: Some(16),
         ..NOTHING
@@ -291,7 +293,7 @@ fn planned(case: &Case) -> FramePlan {
     plan(&SceneSummary::of(&case.scene), &case.view(), &case.settings, Planes::COLOR, &everything).unwrap()
 }
 
-/// Returns the GPU targets of a plan.
+/// Returns the targets that a GPU draws for a plan: those that are as large as the image.
 fn targets(plan: &FramePlan) -> Vec<Target> {
     let draws = Draw::of(plan);
     Target::ALL.into_iter().filter(|target| target.size(&draws, [SIDE; 2]) == [SIDE; 2]).collect()

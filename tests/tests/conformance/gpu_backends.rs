@@ -139,7 +139,7 @@ fn regions_are_parts_of_the_whole(mut renderer: impl Renderer, step: usize) {
     println!("worst difference {worst:?}");
 }
 
-/// Renderers of the other tests are never dropped.
+/// Tests that a dropped renderer frees its device. The renderers of other tests are pooled and never dropped.
 #[test]
 fn dropped_wgpu_renderer_leaves_nothing_behind() {
     let Some(mut renderer) = validated_gpu::unpooled_wgpu() else { return };

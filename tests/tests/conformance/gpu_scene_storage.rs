@@ -21,7 +21,7 @@ fn draws_what_the_cpu_does(narrow: &mut impl Renderer, wide: &mut impl Renderer)
     for (_, (truth, wide)) in drawn.filter(|(i, (truth, _))| i % 5 == 0 || truth.case.name.contains("near")) {
         let case = &truth.case;
         let [got, want] = [render(narrow, case, Planes::ALL), render(&mut cpu, case, Planes::ALL)].map(Result::unwrap);
-        // Decisions depend on much the same pixels.
+        // The pixels within the margin are nearly the same for splats in 16 bits.
         let margin = truth.want.as_ref().unwrap().margin();
         let report = compare_frames(&case.name, &got, &want, margin);
         assert!(report.is_ok(), "{report}");
@@ -80,8 +80,8 @@ fn bytes_per_splat(renderer: &mut impl Renderer, scene: &Scene) -> f64 {
 }
 
 fn halves_memory(wide: &mut impl Renderer, narrow: &mut impl Renderer) {
-    // Chunk, centre, normal and radius in 32-bit words: 32 bytes; the chunk in a word and six 16-bit numbers: 16.
-    // Colours add 12 and 6.
+    // In 32-bit words, a splat's chunk, centre, normal and radius have 32 bytes. In 16 bits, the chunk's word and six
+    // numbers have 16. Colours add 12 and 6 bytes.
     for (is_coloured, words, halves) in [(false, 32.0, 16.0), (true, 44.0, 22.0)] {
         let scene = ball(is_coloured);
         assert_eq!(bytes_per_splat(wide, &scene), words);

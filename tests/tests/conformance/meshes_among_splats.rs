@@ -42,7 +42,7 @@ fn mesh_interpolation_is_the_rays_own_hit() {
     assert!(hits > 600, "{hits}");
 }
 
-/// Returns u of u·a + v·b for a point in their plane.
+/// Returns the coordinate u of a point u·a + v·b.
 fn coordinate(point: DVec3, a: DVec3, b: DVec3) -> f64 {
     let n = a.cross(b);
     point.cross(b).dot(n) / n.length_squared()
@@ -149,7 +149,7 @@ fn largest_step(frame: &Frame) -> f64 {
     rows.flat_map(|y| (width / 4..3 * width / 4).map(move |x| step(x, y))).fold(0.0, f64::max)
 }
 
-/// G06 figure 5: splats end on a polygon that they overlap.
+/// G06 figure 5: splats end on a polygon that they overlap. Blending makes the steps across the seam smaller.
 #[test]
 fn mesh_hand_over_smooths_the_seam() {
     let smoothed = scenes::half_mesh_wall();

@@ -18,7 +18,7 @@ use surfel_render::{
 /// Relative distance of depths within which the nearest is undecided: the model's own margin.
 const MARGIN: f64 = 1e-4;
 
-/// Returns the row of a test's splat, which is neither its index nor in order.
+/// Returns the row of a test's splat `i`. Rows differ from indices, and aren't in ascending order.
 fn row(i: usize) -> u32 {
     (i as u32 ^ 1) * 3 + 5
 }
@@ -127,7 +127,7 @@ fn cpu_shows_the_nearest_splat() {
     agrees(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), 1);
 }
 
-/// On GPUs every 40th besides the first of each kind: a software driver takes minutes for all.
+/// GPUs draw the first case of each kind and every 40th case, because a software driver takes minutes for all cases.
 #[test]
 #[ignore = "32 s on lavapipe with two cores: cargo xtask test --full"]
 fn wgpu_shows_the_nearest_splat() {
@@ -188,7 +188,7 @@ fn seen(scene: Scene, change: impl FnOnce(&mut Case), check: &dyn Fn(&Frame, &st
     check(&drawn(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), &case, nearest()).unwrap(), "cpu");
 }
 
-/// Returns the middle pixel and the first, of an image of 33×33.
+/// Returns the identities that the middle pixel and the first pixel of an image of 33×33 pixels show.
 fn ends(frame: &Frame) -> [Identity; 2] {
     let all = identities(frame);
     [all[16 * 33 + 16], all[0]]

@@ -15,7 +15,7 @@ use surfel_reference::Renderer as Reference;
 use surfel_render::{Capabilities, Frame, Pass, Planes, Region, Renderer, SceneSummary, Selection, View, plan, select};
 use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
-/// Returns a ball of 8192 triangles with smooth colours.
+/// Returns a ball of 8192 triangles with smooth colours, as an octree.
 fn ball() -> Octree {
     let mut mesh = mesh_sphere(5);
     let color = |p: DVec3| [0.5 + 0.4 * (3.0 * p.x).sin(), 0.5 + 0.4 * (4.0 * p.y).cos(), 0.5 + 0.3 * p.z];
@@ -249,7 +249,7 @@ fn resident(octree: &Octree) -> Case {
     case
 }
 
-/// Returns the ball from several distances and with several errors.
+/// Returns truths of the ball for several distances and values of `--lod-error`.
 fn views() -> Vec<Truth> {
     let case = resident(&ball());
     let mut reference = Reference::new(Default::default()).unwrap();

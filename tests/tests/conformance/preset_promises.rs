@@ -87,7 +87,7 @@ fn geometry_errors(want: &Frame, got: &Frame, mask: &[bool]) -> [f64; 2] {
     [root_mean(all().map(depth).collect()), root_mean(all().map(normal).collect())]
 }
 
-/// Step of the cases of tests without `--full`.
+/// Step between the drawn cases in tests without `--full`.
 const QUICK: usize = 3;
 
 /// Returns the reference's images of every `step`-th case of a preset, drawn once per process. With samples, a frame

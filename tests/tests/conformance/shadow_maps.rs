@@ -16,7 +16,7 @@ struct Errors {
     acne: f64,
     /// Largest fraction of light missing in one of these pixels.
     worst_acne: f64,
-    /// Mean of light in dark pixels that are farther from the light than the filter's width and a splat's reach.
+    /// Mean of light in pixels that are farther inside the shadow than the filter's width and a splat's reach.
     leak: f64,
     /// Number of pixels that were compared: lit and dark.
     counts: [usize; 2],
@@ -29,7 +29,7 @@ fn image(backend: &mut impl Renderer, case: &Case) -> Frame {
 }
 
 /// Returns the distance by which the ray from `point` to the light misses the ball; negative inside its shadow. +∞ if
-/// the ball is behind.
+/// the ball is behind the point or behind the light. `distance` is that of the light.
 fn miss(point: DVec3, to_light: DVec3, distance: f64) -> f64 {
     let along = (BALL_CENTER - point).dot(to_light);
     if along < 0.0 || along > distance + BALL_RADIUS {

@@ -14,7 +14,7 @@ use surfel_sample::{
     NoProgress, PointOptions, SharpOptions, sharp_splats_from_mesh, sharpen_points, splats_from_points,
 };
 
-/// Size of the paper's images.
+/// Width and height of the images in pixels, as in the paper (C12).
 const SIZE: u32 = 800;
 const VIEWS: [DVec3; 3] = [DVec3::new(0.62, 0.52, 0.9), DVec3::new(0.1, 0.9, -0.4), DVec3::new(-0.6, -0.2, 0.4)];
 

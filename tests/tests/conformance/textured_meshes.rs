@@ -41,7 +41,8 @@ impl Document {
         self.accessors.len() - 1
     }
 
-    /// Adds a texture of 128² texels, with colours by u and v.
+    /// Adds a texture of 128² texels; `texel` returns the linear RGB and straight alpha at (u, v). Returns the
+    /// texture's index.
     fn texture(&mut self, texel: impl Fn(f32, f32) -> [f32; 4]) -> usize {
         let at = |i: u32| texel((i % 128) as f32 / 128.0, (i / 128) as f32 / 128.0);
         let premultiplied = |[r, g, b, a]: [f32; 4]| [r * a, g * a, b * a, a];
@@ -58,7 +59,7 @@ impl Document {
         self.materials.len() - 1
     }
 
-    /// Adds a material with a texture and more members.
+    /// Adds a material with a base-colour texture; `more` is the JSON of further members. Returns the material's index.
     fn textured(&mut self, texture: usize, more: &str) -> usize {
         let pbr = format!(r#"{{"baseColorTexture": {{"index": {texture}}}}}"#);
         self.material(format!(r#"{{"pbrMetallicRoughness": {pbr}{more}}}"#))
@@ -104,7 +105,8 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("%{b:02x}")).collect()
 }
 
-/// Returns a disc with a zigzag on white, which is lost if colours are those of the corners.
+/// Returns the colour at (u, v) of a texture with a zigzag disc on white. The pattern is lost if splats have the
+/// colours of the quad's corners.
 fn logo(u: f32, v: f32) -> [f32; 4] {
     let (x, y) = (u - 0.5, v - 0.5);
     let zigzag = y > 0.12 * (12.0 * x).sin();
@@ -120,13 +122,13 @@ fn checkers(u: f32, v: f32) -> [f32; 4] {
     if dark { [0.5, 0.08, 0.05, 1.0] } else { [0.9, 0.75, 0.3, 1.0] }
 }
 
-/// Returns stripes that fade towards the top.
+/// Returns the colour and alpha at (u, v) of a texture with stripes that fade towards the top.
 fn fading(u: f32, v: f32) -> [f32; 4] {
     let [r, g, b] = if ((u + 0.5 * v) * 8.0) as i32 % 2 == 0 { [0.7, 0.75, 0.05] } else { [0.05, 0.3, 0.75] };
     [r, g, b, (1.1 * v - 0.05).clamp(0.0, 1.0)]
 }
 
-/// Returns three rounded leaves.
+/// Returns the colour and alpha at (u, v) of a texture with three rounded leaves.
 fn leaves(u: f32, v: f32) -> [f32; 4] {
     let at = DVec2::new(f64::from(u) - 0.5, f64::from(v) - 0.5);
     let angle = at.y.atan2(at.x);
@@ -134,12 +136,12 @@ fn leaves(u: f32, v: f32) -> [f32; 4] {
     [0.05, 0.2 + 0.4 * u, 0.05, f32::from(inside)]
 }
 
-/// Returns a quad in a plane of constant z, by its lower left corner and its sides.
+/// Returns the corner and the sides of a quad in a plane of constant z. The corner at (x, y) is the lower left one.
 fn upright(x: f64, y: f64, z: f64, width: f64, height: f64) -> [DVec3; 3] {
     [DVec3::new(x, y, z), DVec3::X * width, DVec3::Y * height]
 }
 
-/// Returns a van: two textures, and parts with a colour alone (CesiumMilkTruck).
+/// Returns the mesh of a van: two textures, and parts with a colour alone (as Khronos' CesiumMilkTruck).
 fn van() -> Mesh {
     let mut d = Document::default();
     let (logo, checkers) = (d.texture(logo), d.texture(checkers));
@@ -153,7 +155,7 @@ fn van() -> Mesh {
     d.load()
 }
 
-/// Returns vertex colours beside a texture, and over one (VertexColorTest).
+/// Returns quads with vertex colours beside a texture, and over one (as Khronos' VertexColorTest).
 fn vertex_colors() -> Mesh {
     let mut d = Document::default();
     let checkers = d.texture(checkers);
@@ -167,7 +169,8 @@ fn vertex_colors() -> Mesh {
     d.load()
 }
 
-/// Returns a texture moved, turned and scaled, and one by other coordinates (TextureTransformTest, MultiUVTest).
+/// Returns quads with a texture moved, turned and scaled, and with one by other coordinates (as Khronos'
+/// TextureTransformTest and MultiUVTest).
 fn transforms() -> Mesh {
     let mut d = Document::default();
     let logo = d.texture(logo);
@@ -189,7 +192,7 @@ fn transforms() -> Mesh {
     d.load()
 }
 
-/// Returns instances, each with its own position, rotation and size (SimpleInstancing).
+/// Returns instances of quads, each with its own position, rotation and size (as Khronos' SimpleInstancing).
 fn instances() -> Mesh {
     let mut d = Document::default();
     let (logo, checkers) = (d.texture(logo), d.texture(checkers));

@@ -12,7 +12,7 @@ fn drawn_by_cpu(case: &Case) -> Frame {
     drawn_once(&mut Cpu::new(Default::default()).unwrap(), case, Planes::ALL).0
 }
 
-/// Pixels whose centres see the roof's top, two pixels and more than a splat's radius inside its outline.
+/// Returns the pixels whose centres show the roof's top, two pixels and more than a splat's radius inside its outline.
 fn top_pixels(case: &Case, elevation_deg: f64) -> Vec<usize> {
     let object_from_world = case.scene.objects[0].world_from_object.inverse();
     let eye = object_from_world.transform_point3(case.camera.eye.into());
@@ -44,8 +44,8 @@ fn mixed(elevation_deg: f64, radii: f64) -> (usize, [usize; 3]) {
 
 #[test]
 fn little_below_a_roof_blends_with_its_top() {
-    // What is left are disks of the walls' sides, which reach up beyond the middle of the roof by themselves, and where
-    // splats are smaller than the filter (20°) filtered footprints that do.
+    // The remaining pixels show disks of the walls' sides, which by themselves reach above the middle of the roof.
+    // Where splats are smaller than the filter (20°), filtered footprints reach there, too.
     for elevation_deg in [20.0, 30.0, 45.0, 70.0] {
         for radii in [0.25, 1.0, 2.0] {
             let (pixels, [reference, cpu, culled]) = mixed(elevation_deg, radii);

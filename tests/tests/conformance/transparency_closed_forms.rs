@@ -52,7 +52,7 @@ const RED: ([f32; 3], f32) = ([0.8, 0.1, 0.2], 0.25);
 const GREEN: ([f32; 3], f32) = ([0.1, 0.9, 0.3], 0.5);
 const BLUE: ([f32; 3], f32) = ([0.2, 0.3, 1.0], 0.75);
 
-/// Blends `(colour, alpha)` over `behind`, back to front.
+/// Blends layers over the premultiplied colour `behind`. A layer is a colour and an alpha; the first is the nearest.
 fn over(layers: &[([f32; 3], f64)], behind: [f64; 4]) -> [f64; 4] {
     layers.iter().rev().fold(behind, |b, (c, a)| {
         let front = [c[0], c[1], c[2], 1.0].map(f64::from);
@@ -194,7 +194,8 @@ fn transparency_off_draws_every_splat_opaque() {
     assert_color(reference_image(&off).color()[MIDDLE], over(&[(RED.0, 1.0)], BACKGROUND));
 }
 
-/// G06's figure 6: few layers with the rest blended are close to all layers, closer than with the rest dropped.
+/// G06's figure 6: few layers are close to all layers if the last one blends all remaining fragments. Without the
+/// remaining fragments, the error is larger.
 #[test]
 fn transparency_blending_the_rest_beats_leaving_it_out() {
     let case = scenes::glass_spheres();

@@ -12,7 +12,7 @@ const SPHERE_DISKS: usize = 20_000;
 /// Number of disks of each glass sphere.
 const GLASS_DISKS: usize = 2_000;
 
-/// Scene file of the checkerboard, on which filters are measured (rendering model §5).
+/// Scene file of the checkerboard, on which filters are measured (docs/decisions/017-principal-filter.md).
 pub(super) const CHECKERBOARD_SCENE: &str = r#"{
   "up": "+y",
   "camera": { "eye": [0, 0, 0], "target": [0, 0, -1], "up": [0, 1, 0],

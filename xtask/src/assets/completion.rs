@@ -11,9 +11,10 @@ const POINTS: usize = 2048;
 struct File {
     /// Suffix of the file's name.
     name: &'static str,
-    /// Standard deviation of the noise along each axis, for points that aren't in the visible part.
+    /// Standard deviation of the noise along each axis, in units of the shape, for points that aren't in the visible
+    /// part.
     far: f64,
-    /// Standard deviation of the noise along each axis, for points in the visible part.
+    /// Standard deviation of the noise along each axis, in units of the shape, for points in the visible part.
     near: f64,
     /// Side of a grid of cells. Points that aren't in the visible part are moved to the centres of their cells; 0 for
     /// no grid.

@@ -43,7 +43,7 @@ fn put(half: &mut Vec<u8>, line: &str) {
 
 pub(super) struct Model {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Corners of each face: index of the vertex, and number of the texture coordinates.
+    /// Corners of each face: index of the vertex, from 0, and number of the texture coordinates, from 1 as in the file.
     pub(super) faces: Vec<Vec<[usize; 2]>>,
 }
 

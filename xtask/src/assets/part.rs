@@ -26,7 +26,8 @@ pub(super) struct TriangleMesh {
     known: BTreeMap<[i64; 3], usize>,
 }
 
-/// Returns the part. Its up axis is y. The block is on the plane y = 0 and extends from (−2, 0, −1) to (2, 1, 1).
+/// Returns the mesh of the machine part. Its up axis is y. The block is on the plane y = 0 and extends from (−2, 0, −1)
+/// to (2, 1, 1).
 pub(super) fn part() -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     // The block consists of two cells: one with the hole, one with the boss.
@@ -109,7 +110,7 @@ impl TriangleMesh {
         }
     }
 
-    /// Adds a fan of triangles between a point and a loop, which faces up or down.
+    /// Adds a fan of triangles between a point and a loop. The fan faces up if `from_above` is true, otherwise down.
     fn fan(&mut self, center: Point, rim: &[Point], from_above: bool) {
         for i in 0..rim.len() {
             let j = (i + 1) % rim.len();

@@ -19,8 +19,8 @@ if [ -s "$results" ]; then
     exit 2
 fi
 begin=$(date +%s)
-# All steps together, seconds; the rest of eight minutes is for what a step takes to end. More, for a machine that is
-# busy or slow, gives each step more, too.
+# Time limit of all steps together, in seconds; the rest of eight minutes is for steps to end. A larger value, for a
+# busy or slow machine, also raises the limit of each step.
 usual=465
 total=${SURFEL_KIT_SECONDS:-$usual}
 
@@ -29,7 +29,7 @@ say() {
     echo "$*" >>"$log"
 }
 
-# Something that the page of results shows, too.
+# Prints a message, and appends it to the results, whose page shows it.
 note() {
     say "$*"
     text=$(printf '%s' "$*" | tr -d '"\\' | tr '\n' ' ')
@@ -42,8 +42,8 @@ say "system: $(uname -a)"
 [ -r /etc/os-release ] && say "system: $(grep -h PRETTY_NAME /etc/os-release)"
 [ -r /proc/driver/nvidia/version ] && say "driver: $(head -n 1 /proc/driver/nvidia/version)"
 
-# Windows are not needed, and a display that can't be reached may make a driver fail. Drivers keep compiled shaders and
-# sockets where they may write.
+# Windows are not needed, and a display that can't be reached may make a driver fail. Drivers need a folder in which
+# they may write compiled shaders and sockets.
 unset DISPLAY WAYLAND_DISPLAY
 own=$out/home
 mkdir -p -m 700 "$own" || exit 1
@@ -98,12 +98,13 @@ if [ -z "$loader" ]; then
     export LD_LIBRARY_PATH
 else
     say "loader: $loader"
-    # It may be in a folder that only this script looks into.
+    # The loader may be in a folder where only this script searches.
     LD_LIBRARY_PATH=${LD_LIBRARY_PATH:+$LD_LIBRARY_PATH:}$(dirname "$loader")
     export LD_LIBRARY_PATH
 fi
 
-# True if the devices step sees a GPU; `seen` is its exit code: 0 a GPU, 3 software alone, 4 nothing.
+# True if the step `devices` finds a GPU. `seen` is its exit code: 0 for a GPU, 3 for devices that compute on the CPU
+# only, 4 for no device.
 sees_gpu() {
     rm -rf "$out/probe" && mkdir "$out/probe"
     limited 30 "$kit/gpu-kit" bench kit devices --out "$out/probe" ${adapter:+--adapter "$adapter"}
@@ -111,15 +112,15 @@ sees_gpu() {
     [ "$seen" -eq 0 ]
 }
 
-# Runs a command for at most so many seconds; `status` is its exit code, 124 where its time was over. What it prints
-# goes to the log.
+# Runs a command for at most the given number of seconds; its output goes to the log. `status` is its exit code, or 124
+# if it was stopped.
 limited() {
     seconds=$1
     shift
     "$@" >>"$log" 2>&1 &
     child=$!
     (
-        # With the guard ends its sleep.
+        # If this guard process is stopped, its `sleep` is stopped, too.
         trap 'kill $!; exit' TERM
         sleep "$seconds" &
         wait $!
@@ -207,7 +208,7 @@ case $seen in
 3)
     note "missing: a GPU; the devices that are there compute on the CPU, so that small images are measured"
     small=--small
-    # Mesa compiles hundreds of shaders for small images: a fifth faster without optimising them.
+    # Mesa compiles hundreds of shaders for small images. Without optimising them, the steps take a fifth less time.
     GALLIVM_PERF=${GALLIVM_PERF:-nopt}
     export GALLIVM_PERF
     ;;
@@ -240,12 +241,13 @@ step() {
     fi
     took=$(($(date +%s) - started))
     say "$name: $outcome ($took s)"
-    # A line that a killed step left unfinished ends here.
+    # Ends the line that a killed step left incomplete.
     [ -n "$(tail -c 1 "$results")" ] && echo >>"$results"
     printf '{"kind":"step","name":"%s","seconds":%s,"outcome":"%s"}\n' "$name" "$took" "$outcome" >>"$results"
 }
 
-# Each is run in a shell of its own, which becomes the program: killing it ends the program.
+# Each of these functions runs in a shell of its own, which `exec` replaces by the program, so that killing the shell
+# ends the program.
 bench() {
     exec "$kit/gpu-kit" bench kit "$@" --out "$out" ${adapter:+--adapter "$adapter"} $small
 }
@@ -259,7 +261,7 @@ image() {
 devices() {
     "$kit/gpu-kit" bench kit devices --out "$out" ${adapter:+--adapter "$adapter"}
     code=$?
-    # Software alone, and nothing, are no failures of this step.
+    # The step hasn't failed if there is no GPU (3) or no device (4).
     [ $code -eq 0 ] || [ $code -eq 3 ] || [ $code -eq 4 ]
 }
 

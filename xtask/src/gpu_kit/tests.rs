@@ -3,8 +3,9 @@ use super::*;
 /// Kit of mock programs, in a folder that is removed when the value is dropped.
 struct Pretended(PathBuf);
 
-/// Mock program: appends one and a half lines, and hangs when it draws on ash if a variable requests it. It finds a GPU
-/// once a driver of that name is selected.
+/// Shell script that replaces the kit's programs. For frames, it appends one complete and one incomplete line to the
+/// results. It hangs on the backend that `PRETENDED_HANG` names. It finds a GPU once the driver that `PRETENDED_DRIVER`
+/// names is selected.
 const PROGRAM: &str = r#"#!/bin/sh
 case "$*" in *--help*) exit 0 ;; esac
 while [ $# -gt 0 ]; do

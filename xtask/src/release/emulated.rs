@@ -12,7 +12,7 @@ use crate::python;
 /// Names of QEMU's emulator of the processor, in packages of distributions.
 const EMULATORS: [&str; 2] = ["qemu-aarch64-static", "qemu-aarch64"];
 
-/// Debian release with the interpreter, its mirror, and the interpreter's path and version.
+/// Debian release whose Python interpreter is tested. Its mirror, and the interpreter's path and version, follow.
 const RELEASE: &str = "bookworm";
 const MIRROR: &str = "http://deb.debian.org/debian";
 const INTERPRETER: &str = "usr/bin/python3.11";

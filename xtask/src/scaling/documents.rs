@@ -113,7 +113,8 @@ fn crc_step(crc: u32, byte: u8, polynomial: u32) -> u32 {
     (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ (polynomial & (crc & 1).wrapping_neg()))
 }
 
-/// Writes a glTF file with these parts, and a buffer that contains one triangle.
+/// Writes a glTF file with the top-level members `parts`, and a buffer that contains one triangle. Returns the words of
+/// the command that converts it.
 fn gltf(folder: &Path, parts: &str) -> io::Result<Vec<String>> {
     let positions = [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0];
     let bytes: Vec<u8> = positions.iter().flat_map(|x| x.to_le_bytes()).collect();

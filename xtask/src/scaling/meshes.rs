@@ -7,7 +7,7 @@ use std::path::Path;
 
 type Point = [f64; 3];
 
-/// Polygon mesh to be written.
+/// Polygon mesh to be written as an OBJ file.
 #[derive(Default)]
 struct Polygons {
     points: Vec<Point>,
@@ -116,7 +116,7 @@ fn urchin(n: usize) -> Polygons {
     mesh
 }
 
-/// Returns rectangles that share one edge, like the pages of a book.
+/// Returns triangles that share one edge, like the pages of a book.
 fn book(n: usize) -> Polygons {
     let mut mesh = Polygons::default();
     let spine = [mesh.point([0.0; 3]), mesh.point([0.0, 0.0, 1.0])];
@@ -206,7 +206,8 @@ fn polygon(n: usize, is_comb: bool) -> Polygons {
     mesh
 }
 
-/// Returns a function that writes a mesh, and the command that converts it with these flags.
+/// Returns a function that writes a mesh of a given size, and returns the words of the command that converts it with
+/// `flags`.
 fn convert(
     flags: &'static str,
     make: impl Fn(usize) -> Polygons + 'static,

@@ -189,7 +189,7 @@ pub(super) fn shapes() -> Vec<Shape> {
     all.into_iter().map(|(name, n, counts, make)| Shape::new(name, (n, counts), make)).collect()
 }
 
-/// Writes a scene of `n` objects, each with all conversion options.
+/// Writes a scene of `n` objects, each with conversion options.
 fn many_keys(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), 4, 1.0, |k| [k as f64 - 2.0, 0.0, 0.0])?;
     let all: Vec<String> = (0..n)
@@ -198,7 +198,7 @@ fn many_keys(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     scene(folder, &format!(r#""objects": [{}]"#, all.join(",")))
 }
 
-/// Writes a scene of transparent splats of one surface, drawn with an A-buffer.
+/// Writes a scene of `n` transparent splats at random positions, drawn with an A-buffer.
 fn glass(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     disks(&folder.join("a.ply"), n, 0.5, |i| [random(i, 1) - 0.5, random(i, 2) - 0.5, -4.0 * random(i, 3)])?;
     scene(folder, r#""objects": [{"splats": "a.ply"}], "settings": {"transparency": "abuffer:8"}"#)

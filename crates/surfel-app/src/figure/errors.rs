@@ -18,12 +18,14 @@ use surfel_sample::Progress;
 /// Fraction of the light that is ambient in panels coloured by values, so that colours can be compared with the colour
 /// bar. The rest depends on the surface's direction.
 const AMBIENT_FRACTION: f64 = 0.68;
-/// Quantile of all distances at which the colour map of the error row ends. Its value is rounded up to a tick.
+/// Quantile of all distances at which the colour map of the error row ends. The error row is the row of panels that
+/// shows distances to the first file. The distance at the quantile is rounded up to a tick of the colour bar.
 const PERCENTILE: f64 = 0.98;
 /// Number of ticks of the error row's colour bar, to which the end of its range is rounded up.
 const TICKS: usize = 5;
 
-/// Distances between the points of a panel and the reference, which is the first file.
+/// Distances between the points of a panel and the reference, which is the first file. They are in the units of the
+/// files' coordinates.
 pub(super) struct PanelErrors {
     /// Distance of each of the panel's points to the nearest point or surface of the reference.
     pub(super) distances: Vec<f64>,
@@ -46,7 +48,7 @@ impl PanelErrors {
     }
 }
 
-/// Formats a distance with three digits.
+/// Formats a distance with three significant digits.
 fn digits(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -88,8 +90,9 @@ fn mesh(path: &Path, options: &LoadOptions) -> Result<Option<Vec<[DVec3; 3]>>, E
     })
 }
 
-/// Measures the distances between the splats of every object but the first and the first object: the surface of its
-/// file's mesh, or else its points. `is_of_points` is true if the first file contains points.
+/// Measures the distances of every object but the first to the reference, which is the first. The reference is the
+/// surface of its file's mesh, or else its points. Returns one element for each object but the first. `paths` are the
+/// objects' files. `is_of_points` is true if the first file contains points.
 pub(super) fn measure(
     objects: &[Object],
     paths: &[PathBuf],
@@ -116,8 +119,8 @@ pub(super) fn measure(
     Ok(errors.collect())
 }
 
-/// Returns the distance at which the colour map ends: the 98th percentile of all distances, rounded up to a tick of the
-/// colour bar.
+/// Returns the distance at which the colour map ends: the 98th percentile of all finite distances, rounded up to a tick
+/// of the colour bar. Returns 1 if the percentile is 0 or there are no finite distances.
 pub(super) fn end_of_range<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
     let mut values: Vec<f64> = all.flatten().copied().filter(|value| value.is_finite()).collect();
     let Some(last) = values.len().checked_sub(1) else { return 1.0 };

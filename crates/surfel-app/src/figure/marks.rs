@@ -36,13 +36,15 @@ fn in_view(view: &View, point: DVec3) -> DVec3 {
     view.view_from_world * (point - view.eye)
 }
 
-/// Returns the pixel position of a view-space point; `None` if it is in front of the near plane.
+/// Returns the pixel position of a view-space point; `None` if the point is nearer than the near plane.
 fn pixel(view: &View, p: DVec3) -> Option<[f64; 2]> {
     let at = view.projection.pixel(V3::new(p.x, p.y, p.z));
     (p.z >= view.projection.near).then_some([at.x, at.y])
 }
 
-/// Returns the marks of a panel. `depth` is the panel's depth plane; if it is empty, no mark is hidden.
+/// Returns the marks over a panel. `camera` and `view` are the panel's, and `frusta` are the cameras that are drawn as
+/// pyramids. `depth` has the view-space depth of each pixel of the panel, row by row; if it is empty, no frustum is
+/// hidden.
 pub(super) fn of_panel(
     camera: &Camera,
     view: &View,
@@ -69,8 +71,8 @@ pub(super) fn of_panel(
     marks
 }
 
-/// Returns a scale bar of a round length. In perspective, its length is true for objects at the distance of the
-/// camera's target.
+/// Returns a scale bar of a round length in world units. In perspective, its length is true for objects at the distance
+/// of the camera's target. `None` if the length would be 0.
 fn scale(camera: &Camera, view: &View, unit: Option<&str>) -> Option<Mark> {
     let depth = in_view(view, DVec3::from(camera.target)).z.max(view.projection.near);
     let per_unit = view.projection.focal_px[0] / if view.projection.is_perspective() { depth } else { 1.0 };
@@ -118,7 +120,8 @@ fn pyramid(camera: &Camera, length: f64) -> Option<(DVec3, [DVec3; 4])> {
     Some((own.eye, [world(0.0, 0.0), world(width, 0.0), world(width, height), world(0.0, height)]))
 }
 
-/// Returns the visible parts of the edges of a camera's frustum, `length` units long.
+/// Returns the visible parts of the edges of a camera's frustum, `length` world units long. `view` and `depth` are
+/// those of the panel ([`of_panel`]).
 fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark> {
     let Some((eye, corners)) = pyramid(camera, length) else { return Vec::new() };
     let sides = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]);
@@ -160,7 +163,7 @@ pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
     wide
 }
 
-/// Returns the parts of a view-space edge that aren't hidden by the surfaces in `depth`.
+/// Returns the parts of a view-space edge that the surfaces in `depth` don't hide, as lines between pixel positions.
 fn visible([a, b]: [DVec3; 2], view: &View, depth: &[f32]) -> Vec<Mark> {
     let mut lines: Vec<Vec<[f64; 2]>> = vec![Vec::new()];
     for i in 0..=PARTS {

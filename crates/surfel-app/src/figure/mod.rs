@@ -44,7 +44,7 @@ const DPI: f64 = 300.0;
 /// Default width and height of a panel, in pixels.
 const PANEL: [u32; 2] = [720, 720];
 
-/// Names of the attributes that are coordinates along an axis, whose unit is that of the coordinates.
+/// Names of the attributes that are coordinates along an axis. Their values have the unit of the coordinates.
 const HEIGHTS: [&str; 4] = ["height", "x", "y", "z"];
 
 /// A figure that has been drawn and laid out.
@@ -130,7 +130,8 @@ struct Subject<'a> {
     is_split: bool,
     /// True if the camera was framed automatically, so that it may move back to include frusta.
     is_framed: bool,
-    /// Distances to the first file, for each panel but the first; empty without an error row.
+    /// Distances to the first file, for each panel but the first; empty if the figure has no row of errors
+    /// ([`FigureOptions::error_row`]).
     errors: Vec<PanelErrors>,
 }
 
@@ -140,7 +141,7 @@ impl Subject<'_> {
     }
 }
 
-/// Colour scale of the error row, the additional row of panels that shows distances to the first file.
+/// Colour scale of the error row: the additional row of panels that shows distances to the first file.
 struct ErrorColors {
     map: ColorMap,
     end: f64,
@@ -272,7 +273,8 @@ impl FigureRequest<'_> {
         Ok(subjects)
     }
 
-    /// Measures the distances for the error row, and returns its colour scale. `None` without an error row.
+    /// Measures the distances for the error row, stores them in the subjects, and returns the colour scale of all
+    /// distances. `None` without an error row.
     fn measure(&self, subjects: &mut [Subject<'_>], progress: &dyn Progress) -> Result<Option<ErrorColors>, Error> {
         let Some(map) = self.figure.error_row else { return Ok(None) };
         for subject in subjects.iter_mut() {
@@ -285,7 +287,8 @@ impl FigureRequest<'_> {
         Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))
     }
 
-    /// Returns the title of a colouring's key. The unit of the coordinates is appended for heights.
+    /// Returns the title of the colour bar or legend of a colouring. For heights, the unit of the coordinates is
+    /// appended.
     fn value_title(&self, coloring: &Coloring) -> String {
         let title = self.figure.value_title.as_deref().unwrap_or(&coloring.attribute);
         let is_length = HEIGHTS.iter().any(|name| coloring.attribute.eq_ignore_ascii_case(name));
@@ -301,7 +304,8 @@ impl FigureRequest<'_> {
         }
     }
 
-    /// Returns the colour bars and legends of the figure: of values, and of the error row.
+    /// Returns the colour bars and legends of the figure: that of `coloring`, which colours the files, and that of the
+    /// distances in the error row.
     fn keys(&self, coloring: Option<&Coloring>, errors: Option<&ErrorColors>) -> Vec<Key> {
         let is_one_row = self.subjects() == 1 && self.columns() == self.inputs.len();
         let has_two_rows = is_one_row && errors.is_some() && !self.has_errors_beside();

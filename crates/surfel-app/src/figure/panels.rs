@@ -90,7 +90,8 @@ impl<'a> Panels<'a> {
         Ok(panels)
     }
 
-    /// Adds the rows of panels of a subject.
+    /// Adds the rows of panels of a subject, a group of files. `subject` is its index, `content` its files and options,
+    /// and `subjects` the number of all subjects.
     fn add(&mut self, subject: usize, content: &Subject<'_>, subjects: usize) {
         let (columns, options) = (self.request.columns(), self.request.figure);
         let count = content.panels();
@@ -159,8 +160,9 @@ impl<'a> Panels<'a> {
         self.figure.rows.iter_mut().flat_map(|row| &mut row.panels).flatten().for_each(|panel| panel.size = size);
     }
 
-    /// Crops the panels of each subject to the rows of pixels in which one of them shows something, if there are
-    /// several subjects. Objects of different proportions then don't leave white bands between the rows.
+    /// Crops the panels of each subject to the rows of pixels in which at least one panel of the subject shows
+    /// something. Objects of different proportions then don't leave white bands between the figure's rows. Does nothing
+    /// for a single subject.
     pub(super) fn crop(&mut self, subjects: usize) {
         if subjects < 2 {
             return;
@@ -183,8 +185,9 @@ impl<'a> Panels<'a> {
         }
     }
 
-    /// Draws the image of the panel with index `at`. `errors` is the colour scale of the error row. `has_values` is
-    /// true if panels are coloured by values.
+    /// Draws the image of the panel `cells[at]`, and stores it in the figure. `errors` is the colour scale of the error
+    /// row. `has_values` is true if panels are coloured by values. `frusta` are cameras that are drawn over the panel
+    /// as pyramids.
     pub(super) fn draw(
         &mut self,
         at: usize,

@@ -47,8 +47,8 @@ pub(super) fn of_values(settings: &Settings) -> Settings {
     settings.with_shader(Shader::Unlit)
 }
 
-/// Colours the pixels of a white frame by the values of another frame, and composites the result over the background.
-/// Pixels are premultiplied RGBA.
+/// Colours the pixels of a white frame by the values of another frame, and composites the result over `background`
+/// (linear RGB and straight alpha). Pixels are premultiplied RGBA; `values` are greys from 0 to 1.
 pub(super) fn color(frame: &mut [[f32; 4]], values: &[[f32; 4]], map: &ColorMap, background: [f64; 4]) {
     let scale = ColorScale::Range { map: map.clone(), range: [0.0, 1.0] };
     let painter = scale.painter();

@@ -26,7 +26,8 @@ const MIN_INTERVAL: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     cameras: Vec<Camera>,
-    /// Time of each key, in ascending order. For a closed path, one more time is that of the return to the first key.
+    /// Times of the keys, in ascending order, in the units of `is_timed`. A closed path has one more time, that of the
+    /// return to the first key.
     times: Vec<f64>,
     /// True if times are in seconds, as the keys state them; false if times are derived from distances.
     is_timed: bool,
@@ -248,7 +249,8 @@ fn toward(camera: &Camera) -> DVec3 {
     target(camera) - eye(camera)
 }
 
-/// Interpolates between two projections of the same kind; returns `from` if their kinds differ.
+/// Interpolates between two projections of the same kind: `from` at t = 0, `to` at t = 1. Returns `from` if their kinds
+/// differ.
 fn between(from: Projection, to: Projection, t: f64) -> Projection {
     let mix = |a: f64, b: f64| a + (b - a) * t;
     match (from, to) {
@@ -282,7 +284,7 @@ fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
 }
 
 /// Appends the time at which a closed path returns to its first key. The interval for the return is the mean of the
-/// others.
+/// intervals between the keys.
 fn with_return(mut times: Vec<f64>) -> Vec<f64> {
     if let (Some(first), Some(last)) = (times.first().copied(), times.last().copied()) {
         times.push(last + (last - first) / (times.len() - 1).max(1) as f64);

@@ -32,7 +32,7 @@ use surfel_stage::auto_up;
 const SAMPLE: usize = 12;
 /// Largest number of splats of each sampled file that are kept in memory; larger files are thinned to it.
 const MAX_SPLATS_PER_FILE: usize = 100_000;
-/// Factor on the near distance of the camera that was framed on the sample, since surfaces of other files may be
+/// Factor by which the near distance of the camera is multiplied, since surfaces of files outside of the sample may be
 /// nearer.
 const NEAR: f64 = 0.1;
 
@@ -46,7 +46,7 @@ enum Motion {
     Path(Vec<Camera>),
 }
 
-/// Files that are the frames of one film, and the choices for all of them.
+/// Files that are the frames of one film, with the camera, light and other choices that all frames share.
 #[derive(Clone, Debug)]
 pub struct Sequence {
     inputs: Vec<PathBuf>,
@@ -204,7 +204,8 @@ struct Survey {
 }
 
 impl Survey {
-    /// Loads the sample, one file after another.
+    /// Loads the sample, one file after another, and thins it. Estimates spacing, interior weight and up axis of each
+    /// file.
     fn of(sample: &[PathBuf], options: &RenderOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let (mut all, mut spacings, mut uprights) = (LoadedObjects::default(), Vec::new(), Vec::new());
         let mut weights = Vec::new();
@@ -249,7 +250,8 @@ impl Survey {
         Ok(Self { loaded: all, spacings, weights, uprights })
     }
 
-    /// Determines one colour scale for all frames, if they are coloured by values. Returns a note about it.
+    /// Determines one colour scale for all frames, if they are coloured by values, and stores it in `options`. Returns
+    /// a note about the scale.
     fn share_colors(&self, options: &mut RenderOptions, progress: &dyn Progress) -> Option<String> {
         let attribute = options.splats.convert.color_by.clone()?;
         progress.stage("colours", 0);
@@ -308,8 +310,9 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
     Ok(object)
 }
 
-/// Sets the interior weight of all frames to the median over the sample, if the points of every sampled file have one.
-/// Frames then needn't estimate their own, which would take a sixth of the time for making their splats.
+/// Sets the interior weight of the object that all frames share to the median of `weights`, if the points of every
+/// sampled file have one. Frames then needn't estimate their own weights, which would take a sixth of the time for
+/// making their splats.
 fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize) {
     if weights.len() != files {
         return;
@@ -321,7 +324,7 @@ fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize)
     }
 }
 
-/// Returns the most frequent value; among equally frequent ones, the first.
+/// Returns the most frequent value; among equally frequent ones, the first. `None` if there are no values.
 fn most_frequent<T: PartialEq + Clone>(values: &[T]) -> Option<T> {
     let count = |value: &&T| values.iter().filter(|other| other == value).count();
     values.iter().rev().max_by_key(count).cloned()
@@ -336,7 +339,8 @@ fn make_room(camera: &mut Camera) {
     }
 }
 
-/// Returns the options for loading a frame: only those that the frame's scene file doesn't contain.
+/// Returns the options for loading a frame: only those that the frame's scene file doesn't contain, such as region and
+/// planes.
 fn of_frame(options: &RenderOptions) -> RenderOptions {
     let splats = SplatOptions { memory: options.splats.memory, ..SplatOptions::default() };
     RenderOptions {

@@ -40,7 +40,7 @@ use crate::values::{FrameRange, Part};
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-/// Values of the options of a command.
+/// Values of the options of a command. An option that isn't given is `None`, false or empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
@@ -50,7 +50,7 @@ pub struct Options {
     pub names_output: bool,
     /// Options for an image and for converting files to splats.
     pub render: RenderOptions,
-    /// Path of the file to write.
+    /// Path of the file to write; `None` if none is given, for which each command has its own default.
     pub output: Option<PathBuf>,
     /// True if existing files are overwritten.
     pub force: bool,
@@ -79,17 +79,18 @@ pub struct Options {
     pub ascii: bool,
     /// File or folder with the cameras of another program, from each of which an image is drawn.
     pub cameras: Option<PathBuf>,
-    /// Number of frames of a turntable or of a camera path.
+    /// Number of frames of a turntable or of a camera path. `None` derives the number from the film's duration.
     pub frames: Option<u32>,
     /// JSON file with the keys of a path along which the camera of a film moves.
     pub path: Option<PathBuf>,
     /// True if each input is a frame of one film, instead of an object of one scene.
     pub sequence: bool,
-    /// Frame rate of films, in frames per second.
+    /// Frame rate of films, in frames per second; `None` means 25.
     pub fps: Option<FrameRate>,
     /// Range of the frames or cameras that are drawn; `None` draws all.
     pub frame_range: Option<FrameRange>,
-    /// Shard of the job: the part of all images, or of all points, that this process works on.
+    /// Shard of the job: the part of all images, or of all points, that this process works on. `None` means the whole
+    /// job.
     pub shard: Option<Part>,
     /// True if images whose files exist aren't drawn again.
     pub skip_existing: bool,
@@ -97,7 +98,7 @@ pub struct Options {
     pub resume: bool,
     /// Name of the backend; `None`: selected automatically.
     pub backend: Option<String>,
-    /// Substring of the name of the GPU adapter to use.
+    /// Substring of the name of the GPU adapter to use; `None` leaves the choice to the backend.
     pub adapter: Option<String>,
     /// True if backends store splats as 16-bit numbers.
     pub quantised: bool,
@@ -109,7 +110,7 @@ pub struct Options {
     pub verbose: bool,
     /// True if `surfel view` opens no browser.
     pub no_open: bool,
-    /// TCP port on which `surfel view` serves its page.
+    /// TCP port on which `surfel view` serves its page; `None` uses a free port.
     pub port: Option<u16>,
     /// Address of this machine at which `surfel view` serves its page; `None` for 127.0.0.1.
     pub host: Option<String>,
@@ -123,14 +124,15 @@ pub struct Options {
     pub dsm: Option<PathBuf>,
     /// Output GeoTIFF of normals.
     pub normals: Option<PathBuf>,
-    /// Bounds of an orthoimage in the units of x and y: minimum x, minimum y, maximum x, maximum y.
+    /// Bounds of an orthoimage in the units of x and y: minimum x, minimum y, maximum x, maximum y. `None` uses the
+    /// bounds of the data.
     pub bounds: Option<[f64; 4]>,
-    /// Point (x, y) with which a corner of the pixel grid of an orthoimage coincides.
+    /// Point (x, y) with which a corner of the pixel grid of an orthoimage coincides; `None` means (0, 0).
     pub origin: Option<[f64; 2]>,
     /// Largest radius of a circle that fits into a gap that is filled, in the units of x and y. Larger gaps remain.
     /// `None` fills no gaps.
     pub fill: Option<f64>,
-    /// EPSG code of an orthoimage's coordinate reference system.
+    /// EPSG code of an orthoimage's coordinate reference system; `None` uses the system that the files state.
     pub crs: Option<u16>,
     /// Options of `surfel figure` for the arrangement of panels, their titles and marks.
     pub figure: FigureOptions,
@@ -168,17 +170,17 @@ impl Table {
         self
     }
 
-    /// Returns all rows, in the order in which help lists them.
+    /// Returns all rows, in the order in which help lists the options.
     pub fn rows(&self) -> impl Iterator<Item = &Row> {
         self.rows.iter()
     }
 
-    /// Returns the rows of one or several commands, in the order in which help lists them.
+    /// Returns the rows of the options that one or several commands have, in the order in which help lists the options.
     pub fn of(&self, commands: Commands) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.commands.has(commands))
     }
 
-    /// Returns the row of a command's option with this long name.
+    /// Returns the row of a command's option with this long name; `None` if the command has no such option.
     pub fn find(&self, commands: Commands, name: &str) -> Option<&Row> {
         self.of(commands).find(|row| row.name == name)
     }

@@ -14,7 +14,7 @@ pub enum Near<'a> {
 impl Table {
     /// Returns the option that is nearest to `name`, for which the command has no option. `name` is a long name or a
     /// letter, without dashes. The search looks for a synonym, then for an option of another command, then for a
-    /// similar spelling.
+    /// similar spelling. `None` if nothing is found.
     pub fn near(&self, command: Commands, name: &str) -> Option<Near<'_>> {
         if let Some(row) = self.of(command).find(|row| row.is_built && row.synonyms.contains(&name)) {
             return Some(Near::Here(row));
@@ -26,7 +26,8 @@ impl Table {
         nearest(self.of(command), name).map(Near::Here)
     }
 
-    /// Returns the keyword of the given Python functions that is nearest to `name`.
+    /// Returns the keyword of the given Python functions that is nearest to `name` by synonym or spelling; `None` if
+    /// none is similar.
     pub fn near_keyword(&self, functions: Commands, name: &str) -> Option<String> {
         let row = nearest(self.keywords(functions), &name.replace('_', "-"))?;
         Some(row.name.replace('-', "_"))

@@ -6,7 +6,7 @@ use std::ffi::OsStr;
 use std::path::PathBuf;
 use surfel_load::effects::{self, Inputs};
 
-/// Set of commands, as bits.
+/// Set of commands, one bit for each command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Commands(u16);
 
@@ -226,9 +226,10 @@ pub struct Row {
     pub is_image: bool,
     /// True if an image's metadata store the value in addition to the scene, so that `surfel again` can restore it.
     pub is_drawn: bool,
-    /// Key in a scene file, such as `settings.cutoff` or `convert.crop`.
+    /// Key in a scene file, such as `settings.cutoff` or `convert.crop`; `None` if scene files don't store the option.
     pub scene: Option<&'static str>,
-    /// Valid value other than the default, which tests and the documentation use.
+    /// Valid value other than the default, for tests and the documentation. Empty for switches, and if one of the names
+    /// serves.
     pub example: &'static str,
     /// Options that can't be given together with this one.
     pub conflicts: &'static [&'static str],

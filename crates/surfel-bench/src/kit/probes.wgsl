@@ -99,7 +99,8 @@ fn arithmetic_fragment(in: Fragment) -> @location(0) vec4f {
 // Side of the target in pixels.
 const SIDE: u32 = 1024u;
 
-// Returns a corner of a quad that covers the pixel of its number.
+// Returns corner `corner`, 0 to 3, of the quad with number `quad`. The quad covers one pixel at a pseudorandom
+// position.
 fn quad_corner(quad: u32, corner: u32) -> Fragment {
     let place = (quad * 2654435761u) % (SIDE * SIDE);
     let pixel = vec2f(f32(place % SIDE), f32(place / SIDE));

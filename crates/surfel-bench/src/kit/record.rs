@@ -21,9 +21,9 @@ pub(crate) enum Record {
     Machine(Machine),
     /// Device that a backend finds.
     Device(Device),
-    /// Result of a step of the script.
+    /// Result of a step of the kit's script `run.sh`.
     Step(Step),
-    /// Message of the script.
+    /// Message of the kit's script, for example about a missing driver.
     Note { text: String },
     /// Times of one scene at one size on one backend.
     Frame(Box<Frame>),
@@ -54,7 +54,7 @@ pub(crate) struct Device {
     pub facts: BTreeMap<String, String>,
 }
 
-/// Result of a step of the script.
+/// Result of a step of the kit's script `run.sh`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Step {
     pub name: String,

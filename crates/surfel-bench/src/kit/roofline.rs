@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use super::record::{Frame, Probe};
 use super::work::Work;
 
-/// Smallest fraction of the time of a frame's passes from which on a pass is compared with its bound. In shorter
-/// passes, the fixed cost of a pass dominates.
+/// Smallest fraction of a frame's time at which a pass may be listed as far above its bound. In shorter passes, the
+/// fixed cost of a pass dominates.
 const LEAST_SHARE: f64 = 0.02;
 /// Number of passes that the page lists as farthest above their bounds.
 const NAMED: usize = 3;

@@ -11,17 +11,19 @@ use surfel_render::{FramePlan, Pass};
 
 /// Number of floating-point operations to set up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
-/// Bytes that sorting moves per pair of a splat and a cell. Each pair is emitted once, read twice and written once for
-/// each of two digits, and read once more (`cells.wgsl`).
+/// Bytes that sorting moves per pair of a splat and a cell, which is a square of pixels that the compute path draws at
+/// once. Each pair is emitted once, read twice and written once for each of two digits, and read once more
+/// (`cells.wgsl`).
 const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
-/// Bytes that the two loops over a cell's records read per pair of a record and a cell (`cell_raster.wgsl`).
+/// Bytes that the two loops over a cell's splats read per pair of a splat and a cell: the record of the projected
+/// splat, once per loop (`cell_raster.wgsl`).
 const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
 /// Number of floating-point operations per fragment of the visibility pass (`visibility.wgsl`).
 const VISIBILITY_FLOPS: f64 = 35.0;
 /// Number of floating-point operations per fragment of the attribute pass (`attributes.wgsl`).
 const ATTRIBUTE_FLOPS: f64 = 55.0;
-/// Bytes of the edge data of a pixel. The cells write them, and the pass over edges reads them
-/// (`cell_neighbours.wgsl`).
+/// Bytes per pixel of the data by which edges are detected. The pass over cells writes them, and the pass over edges
+/// reads them (`cell_neighbours.wgsl`).
 const EDGE_DATA_BYTES: f64 = 16.0;
 /// Number of floating-point operations of edge detection per pixel, over its eight neighbours (`edges.wgsl`).
 const EDGE_FLOPS: f64 = 60.0;

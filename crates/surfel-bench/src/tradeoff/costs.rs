@@ -17,7 +17,8 @@ fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
     Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &everything)?)
 }
 
-/// Returns the names of the passes beyond those of the plainest frame, with their numbers.
+/// Returns the names of a plan's passes other than visibility, attributes and shading. A pass that runs several times
+/// has its number of runs.
 fn passes(plan: &FramePlan) -> String {
     let always = [Pass::Visibility, Pass::Attributes, Pass::Shade];
     let mut found: Vec<(Pass, usize)> = Vec::new();
@@ -55,7 +56,7 @@ fn name(pass: Pass) -> &'static str {
     }
 }
 
-/// Measured times of a case.
+/// Measurements of a case: the time of each frame in milliseconds, and the memory of the uploaded scene.
 #[derive(Clone, Default)]
 pub(super) struct Measured {
     pub(super) ms: Vec<f64>,

@@ -8,7 +8,7 @@ use crate::report::BackendFacts;
 /// Version of the JSON format. It increases whenever a field changes its meaning, but not with new fields.
 const VERSION: u32 = 1;
 
-/// Results of a run.
+/// Results of a run of the trade-off measurements with one backend.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Figures {
     version: u32,
@@ -63,7 +63,7 @@ pub(crate) struct Row {
     pub not_drawn: Option<String>,
     /// Median time of a frame, in milliseconds: CPU time on one thread, or wall-clock time of a GPU.
     pub ms: Option<f64>,
-    /// Number of splats of the scene divided by the time `ms`, per second.
+    /// Number of splats of the scene divided by the time `ms`, per second; `None` without a time.
     pub splats_per_s: Option<f64>,
     /// Memory of the uploaded scene in the backend, in bytes per splat; `None` if the backend can't draw the image.
     pub bytes_per_splat: Option<f64>,
@@ -76,11 +76,11 @@ pub(crate) struct Row {
     /// Model error without silhouettes: only in pixels that the ideal image covers completely, together with their
     /// neighbours. `None` if there are no such pixels, or if an opaque background hides the silhouettes.
     pub model_inside: Option<Error>,
-    /// Mean FLIP of the image against the subject's ideal image.
+    /// Mean FLIP of the image against the subject's ideal image; `None` if there is no model error.
     pub model_flip: Option<f64>,
-    /// Relative RMS difference of depth `Z` in pixels where both images have a depth.
+    /// Relative RMS difference of depth `Z` in pixels where both images have a depth; `None` if there are none.
     pub model_depth: Option<f64>,
-    /// RMS angle between normals, in degrees, in pixels where both images have a normal.
+    /// RMS angle between normals, in degrees, in pixels where both images have a normal; `None` if there are none.
     pub model_normal_deg: Option<f64>,
     /// For presets: PSNR between two images of the reference backend, one with this preset and one with the preset
     /// `reference`, in dB. `None` for equal images, and for settings other than presets.

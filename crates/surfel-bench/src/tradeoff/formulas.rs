@@ -22,8 +22,8 @@ struct Case {
     formula: Formula,
     inputs: Vec<f32>,
     exact: fn(f64) -> f64,
-    /// Largest error of a splat's weight per unit of error of the formula. A relative error of 1/w changes e^(−2ρ²) by
-    /// at most 2/e times this error.
+    /// Largest error of a splat's weight per unit of error of the formula. For the reciprocal 1/w, by which (u, v) is
+    /// divided, a relative error changes the weight e^(−2ρ²) by at most 2/e times this error.
     per_error: f64,
     /// Reason for or against using the formula.
     verdict: &'static str,

@@ -78,7 +78,7 @@ pub(super) fn draw_single(
     Ok((image, crate::report::median(&ms)))
 }
 
-/// Extent of a measurement.
+/// Numbers of frames and of variants that a measurement draws.
 #[derive(Clone, Copy)]
 pub(crate) struct Pace {
     /// Number of frames per variant; a time is the median of these.
@@ -305,7 +305,7 @@ fn row(
     })
 }
 
-/// Returns the median; `None` without values.
+/// Returns the median; `None` without values. For an even number of values, it is the larger of the two middle ones.
 pub(super) fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -99,8 +99,9 @@ mod tests {
     #[test]
     fn normals_err_by_about_half_a_step_of_what_keeps_them() {
         let errors = WAYS.map(|way| largest_error(way.keep));
-        // The bound is half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by
-        // both: √6/2·√3 steps.
+        // Each octahedral coordinate errs by at most half a step, and z by the sum of both errors: an offset of √6/2
+        // steps. On the octahedron's faces, at the distance 1/√3 from the origin, that is an angle of √6/2·√3 = 2.12
+        // steps.
         for (error, step) in
             errors.into_iter().zip([2f64.powi(-24), 1.0 / 32767.0, 2f64.powi(-11), 1.0 / 127.0, 1.0 / 127.0])
         {

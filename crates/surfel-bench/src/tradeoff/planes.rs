@@ -179,7 +179,8 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// Returns the largest error of a plane outside of decision margins, and its error against the sphere.
+/// Returns the largest error of a plane outside of decision margins, and its error against the sphere. The first is
+/// `None` if the backend doesn't draw the plane, the second also if the plane has no closed form.
 fn errors(
     backends: &mut Backends,
     plane: &Plane,

@@ -158,8 +158,8 @@ fn sheet(
     disks(&(0..n * n).map(disk).collect::<Vec<_>>())
 }
 
-/// Returns a checkerboard that extends to the horizon. It is the scene of the rendering model (§5), with disks twice as
-/// large.
+/// Returns a checkerboard that extends to the horizon. It is the scene of docs/decisions/017-principal-filter.md, with
+/// squares and disks twice as large.
 fn horizon(size: u32) -> Result<Subject, Failure> {
     let (sin, cos) = 80f64.to_radians().sin_cos();
     let (center, axes) = (DVec3::new(0.0, 0.0, -1.2), [DVec3::X, DVec3::new(0.0, cos, -sin)]);

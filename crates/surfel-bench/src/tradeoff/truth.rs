@@ -7,7 +7,7 @@ use surfel_render::View;
 /// Number of samples along the side of a pixel.
 const SAMPLES: u32 = 8;
 
-/// Ideal image of a subject.
+/// Ideal image of a subject: planes with a value per pixel, row by row.
 pub(crate) struct Truth {
     /// Colours, linear and premultiplied.
     pub color: Vec<[f32; 4]>,
@@ -15,7 +15,7 @@ pub(crate) struct Truth {
     pub depth: Vec<f32>,
     /// World normals; zero in empty pixels.
     pub normal: Vec<[f32; 3]>,
-    /// Mask of the pixels to compare.
+    /// Flag per pixel, true if the pixel is compared.
     pub mask: Vec<bool>,
 }
 

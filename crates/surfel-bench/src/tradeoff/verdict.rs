@@ -137,7 +137,7 @@ pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
     table
 }
 
-/// Returns the table of all other settings.
+/// Returns the table of all settings except those of level of detail.
 pub(crate) fn settings(values: &[Value]) -> Table {
     let mut table = Table::new(&[
         "knob",

@@ -118,7 +118,7 @@ pub fn ignores_signal(number: u32) -> bool {
     ignored.and_then(|mask| u64::from_str_radix(mask, 16).ok()).is_some_and(|mask| mask >> (number - 1) & 1 == 1)
 }
 
-/// Result of a run.
+/// Output of a finished run of `surfel`, and the arguments of the run.
 pub struct Run(Output, String);
 
 impl Run {
@@ -134,7 +134,7 @@ impl Run {
         String::from_utf8_lossy(&self.0.stderr).into_owned()
     }
 
-    /// The exit code, stdout and stderr.
+    /// Returns the exit code (−1 if a signal ended the run), stdout and stderr.
     pub fn parts(&self) -> (i32, Vec<u8>, String) {
         (self.0.status.code().unwrap_or(-1), self.0.stdout.clone(), self.stderr())
     }
@@ -205,8 +205,8 @@ pub fn scene(settings: &str) -> String {
     )
 }
 
-/// Returns a LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres. The
-/// sheet is `east` sheets from the first, and the header has the points' own bounds.
+/// Returns a LAS file of format 7: a hilly sheet of `side`² coloured points, in millimetres. The points are 0.1 apart
+/// and jittered. The sheet is shifted east by `east` times its side. The header has the points' own bounds.
 pub fn las_at(side: u32, east: u32) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");

@@ -1,9 +1,10 @@
-//! Input files of the net: one small file of each kind, by exact arithmetic, so that every machine writes the same
-//! bytes.
+//! Input files of the regression tests in this folder: one small file of each kind. Their numbers come from exact
+//! arithmetic, so that every machine writes the same bytes.
 
 use crate::common;
 
-/// Pseudo-random numbers in [0, 1): an LCG's high 24 bits, which floats hold exactly.
+/// Generator of pseudo-random numbers in [0, 1): the high 24 bits of a linear congruential generator, which f32
+/// represents exactly.
 struct Lcg(u64);
 
 impl Lcg {
@@ -13,7 +14,7 @@ impl Lcg {
     }
 }
 
-/// Points of a bumpy sphere with their outward directions.
+/// Returns points of a bumpy sphere: the position and the outward unit direction of each.
 fn sphere(count: usize, seed: u64) -> Vec<([f64; 3], [f64; 3])> {
     let mut random = Lcg(seed);
     let mut point = || loop {
@@ -28,12 +29,12 @@ fn sphere(count: usize, seed: u64) -> Vec<([f64; 3], [f64; 3])> {
     (0..count).map(|_| point()).collect()
 }
 
-/// A colour of a place, from 0 to 255.
+/// Returns a colour for a position, as levels from 0 to 255.
 fn color(p: [f64; 3]) -> [u8; 3] {
     p.map(|v| (127.5 + 100.0 * v) as u8)
 }
 
-/// Rows of text, each from a point.
+/// Formats points as rows of text. `row` returns the columns of a row from the point's index, position and direction.
 fn rows(
     points: &[([f64; 3], [f64; 3])],
     separator: &str,
@@ -54,12 +55,12 @@ fn xyz_rgb(_: usize, p: [f64; 3], _: [f64; 3]) -> Vec<String> {
     shown(p).into_iter().chain(color(p).map(|c| c.to_string())).collect()
 }
 
-/// Little-endian bytes of 32-bit floats.
+/// Encodes numbers as 32-bit floats in little-endian order.
 fn floats(values: impl IntoIterator<Item = f64>) -> Vec<u8> {
     values.into_iter().flat_map(|v| (v as f32).to_le_bytes()).collect()
 }
 
-/// A grid of triangles over a hill.
+/// Returns a grid of triangles over a hill: the positions of its `side`² vertices, and each triangle's vertex indices.
 fn hill(side: usize) -> (Vec<[f64; 3]>, Vec<[usize; 3]>) {
     let at = |i: usize| i as f64 / (side - 1) as f64 - 0.5;
     let height = |x: f64, y: f64| 0.5 - 2.0 * (x * x + y * y) + 0.25 * x * y;
@@ -166,7 +167,7 @@ fn off(side: usize) -> String {
     text
 }
 
-/// A GLB of the hill, or of points alone.
+/// Encodes the hill as GLB, with its triangles or with its vertices as points.
 fn glb(side: usize, with_faces: bool) -> Vec<u8> {
     let (positions, faces) = hill(side);
     let mut data = floats(positions.iter().flatten().copied());
@@ -253,7 +254,7 @@ fn room() -> String {
     [(2, -2.0), (0, -2.0), (0, 2.0), (1, 2.0)].map(|(axis, at)| wall(axis, at)).concat()
 }
 
-/// Every input file: its name and its bytes.
+/// Returns the name and the content of every input file.
 pub(super) fn all() -> Vec<(&'static str, Vec<u8>)> {
     let (small, large) = (sphere(400, 1), sphere(3000, 2));
     let text = |text: String| text.into_bytes();

@@ -1,5 +1,5 @@
-//! A net under changes that must not change behaviour: the exit code, messages, scene and pixels of every kind of bare
-//! file, and of every command.
+//! Regression tests for changes that must not change behaviour. They compare exit code, messages, scene and pixels for
+//! every kind of bare file and for every command.
 //!
 //! `expected.txt` holds what the program printed. `SURFEL_NET=write cargo test -p surfel-cli --test tests net` records
 //! it anew; `git diff` then shows what changed, and the commit says why.
@@ -73,12 +73,12 @@ const COMMANDS: &[&str] = &[
     "nonsense",
 ];
 
-/// FNV-1a, 64 bits.
+/// Returns the 64-bit FNV-1a hash of bytes.
 fn hash(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Appends an image's size, the hash of its planes, and its scene.
+/// Appends an image's size, the hash of its planes, and its scene to `text`.
 fn put_image(text: &mut String, path: &Path) {
     let image = match surfel_io::read_image(path) {
         Ok(image) => image,
@@ -101,7 +101,7 @@ fn put_image(text: &mut String, path: &Path) {
     }
 }
 
-/// Runs a command, and appends its exit code, what it printed, and the files that it wrote.
+/// Runs a command, and appends its exit code, what it printed, and the files that it wrote to `text`.
 fn put_run(text: &mut String, folder: &Folder, command: &str) {
     let before = folder.names();
     let (code, out, err) = folder.run(command).parts();

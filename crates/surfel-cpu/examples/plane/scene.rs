@@ -6,7 +6,8 @@ use surfel_render::View;
 
 const SIZE: u32 = 512;
 
-/// Distance of the plane from the camera, in pixels: most splats have as little depth as in an ordinary image.
+/// Distance of the plane from the camera, in pixels. It is so large that most splats' depth ranges are as small,
+/// relative to their distance, as in an ordinary image.
 const DISTANCE: f64 = 1000.0;
 
 /// Builds a plane of disks of this radius in pixels, spaced by radius / 1.1 and tilted by up to 60°. Also returns a

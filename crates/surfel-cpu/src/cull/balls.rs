@@ -19,14 +19,16 @@ pub(crate) struct BallView<'a> {
     pub balls: &'a StoredBalls,
     /// Index of the object among the scene's objects of balls.
     pub index: u32,
-    /// Number of the object's first ball in the plane of the nearest splat, if the frame outputs that plane.
+    /// Number of the object's first ball ([`SplatNumbers`](crate::scene::numbers::SplatNumbers)); 0 unless the frame
+    /// outputs the nearest splat.
     pub first_number: u32,
     pub view: &'a View,
     /// Linear map of directions from object to view space.
     linear: DMat3,
     /// View position of the object's origin.
     origin: DVec3,
-    /// Side of an image pixel in world units, as a function of the position, if the balls' radii are in pixels.
+    /// Side of an image pixel in world units, as a function of the position in object space, by which radii in pixels
+    /// are multiplied. `None` if the balls' radii are in world units.
     pixel: Option<BallPixelForm>,
     /// Smallest radius with which a ball is drawn, in pixels of the view; 0 unless the view is a shadow map's.
     pub least_px: f64,
@@ -58,8 +60,8 @@ impl<'a> BallView<'a> {
         (self.linear, self.origin + self.linear * chunk.origin)
     }
 
-    /// Returns the side of an image pixel in world units at points relative to the chunk's origin, if radii are in
-    /// pixels.
+    /// Returns the side of an image pixel in world units, as a function of the position relative to the chunk's origin.
+    /// `None` if the balls' radii are in world units.
     pub(crate) fn pixel(&self, chunk: &BallChunk) -> Option<BallPixelForm> {
         self.pixel.map(|pixel| pixel.about(chunk.origin))
     }

@@ -40,18 +40,19 @@ const CELLS_PER_THREAD: usize = 8;
 /// G-buffer should about fit a thread's cache.
 const TILES_OF_GBUFFER: usize = 128;
 
-/// Number of splats per pixel of a cell that are set up before the others are tested for occlusion. They are about
-/// three surfaces, of three or four splats each.
+/// Average number of splats over each pixel of a cell that are set up before the remaining splats are tested for
+/// occlusion. They are about three surfaces, of three or four splats each.
 const LAYERS: f64 = 10.0;
 
-/// Smallest fraction of a cell's splats that must be behind the first layers for occlusion culling to pay.
+/// Smallest fraction of a cell's splats that must be behind the splats that are set up first ([`LAYERS`]) for occlusion
+/// culling to pay.
 const MIN_HIDDEN_FRACTION: f64 = 0.3;
 
-/// Smallest number of splats in a cell for which occlusion is tested, as a fraction of the largest number in a cell.
-/// Drawing fewer splats takes no longer than finding what they occlude.
+/// Smallest number of splats in a cell for which occlusion is tested, as a fraction of [`CellLimits::splats`]. Drawing
+/// fewer splats takes no longer than finding what they occlude.
 const MIN_LOAD_FRACTION: f64 = 0.5;
 
-/// One element of a view's content that is assigned to cells.
+/// A chunk of splats, a part of a mesh or a chunk of balls, which is assigned to the cells that it may touch.
 #[derive(Clone, Copy)]
 enum Part {
     Chunk(VisibleChunk),
@@ -59,18 +60,18 @@ enum Part {
     Balls(BallPart),
 }
 
-/// A chunk of splats or balls, or a part of a mesh, with what the division into cells needs to know of it.
+/// A chunk of splats or balls, or a part of a mesh, with the estimates by which a view is divided into cells.
 #[derive(Clone, Copy)]
 struct PartInView {
     part: Part,
     /// Number of splats or triangles in the part; both cost about the same time.
     splats: f64,
-    /// Memory of the part's records and their entries in tiles' lists. The unit is the memory of a record with one
-    /// entry.
+    /// Memory of the part's records (projected splats) and of their entries in tiles' lists. The unit is the memory of
+    /// a record with one entry.
     load: f64,
     /// Total area of the part's opaque splats, in square pixels; 0 if they may occlude nothing.
     area_px: f64,
-    /// Nearest and farthest planar depth of the part, in world units.
+    /// Nearest and farthest planar depth of the part, in world units; 0 for parts of meshes, where they aren't needed.
     depths: [f64; 2],
     /// Bounds of the pixels that the part may touch, clipped to the frame's region: minimum x and y, maximum x and y.
     pixels: [f64; 4],
@@ -170,7 +171,8 @@ pub(crate) fn divide(
 
 /// Largest load and cost of a cell. A cell that exceeds neither, or has only one tile, isn't divided further.
 struct Limits {
-    /// Largest memory of a cell's records; the unit is the memory of a record with one tile entry.
+    /// Largest memory of a cell's records (projected splats) and of their entries in tiles' lists. The unit is the
+    /// memory of a record with one entry.
     load: f64,
     /// Largest estimated time to draw a cell, as a number of splats that take as long.
     cost: f64,

@@ -15,7 +15,8 @@ use surfel_math::{Real, V3};
 use surfel_model::Cull;
 
 /// Returns the groups (of 16 splats) of a chunk that may be visible in a region, one bit per group. `center` is the
-/// chunk's origin in view space.
+/// chunk's origin in view space, and `sides` are the region's side planes. Groups that touch none of the `drawn` blocks
+/// are excluded.
 #[inline(always)]
 pub(crate) fn visible<S: Simd>(
     simd: S,

@@ -19,8 +19,8 @@ pub(crate) struct ObjectView<'a> {
     pub object: &'a StoredObject,
     /// Index of the object among the scene's clouds.
     pub index: u32,
-    /// Number of the object's first slot, if the frame outputs the nearest splat. Slots are numbered through all
-    /// objects, and records then store these numbers instead of the object's index.
+    /// Number of the object's first splat ([`SplatNumbers`](crate::scene::numbers::SplatNumbers)), if the frame outputs
+    /// the nearest splat. Records then store numbers of splats instead of the object's index.
     pub first_number: Option<u32>,
     /// The object's material; its `cull` is [`Cull::None`] if the caller disables back-face culling.
     pub material: Material,
@@ -30,9 +30,10 @@ pub(crate) struct ObjectView<'a> {
     pub origin: DVec3,
     /// Map of normals from object to world space, up to a positive scale. Normals of a mirrored object stay outward.
     pub normals: DMat3,
-    /// Map of normals from object to view space, up to the same scale. If `scale` is given, both maps preserve lengths.
+    /// Map of normals from object to view space, up to the same positive scale as `normals`. If `scale` is given, both
+    /// maps preserve lengths.
     pub view_normals: DMat3,
-    /// Factor by which the object's matrix scales lengths, if the factor is the same in all directions.
+    /// Factor by which the object's matrix scales lengths; `None` if the factor isn't the same in all directions.
     pub scale: Option<f64>,
     /// −1 if the object's matrix mirrors it, else 1.
     pub handedness: f64,
@@ -188,9 +189,9 @@ impl<'a> ObjectView<'a> {
             || y0 > end_y
     }
 
-    /// Returns the memory of the records and tile entries of a chunk's splats within these pixels (minimum x and y,
-    /// maximum x and y). The unit is the memory of a record with one entry. A large splat has one entry for every tile,
-    /// of `tile_px`² pixels, that it touches.
+    /// Returns the memory of the records (projected splats) and tile entries of a chunk's splats within these pixels
+    /// (minimum x and y, maximum x and y). The unit is the memory of a record with one entry. A large splat has one
+    /// entry for every tile, of `tile_px`² pixels, that it touches.
     pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
         let count = chunk.count as f64;
         let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();

@@ -46,8 +46,8 @@ impl OcclusionMap {
         self.farthest[row as usize * self.columns + column as usize] = farthest;
     }
 
-    /// True if no pixel can show a splat of the chunk. Always false for a transparent object: a pixel whose nearest
-    /// fragments are filtered ones without weight occludes no transparent splat.
+    /// True if no pixel can show a splat of the chunk. Always false for an object with transparent splats: a pixel
+    /// without weight hides none of them, even if it has a depth threshold (rendering model §5).
     pub(crate) fn occludes(&self, objects: &[ObjectView<'_>], chunk: &VisibleChunk) -> bool {
         let (object, chunk) = chunk.of(objects);
         if object.is_transparent() {

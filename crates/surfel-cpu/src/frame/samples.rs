@@ -1,5 +1,5 @@
-//! Drawing of the samples of a cell's edge pixels. Splats around these pixels are set up again, in a view whose pixels
-//! are samples.
+//! Drawing of the samples of a cell's edge pixels: 4×4 samples per pixel (rendering model §5). Splats around these
+//! pixels are set up again, in a view whose pixels are samples.
 //!
 //! A *cell* is a part of the view that one thread draws alone ([`Cell`]).
 
@@ -24,8 +24,8 @@ use crate::tiles::target::Target;
 use surfel_model::Cull;
 use surfel_render::{Pass, View};
 
-/// The view whose pixels are the samples of the image's pixels, and the objects, raster inputs and lighting for this
-/// view.
+/// The view whose pixels are the samples of the image's pixels, four times as many along each axis. Also the objects,
+/// raster inputs and lighting for this view.
 pub(super) struct SampleView<'a> {
     pub view: &'a View,
     pub objects: Vec<ObjectView<'a>>,
@@ -35,7 +35,8 @@ pub(super) struct SampleView<'a> {
 }
 
 impl SampleView<'_> {
-    /// Returns the chunks of a cell, from near to far, that may touch a sampled pixel.
+    /// Returns the chunks of a cell, from near to far, that may touch a sampled pixel. Each sampled pixel is a block of
+    /// `sampled`, the block of its samples.
     fn chunks(&self, cell: &Cell, sampled: &BlockSet) -> Vec<VisibleChunk> {
         let touches = |visible: &&VisibleChunk| {
             let (object, chunk) = visible.of(&self.objects);
@@ -46,7 +47,8 @@ impl SampleView<'_> {
 }
 
 impl Drawing<'_> {
-    /// Draws the sampled pixels of a cell, and returns the number of bytes of memory that this used.
+    /// Draws the sampled pixels of a cell. Returns the memory, in bytes, of the splats, balls and triangles that were
+    /// set up for the samples; 0 if no pixel is sampled.
     pub(super) fn draw_samples(
         &self,
         samples: &SampleView<'_>,

@@ -10,7 +10,8 @@ use crate::tiles::driver::Counters;
 use std::time::Duration;
 use surfel_render::{FramePlan, Pass, PassTime, Stats};
 
-/// Times and counts of a frame, or of the cells that one thread draws.
+/// Times and counts of a frame, or of the cells that one thread draws. In a thread's totals, the times of setup, tiles
+/// and screen-space passes are the thread's own. In a frame's totals, they are fractions of the wall time.
 #[derive(Default)]
 pub(crate) struct Totals {
     /// Wall time of drawing shadow maps, in milliseconds.
@@ -25,21 +26,23 @@ pub(crate) struct Totals {
     pub tiles_ms: f64,
     /// Time of screen-space passes, in milliseconds.
     pub screen_ms: f64,
-    /// Number of cells with content.
+    /// Number of cells with splats, balls or triangles.
     cells: usize,
     /// Number of splats in chunks that were culled because they are outside the view.
     pub outside: u64,
     /// Number of splats in chunks that were culled because they are back-facing.
     pub back_facing: u64,
-    /// Number of splats in chunks that were not set up in a cell because they are occluded there.
+    /// Number of splats in chunks that were culled in a cell because nearer splats hide them there. A splat counts in
+    /// each cell in which it was culled.
     pub occluded: u64,
-    /// Number of splats that were set up, also those without a record. A splat counts in each cell that it may touch.
+    /// Number of splats that were set up, including those for which setup made no record. A splat counts in each cell
+    /// that it may touch.
     set_up: u64,
     /// Number of drawn splats, each counted in one cell.
     drawn: u64,
-    /// Number of clips over pixels that were set up. A clipped splat counts in each cell that it touches.
+    /// Number of clips that setup converted to forms over pixels. A clipped splat counts in each cell that it touches.
     clips: u64,
-    /// Number of pairs of a tile and a record that may touch it: the entries of all tiles' lists.
+    /// Number of pairs of a tile and a projected splat (record) that may touch it: the entries of all tiles' lists.
     tile_pairs: u64,
     /// Largest memory that a cell needed, in bytes; in a frame's totals, the sum of the threads' largest.
     cell_bytes: usize,
@@ -51,7 +54,8 @@ pub(crate) struct Totals {
 }
 
 impl Totals {
-    /// Adds the time of setting up a cell.
+    /// Adds `time`, which setting up a cell with these splats took. Sorting into tiles gets its measured fraction of
+    /// it.
     pub(crate) fn set_up_in(&mut self, time: Duration, splats: &CellSplats) {
         let ms = time.as_secs_f64() * 1e3;
         self.setup_ms += ms;
@@ -69,7 +73,8 @@ impl Totals {
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
     }
 
-    /// Counts a cell's balls. `drawn` is the number of balls that no other cell counts.
+    /// Counts a cell's balls. `drawn` is the number of those whose centre is in the cell, so that each ball counts in
+    /// one cell.
     pub(crate) fn add_balls(&mut self, balls: &BallSegment, drawn: usize) {
         self.set_up += balls.set_up as u64;
         self.drawn += drawn as u64;

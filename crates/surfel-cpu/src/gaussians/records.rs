@@ -25,7 +25,8 @@ pub(super) struct Record {
     pub fraction: [f32; 2],
     pub forms: GaussianForms<f32>,
     pub opacity: f32,
-    /// Factor of α: the ratio of the Gaussian's own area to its filtered footprint's; 1 without such a filter.
+    /// Factor of α for a filtered Gaussian: the ratio of its own area to the filtered footprint's; 1 with the filters
+    /// used in training.
     pub weight: f32,
     pub color: [f32; 3],
     /// Unit normal in world space.
@@ -154,8 +155,8 @@ fn record(
     })
 }
 
-/// Returns the pixels along one axis whose centres are within these offsets of `center` and a little slack. The range
-/// is clipped to the region.
+/// Returns the pixels along one axis whose centres are between the offsets `lo` and `hi` from `center`, plus a little
+/// slack. The range is clipped to the `length` pixels from `start` on.
 fn pixels(center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]) -> Range<u32> {
     // Rounding in f32 may reach past exact bounds.
     let slack = 1e-3 * (hi - lo) + 1e-2;

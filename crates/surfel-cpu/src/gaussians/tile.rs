@@ -1,5 +1,5 @@
-//! A tile of 16×16 pixels, which blends its Gaussians front to back in blocks of 4×4 pixels. Small Gaussians touch
-//! fewer blocks than rows.
+//! A tile of 16×16 pixels, which blends its Gaussians front to back. SIMD lanes are the pixels of a block of 4×4 pixels
+//! rather than a row of the tile, because a small Gaussian touches fewer blocks than rows.
 //!
 //! A *record* is a projected Gaussian ([`Record`]).
 
@@ -32,8 +32,8 @@ pub(super) struct TileInputs<'a> {
     pub planes: Planes,
 }
 
-/// Number of records that a tile fetches from memory together. They are scattered, and fetching them one by one would
-/// wait for memory each time.
+/// Number of records that a tile fetches from memory together. The records are scattered in memory, so that fetching
+/// them one by one would wait each time.
 const TOGETHER: usize = 32;
 
 /// One number for each pixel of a block of 4×4 pixels.

@@ -131,8 +131,8 @@ impl BallFragments {
         self.pixels.iter_mut().filter(|pixel| pixel.len() > 1).for_each(|pixel| pixel.sort_unstable());
     }
 
-    /// Takes each pixel's nearest remaining fragment if it is nearer than `until`. Returns the fragments' indices, and
-    /// bits of the pixels that have one.
+    /// Takes each pixel's nearest remaining fragment if it is nearer than `until`. Returns the fragments' indices in
+    /// `fragments`, and bits of the pixels that have one.
     #[inline(always)]
     pub(crate) fn next(&mut self, until: &[f32; LANES]) -> ([usize; LANES], u64) {
         let (mut found, mut bits) = ([0; LANES], 0);
@@ -273,7 +273,8 @@ pub(crate) fn hit_of<S: Simd>(
     (if projection.is_perspective() { z * hit.depth } else { z + hit.depth }, hit.normal)
 }
 
-/// Returns a mask of the texels of a shadow map's block whose centres a ball covers.
+/// Returns a mask of the texels, in a 4×4 block of a shadow map, whose centres a ball covers. `at` is the block's first
+/// texel.
 #[inline(always)]
 pub(crate) fn hides<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32)) -> mask32x16<S> {
     let from = offset(simd, ball, at, ball.middle);

@@ -25,7 +25,8 @@ const REMEMBERED: usize = 256;
 /// crosses two lines costs twice.
 #[repr(align(64))]
 pub(crate) struct BlockScratch {
-    /// Depths (+∞ outside the footprint) and weights of fragments, by batch, splat and pixel.
+    /// Depths (+∞ outside the filtered footprint) and weights of the stored fragments. The indices are the batch, the
+    /// splat in the batch, 0 for depths or 1 for weights, and the pixel.
     fragments: [[[[f32; LANES]; 2]; BATCH]; REMEMBERED / BATCH],
     /// Number of each stored batch in the block's list of splats.
     batches: [u32; REMEMBERED / BATCH],
@@ -173,7 +174,8 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
         count: 0,
         scratch,
     };
-    // No bound: a splat behind all depth thresholds matters in neither loop.
+    // The loop starts without a bound, and lowers it to the farthest depth threshold so far. A splat behind all
+    // thresholds matters in neither loop.
     sums.tested = for_each_batch(simd, list, f32::INFINITY, &pixels, inputs, &mut first);
     let FirstLoop { mut threshold, mut threshold_epsilon, sides, inside, count, scratch, .. } = first;
     let mut writer_depth = threshold;

@@ -17,7 +17,8 @@ use crate::tiles::lists::{BlockList, BlockLists};
 use fearless_simd::Simd;
 use surfel_math::Real;
 
-/// Runs the first loop over a block's splats alone, and returns the pixels' depth thresholds min(z + ε).
+/// Returns the depth thresholds min(z + ε) of a block's pixels; +∞ in pixels without a visibility fragment. No
+/// attributes are summed.
 #[inline(always)]
 pub(crate) fn thresholds<S: Simd>(
     simd: S,
@@ -30,8 +31,8 @@ pub(crate) fn thresholds<S: Simd>(
     nearest.threshold
 }
 
-/// Returns the depths, per pixel, behind which a block's splats occlude others. If front- and back-facing sides are
-/// kept apart, this is the farther of both thresholds.
+/// Returns the depths, per pixel, behind which a block's splats occlude others: the depth thresholds. If front and back
+/// sides of oriented clouds have thresholds of their own, this is the farther of both.
 #[inline(always)]
 fn occluding<S: Simd>(
     simd: S,
@@ -47,7 +48,7 @@ fn occluding<S: Simd>(
     nearest.0.farthest()
 }
 
-/// State of the loop in [`occluding`] if front- and back-facing sides are kept apart.
+/// State of the loop in [`occluding`] if front- and back-facing sides of oriented clouds are kept apart.
 struct NearestSides<S: Simd>(Sides<S>);
 
 impl<S: Simd> Visit<S> for NearestSides<S> {

@@ -13,14 +13,14 @@ use surfel_math::facing::{BACK_FACING_LAG, sheet_limit};
 
 const FAR: f32 = f32::INFINITY;
 
-/// Numbers by which fragments of each facing ([`crate::setup::record::Facing`]) lower only the depths of their own
-/// side.
+/// Numbers for each facing, in the order of [`crate::setup::record::Facing`], by which a fragment lowers only the
+/// depths of its own side.
 ///
 /// The first four are added to a fragment's depth, and are 0, or +∞ to exclude the fragment. They apply to the front's
 /// threshold, the back's threshold, the front's nearest depth and the back's nearest depth. The fifth is the fraction
 /// of ε by which the fragment counts as farther when the sides are compared.
 const FACING_OFFSETS: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
-/// Fraction of ε by which back-facing fragments count as farther when the sides are compared.
+/// Fraction of the depth tolerance ε by which back-facing fragments count as farther when the sides are compared.
 const LAG: f32 = BACK_FACING_LAG as f32;
 
 /// Depth thresholds and nearest depths of a block's pixels, separately for the front- and the back-facing side.

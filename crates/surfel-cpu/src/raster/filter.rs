@@ -19,10 +19,11 @@ pub(crate) trait FragmentFilter<S: Simd> {
     /// True if front- and back-facing splats of oriented clouds are kept apart, so that each pixel shows one side.
     const KEEPS_FACINGS: bool = false;
 
-    /// True if [`Self::track`] must be called between the two loops.
+    /// True if [`Self::track`] must be called between the loop that finds depth thresholds and the loop that adds
+    /// attributes.
     const TRACKS: bool = false;
 
-    /// Visits a block's splats between the two loops, when the depth thresholds are final.
+    /// Visits a block's splats once the depth thresholds are final, before the loop that adds attributes.
     #[inline(always)]
     fn track(
         &mut self,

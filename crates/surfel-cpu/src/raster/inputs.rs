@@ -16,7 +16,8 @@ pub(crate) struct Wanted {
     pub attributes: Attributes,
     /// True if a pixel needs the ε of the splat that set its depth threshold.
     pub epsilon: bool,
-    /// True if a pixel needs the depth at which its nearest polygon's depth range ends.
+    /// True if a pixel needs the far end of its nearest polygon's depth range, as for edges by samples (rendering model
+    /// §5).
     pub polygon_ends: bool,
     /// True if fragments are counted, both those inside footprints and those that contribute.
     pub counts: bool,
@@ -34,8 +35,8 @@ pub(crate) struct RasterFrame {
     pub factors: Vec<[f32; 4]>,
     /// Factor from weight to coverage of each object: 1/W0, the reciprocal of its interior weight.
     pub coverage: Vec<f32>,
-    /// Factor from a pixel's sum of weights to its coverage, if it is the same for all splats. Coverage isn't summed
-    /// then.
+    /// Factor from a pixel's sum of weights to its coverage, if it is the same for all splats; coverage then isn't
+    /// summed. `None` if the factors differ, or if the plan needs no coverage.
     pub coverage_of_weight: Option<f32>,
     /// Numbering of splats that records store in place of object indices if the frame outputs the nearest splat; else
     /// empty.
@@ -66,6 +67,7 @@ pub(crate) struct RasterInputs<'a> {
     /// Splats of the cell at the near plane, which are evaluated in f64.
     pub near: &'a [NearSplat],
     pub clips: &'a CellClips,
-    /// Largest depth tolerance ε of the cell's splats whose facings are kept apart.
+    /// Largest depth tolerance ε, in world units, of the cell's opaque splats of oriented clouds, if front and back
+    /// sides are blended separately; else 0.
     pub largest_epsilon: f32,
 }

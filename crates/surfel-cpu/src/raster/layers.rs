@@ -22,7 +22,7 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// An element of a block's list of transparent splats.
+/// An element of a block's list of transparent splats: a splat's record, and the data that the record doesn't contain.
 #[derive(Clone, Copy)]
 pub(crate) struct TransparentItem<'a> {
     pub record: &'a Record,
@@ -51,7 +51,7 @@ pub(crate) struct LayerScratch {
     fragments: Vec<Remembered>,
     /// Number of entries of `fragments` in use by the current block.
     count: usize,
-    /// Indices of the entries that still have fragments in no layer.
+    /// Indices in `fragments` of the splats some of whose fragments belong to no layer yet.
     left: Vec<u32>,
     surfaces: SurfaceNumbers,
 }
@@ -85,7 +85,7 @@ pub(crate) struct Gathered<S: Simd> {
     pub threshold_epsilon: Lanes<S>,
     /// Number of transparent splats computed in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of these splats that nothing opaque occludes, for statistics.
+    /// Number of transparent fragments inside filtered footprints that nothing opaque occludes, for statistics.
     pub inside: u32,
 }
 
@@ -109,7 +109,7 @@ pub(crate) struct TransparentBlock<'a, S: Simd> {
 }
 
 impl<S: Simd> TransparentBlock<'_, S> {
-    /// Stores the fragments of the block's splats that nothing opaque occludes in `scratch`.
+    /// Stores in `scratch` those fragments of the block's splats that nothing opaque occludes.
     #[inline(always)]
     pub(crate) fn gather(&self, scratch: &mut LayerScratch) -> Gathered<S> {
         let simd = self.simd;

@@ -119,7 +119,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
         inputs: &RasterInputs<'_>,
         threshold: Lanes<S>,
     ) {
-        // +∞ marks no fragment.
+        // A depth of +∞ marks a missing fragment.
         let reach = threshold.min(threshold.constant(f64::from(f32::MAX)));
         let mut third = ThirdLoop { filter: &self.other, threshold: reach, nearest: Nearest::new(simd), inputs };
         for_each_batch(simd, list, largest(threshold), pixels, inputs, &mut third);

@@ -12,7 +12,7 @@ use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
 /// Smallest sum of weights, Σw, of a pixel that isn't empty. In smaller sums, attributes are lost to underflow. Only
-/// splats smaller than 1e-14 pixels (at c = 2; 1e-7 at the greatest cutoff) weigh less.
+/// splats smaller than 1e-14 pixels weigh less (at the cutoff c = 2; 1e-7 pixels at the greatest cutoff).
 const LEAST_WEIGHT: f32 = 1e-36;
 
 /// Depth thresholds and weighted sums of a block's pixels, one lane per pixel. Quantities that the plan doesn't need
@@ -35,7 +35,7 @@ pub(crate) struct Sums<S: Simd> {
     pub coverage: Lanes<S>,
     /// Number of splats that were computed in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of these splats that are inside a filtered footprint, for statistics.
+    /// Number of fragments inside filtered footprints of the splats counted in `tested`, for statistics.
     pub inside: u32,
 }
 

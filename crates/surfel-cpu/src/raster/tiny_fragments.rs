@@ -7,7 +7,8 @@ use crate::setup::record::Record;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, mask32x4};
 
-/// Loads four depths and four weights from a tiny splat's record. `depths` and `weights` are the first fields of each.
+/// Loads four depths and four weights from a tiny splat's record. `depths` and `weights` are the indices of the first
+/// field of each.
 #[inline(always)]
 pub(crate) fn fragments_of<S: Simd>(simd: S, record: &Record, depths: usize, weights: usize) -> (f32x4<S>, f32x4<S>) {
     let four = |first: usize| f32x4::from_slice(simd, &record.0[first..first + 4]);

@@ -422,8 +422,8 @@ fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>)
     u64::from((fragment.inside & tile.rect.contains_lanes(at)).to_bitmask().count_ones())
 }
 
-/// Stores the fragments of a splat in a block to `stored_fragments`. Writes to `values` the depths z + ε to which they
-/// may lower the thresholds; +∞ for none.
+/// Stores the fragments of a splat in a block to `remembered`. Writes to `values` the depths z + ε to which they may
+/// lower the thresholds; +∞ for none.
 #[inline(always)]
 fn store_pair<S: Simd>(
     simd: S,
@@ -476,8 +476,8 @@ fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usiz
 /// computed twice instead.
 const REMEMBERED: usize = 1 << 22;
 
-/// Relative drawing times, by which the method for a tile is chosen. Drawn block by block: a tiny splat, and another
-/// splat in one block. Drawn splat by splat: a tiny splat, and another splat in one block.
+/// Relative drawing times, by which the method for a tile is chosen. The first two are for drawing block by block: of a
+/// tiny splat, and of a larger splat in one block. The last two are the same for drawing splat by splat.
 const COSTS: [usize; 4] = [40, 30, 10, 45];
 
 /// True if the tile is faster drawn splat by splat, because it has enough tiny splats.

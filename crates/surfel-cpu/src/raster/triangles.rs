@@ -69,7 +69,7 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
 
 impl<S: Simd> Nearest<S> {
     /// Returns the depths of the nearest polygons, moved back in the lanes whose bits are set. They move by
-    /// `allowance`, a function of a polygon's depth and its gradient there.
+    /// `allowance`, a function of a polygon's depth and of the change of this depth per pixel to the right and down.
     #[inline(never)]
     pub(crate) fn moved_back(
         &self,

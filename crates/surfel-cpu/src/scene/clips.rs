@@ -1,6 +1,6 @@
-//! Clips of stored splats (rendering model §7), as linear forms over the splats' (u, v).
+//! Clips of stored splats (rendering model §7), as linear forms c + x·u + y·v over the splats' (u, v).
 //!
-//! Most clips are one line or two. Only the forms that a clip has are stored, in one list for many splats.
+//! Most clips are one line or two. Only the linear forms that a clip has are stored, in one list for many splats.
 //!
 //! A *slot* is the index of a stored splat in the columns of its object
 //! ([`StoredObject`](crate::scene::cloud::StoredObject)).
@@ -13,7 +13,7 @@ use surfel_model::{ClipPolicy, SplatCloud};
 /// Index in place of a clip's, which marks a slot without a clip.
 const NONE: u32 = u32::MAX;
 
-/// Kind of a clip's curve, which decides how many forms are stored for the curve and how they are tested.
+/// Kind of a clip's curve, which decides how many linear forms are stored for the curve and how they are tested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Curve {
     /// The clip has no curve, and no form is stored for it.
@@ -38,7 +38,7 @@ impl Curve {
     }
 }
 
-/// Number and kinds of a clip's forms, and where they are in a list of many clips' forms.
+/// Number and kinds of a clip's linear forms, and where they are in a list of many clips' forms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Head {
     /// Index of the clip's first form in the list.
@@ -93,7 +93,8 @@ impl StoredClips {
         self.of_slot.push(self.heads.len() as u32);
         let nothing = Clip::nothing();
         let lines = clip.lines.iter().rposition(|line| *line != nothing.lines[0]).map_or(0, |last| last + 1);
-        // If any one line is enough, a line that excludes everything looks like an absent line, but must be stored.
+        // If a point is retained by any one line, a line that excludes every point looks like an absent line, but must
+        // be stored.
         let lines = lines.max(usize::from(clip.line_sign < 0.0));
         let curve = if clip.chord == nothing.chord {
             Curve::Absent
@@ -129,7 +130,7 @@ impl StoredClips {
         self.heads.is_empty()
     }
 
-    /// Returns bits of those of the sixteen slots from `at` on that have a clip.
+    /// Returns a word in which bit i is set if slot `at` + i has a clip, for i from 0 to 15.
     #[inline(always)]
     pub(crate) fn clipped(&self, at: usize) -> u64 {
         let slots = self.of_slot.get(at..).unwrap_or_default();
@@ -165,7 +166,8 @@ pub(crate) fn times(l: &Linear<f32>, k: f32) -> Linear<f32> {
 }
 
 impl StoredClip<'_> {
-    /// Returns the clip as a [`Clip`], with unused forms filled in, over (u, v).
+    /// Returns the clip as a [`Clip`] over (u, v). Forms that aren't stored are those of [`Clip::nothing`], which
+    /// exclude no point.
     pub(crate) fn whole(&self) -> Clip<f64> {
         let wide = |l: &Linear<f32>| Linear { c: l.c.into(), x: l.x.into(), y: l.y.into() };
         let mut clip = Clip::nothing();

@@ -17,13 +17,15 @@ use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 /// Largest number of splats in a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Number of chunks that one task stores. The data from which they are formed is then still in the thread's cache.
+/// Number of chunks that one task stores. It is small, so that splats which were read to form the chunks are still in a
+/// cache when they are stored.
 const TASK: usize = 8;
 /// Number of tasks per thread between two merges of their results. Splats that are stored but not yet merged are in
 /// memory twice.
 const WAVE: usize = 2;
 
-/// Smallest number of indices of a splat order that are freed at once while the splats are stored.
+/// Smallest number of indices that are freed at once from the list that gives the splats' order, while the splats are
+/// stored.
 const LEAST_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
@@ -47,8 +49,8 @@ pub(crate) struct Chunk {
     pub half: DVec3,
     /// Total area of the splats, in square object units.
     pub area: f64,
-    /// Index in the cloud of one of the chunk's splats, for testing whether the chunk is selected. It represents all of
-    /// them, since an octree's splats of one chunk are drawn together or not at all.
+    /// Index in the cloud of one of the chunk's splats, for testing whether an octree's selection contains the chunk.
+    /// It represents all of them, since an octree's splats of one chunk are drawn together or not at all.
     pub member: u32,
     /// Slot of the chunk's first splat, an index into the object's columns.
     pub first: usize,
@@ -288,7 +290,7 @@ impl StoredObject {
             }
         }
         if let Some(chunk) = self.chunks.last_mut() {
-            // Storage rounds centres and radii, 16 bits by up to 1e-4 of the bounding sphere.
+            // Storage rounds centres and radii; 16-bit storage by up to 1e-4 of the bounding sphere's radius.
             chunk.radius = radius * (1.0 + 1e-4);
             chunk.half = half + DVec3::splat(radius * 1e-4);
             chunk.area = area;

@@ -1,5 +1,5 @@
-//! Columns of numbers of stored splats: f32, or 16 bits relative to a scale per chunk. As in B05 §7 this halves memory,
-//! with the range of a chunk in place of a half float's.
+//! Columns of numbers of stored splats: f32, or 16 bits relative to a scale per chunk. 16 bits halve the memory, as the
+//! half floats of B05 §7 do (B05 is one of the rendering model's sources), but cover only the range of a chunk.
 //!
 //! A *slot* is the index of a stored splat in the columns of its object
 //! ([`StoredObject`](crate::scene::cloud::StoredObject)).

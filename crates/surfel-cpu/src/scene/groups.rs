@@ -9,7 +9,7 @@ use surfel_math::V3;
 
 const _: () = assert!(CHUNK == LANES * LANES, "a chunk's groups fill the lanes");
 
-/// Largest number of steps, positive or negative, by which a coordinate is stored in a byte.
+/// Largest absolute value of a coordinate that is stored in a byte, in steps. [`Groups`] defines the length of a step.
 const STEPS: f64 = 127.0;
 
 /// Largest radius of a group's bounding sphere that can be stored, in radii of the chunk's bounding sphere. The group's
@@ -33,8 +33,8 @@ pub(crate) struct BoundedSplat {
 
 /// Bounds of a chunk's groups of 16 splats, one lane per group, stored in bytes.
 pub(crate) struct Groups {
-    /// Centres of the groups' bounding spheres: columns of x, of y and of z. [`STEPS`] steps are the largest coordinate
-    /// of the chunk's centres.
+    /// Centres of the groups' bounding spheres, relative to the chunk's origin: columns of x, of y and of z. [`STEPS`]
+    /// steps are the largest coordinate of the chunk's centres.
     center: [[i8; LANES]; 3],
     /// Radii of the groups' bounding spheres, rounded up. 255 steps are [`RADII`] radii of the chunk.
     radius: [u8; LANES],

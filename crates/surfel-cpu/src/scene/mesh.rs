@@ -35,7 +35,7 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// Creates the part that consists of a range of `order`.
+    /// Creates the part that consists of the triangles `order[triangles]`, which are indices of the mesh's triangles.
     fn new(mesh: &Mesh, order: &[u32], triangles: Range<usize>) -> Self {
         Self { bounds: BoundingSphere::about(mesh, &order[triangles.clone()]), triangles }
     }

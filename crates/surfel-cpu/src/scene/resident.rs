@@ -139,7 +139,8 @@ impl ResidentScene {
         }
     }
 
-    /// Returns the row, object and label that a number of the nearest splat stands for.
+    /// Returns the row, object and label of the splat or polygon with a number ([`SplatNumbers`]). Polygons have
+    /// neither row nor label.
     pub(crate) fn identity(&self, numbers: &SplatNumbers, number: u32) -> Identity {
         if number == SplatNumbers::NOTHING {
             return Identity::NOTHING;

@@ -65,7 +65,7 @@ pub(super) struct HiddenBeyond<S: Simd> {
     pub layers: Option<Lanes<S>>,
 }
 
-/// Destinations, other than pixels, of what drawing a block's balls yields.
+/// Destinations, besides the pixels themselves, of the results of drawing a block's balls.
 pub(super) struct BallOutputs<'a, 'b> {
     /// Target for the plane of the nearest splats; `None` for samples.
     pub target: Option<&'a mut Target<'b>>,

@@ -123,17 +123,17 @@ pub(crate) struct GBuffer {
 /// Flags of the passes that need planes of the G-buffer; unneeded planes aren't written.
 #[derive(Clone, Copy, Default)]
 struct Wanted {
-    /// Edge antialiasing by coverage.
+    /// True if edges are antialiased by coverage.
     edges: bool,
-    /// Edge antialiasing by samples.
+    /// True if edges are antialiased by samples.
     samples: bool,
-    /// Outlines of the shader `toon`.
+    /// True if outlines of the shader `toon` are drawn.
     lines: bool,
-    /// Eye-dome lighting.
+    /// True if the shader is `edl`, eye-dome lighting.
     dome: bool,
-    /// Transparent layers, which need the depth of the opaque surface.
+    /// True if transparent layers are drawn, which need the depth of the opaque surface.
     opaque: bool,
-    /// Balls, which need the depth of the nearest surface.
+    /// True if balls are drawn, which need the depth of the nearest surface.
     front: bool,
 }
 
@@ -324,7 +324,8 @@ impl GBuffer {
         block_of(simd, &self.coverage, tile, block)
     }
 
-    /// Returns the depths of a block's nearest surfaces, if the frame has balls; +∞ for none.
+    /// Returns the depths of a block's nearest surfaces, up to which balls are visible; +∞ for none. Meaningless in
+    /// frames without balls.
     #[inline(always)]
     pub(crate) fn front<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         match self.marks(tile).touched >> block & 1 {
@@ -333,7 +334,8 @@ impl GBuffer {
         }
     }
 
-    /// Returns the depths of a block's nearest opaque surfaces; +∞ for none.
+    /// Returns the depths of a block's nearest opaque surfaces, up to which transparent layers are visible; +∞ for
+    /// none. Meaningless in frames without transparent splats.
     #[inline(always)]
     pub(crate) fn opaque<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         match self.marks(tile).touched >> block & 1 {

@@ -33,8 +33,8 @@ pub(crate) struct StepPlanes<'a> {
     pub grid: &'a Grid,
 }
 
-/// A quantity with a begin and an end that is compared between neighbouring pixels. There is a step where one pixel's
-/// begins after the other's ends.
+/// A quantity with a begin and an end that is compared between neighbouring pixels. There is a step where its begin in
+/// one pixel is greater than its end in the other.
 #[derive(Clone, Copy)]
 enum Compared {
     /// Depth range of the nearest surface.

@@ -22,7 +22,8 @@ use surfel_render::Region;
 /// A ball or dot projected to the screen, in the form in which tiles draw it.
 #[derive(Clone, Copy)]
 pub(crate) struct BallRecord {
-    /// A pixel near the projected centre. `anchor` and `middle` are offsets from it, so that they are precise in f32.
+    /// Column and row of the pixel that contains the projected centre. `anchor` and `middle` are offsets from its upper
+    /// left corner, so that they are precise in f32.
     pub base: [f32; 2],
     /// Projected centre of the ball, relative to `base`, in pixels.
     pub anchor: [f32; 2],
@@ -34,7 +35,7 @@ pub(crate) struct BallRecord {
     pub skew: f32,
     /// √(1 − skew²), as in [`Outline::width`].
     pub width: f32,
-    /// Slopes x/z and y/z of the view ray to the centre (perspective only).
+    /// Slopes x/z and y/z of the view ray to the centre; in an orthographic view, the centre's x and y in view space.
     pub slope: [f32; 2],
     /// Radius divided by the centre's depth (perspective), or radius in world units (orthographic).
     pub size: f32,
@@ -109,14 +110,15 @@ impl BallSegment {
     }
 }
 
-/// A chunk of balls to project, and how.
+/// A chunk of balls to project: its object in a view, its index in the object, and whether balls are blended by their
+/// alphas (`alphas`) or all are opaque.
 struct ChunkSetup<'a, 'b> {
     view: &'b BallView<'a>,
     chunk: usize,
     alphas: bool,
 }
 
-/// Sixteen balls in view space.
+/// Sixteen balls in view space: their centres, and their radii in world units.
 struct Projected<S: Simd> {
     p: V3<Lanes<S>>,
     radius: Lanes<S>,
@@ -184,7 +186,7 @@ impl ChunkSetup<'_, '_> {
         let (balls, projection) = (self.view.balls, &self.view.view.projection);
         let (one, perspective) = (k(1.0), projection.is_perspective());
         let exists = fearless_simd::mask32x16::from_bitmask(simd, there);
-        // Balls that don't exist are replaced, so that nothing is divided by zero.
+        // Balls outside the range of depths are replaced, so that nothing is divided by zero.
         let p = V3::select(exists, projected.p, V3::new(k(0.0), k(0.0), one));
         let radius = Lanes::select(exists, projected.radius, k(1e-3));
         let outline =

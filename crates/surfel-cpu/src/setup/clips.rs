@@ -1,4 +1,4 @@
-//! Clips of projected splats (rendering model §7), as linear forms over pixels.
+//! Clips of projected splats (rendering model §7), as linear forms over pixels, relative to the projected centres.
 //!
 //! A *cell* is a part of the view that one thread draws alone ([`Cell`](crate::cull::cells::Cell)). A *record* is a
 //! splat projected to the screen ([`Record`](crate::setup::record::Record)).
@@ -18,7 +18,7 @@ pub(crate) struct Mapping<'a> {
     pub turn: &'a Turn<f32>,
 }
 
-/// Appends a clip's forms, composed with a footprint to forms over pixels.
+/// Appends a clip's linear forms to `forms`, converted from forms over the splat's (u, v) to forms over pixels.
 #[inline(always)]
 fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32>>) {
     for line in clip.lines {

@@ -84,21 +84,24 @@ fn form_at<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>, 
     x.mul_add(d_x, y.mul_add(d_y, c))
 }
 
-/// Returns (u·w')² + (v·w')² of the filtered footprint at pixel offset `d`.
+/// Returns (u·w')² + (v·w')² of the filtered footprint at pixel offset `d`. (u, v) is the place on the splat, and w'
+/// the homogeneous coordinate, scaled to 1 at the projected centre.
 #[inline(always)]
 fn square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.u_x, r.u_y), form(d, r.v_x, r.v_y));
     u.mul_add(u, v * v)
 }
 
-/// Returns (u·w')² + (v·w')² of the unfiltered footprint at pixel offset `d`.
+/// Returns (u·w')² + (v·w')² of the unfiltered footprint at pixel offset `d`. (u, v) is the place on the splat, and w'
+/// the homogeneous coordinate, scaled to 1 at the projected centre.
 #[inline(always)]
 fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.visible_u_x, r.visible_u_y), form(d, r.visible_v_x, r.visible_v_y));
     u.mul_add(u, v * v)
 }
 
-/// Evaluates cheap splats, or one cheap splat at many pixels, at pixel offsets `d` from their projected centres.
+/// Evaluates splats of [`Class::Cheap`](crate::setup::record::Class::Cheap), or one such splat at many pixels. `d` are
+/// the pixel offsets from the projected centres.
 #[inline(always)]
 pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let one = r.z.one();
@@ -111,9 +114,9 @@ pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame:
     Fragment { visible: visible.le(one), inside: rho_squared.le(one), z: r.z * inverse, weight }
 }
 
-/// Returns the depth of a splat's plane at pixel offset `d`, clamped to the disk's range. If p_z/z is the linear form,
-/// also returns p_z/z and z/p_z. The disk ends where |(u, v)| reaches the clamped p_z/z, so that the test needn't check
-/// the sign of w.
+/// Returns the depth of a splat's plane at pixel offset `d`, clamped to the disk's range. Also returns p_z/z and z/p_z,
+/// with p_z the centre's depth, unless `linear_depth` makes them superfluous. The clamped p_z/z is positive, so that
+/// comparing |(u·w', v·w')| with it needs no test of the sign of w'.
 #[inline(always)]
 fn depth_of<S: Simd>(
     r: &RecordLanes<S>,
@@ -128,7 +131,8 @@ fn depth_of<S: Simd>(
     (r.z * inverse, Some([w, inverse]))
 }
 
-/// Evaluates splats of any class that is set up in lanes, at pixel offsets `d` from their projected centres.
+/// Evaluates splats of any class but tiny and near ones, or one such splat at many pixels. `d` are the pixel offsets
+/// from the projected centres.
 #[inline(always)]
 pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let (zero, one) = (r.z.zero(), r.z.one());
@@ -156,8 +160,9 @@ pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), fram
     Fragment { visible, inside: inside & exists, z, weight }
 }
 
-/// Returns 1/(1 + e) ≈ (1 − e)(1 + e²), which is exact up to a factor 1 − e⁴. Here 1 + e is p_z/z of a cheap splat.
-/// Within its disk |e| is below about 1/48, and e is small enough over all blocks of the splat.
+/// Returns 1/(1 + e) ≈ (1 − e)(1 + e²), which is exact up to a factor 1 − e⁴. Here 1 + e is p_z/z of a cheap splat, its
+/// centre's depth over a pixel's. |e| is at most about 1/63 within the splat's disk, 1/38 within its filtered
+/// footprint, and 0.4 over all of its blocks.
 #[inline(always)]
 pub(crate) fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
     let one = e.one();

@@ -1,4 +1,4 @@
-//! Helpers of setup over lanes: forms, and ranges of pixels.
+//! Helpers of setup over lanes: ranges of pixels, gradients of linear forms, and the axes of the filter `adjust`.
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
@@ -8,8 +8,9 @@ use surfel_math::mapping::Linear;
 use surfel_math::project::ViewSplat;
 use surfel_math::{Real, V2, V3, filter};
 
-/// Returns the first pixel whose centre may be in [min, max] relative to pixel `base`, and the pixel after the last.
-/// Both are clipped to the range of the region, from `start` on.
+/// Returns the range of pixels along one axis whose centres may be in [min, max], as the first pixel and the one after
+/// the last. `min` and `max` count in pixels from the near side of pixel `base`. The range is clipped to the `length`
+/// pixels from `start` on.
 #[inline(always)]
 pub(crate) fn pixel_range<S: Simd>(
     base: Lanes<S>,

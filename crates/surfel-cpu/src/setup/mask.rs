@@ -105,8 +105,9 @@ pub(crate) fn masks<S: Simd>(
     }
 }
 
-/// Distributes the touched blocks of a box to the masks of up to four tiles. `rows` has the blocks' columns, four rows
-/// at a time, in the first tile and in the tile on its right. `above` is the number of bits before the box's first row.
+/// Distributes the touched blocks of each splat's box to the masks of up to four tiles. Returns the masks, and per tile
+/// the bits of the splats whose mask isn't 0. `rows` has the blocks' columns, four rows at a time, in the first tile
+/// and in the tile on its right. `above` is the number of bits before the box's first row.
 #[inline(always)]
 fn in_tiles<S: Simd>(
     rows: [[i32x16<S>; 2]; 2],
@@ -135,8 +136,8 @@ fn in_tiles<S: Simd>(
     (blocks, filled)
 }
 
-/// Stores eight of sixteen masks, the first or the second half, and sets the bits of the nonzero ones in the other
-/// argument.
+/// Stores eight masks as the first or the second `half` of the sixteen masks `all`, and sets the bits of the nonzero
+/// ones in `filled`.
 #[inline(always)]
 fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES], &mut u64)) {
     numbers.store_slice(&mut all[half * 8..half * 8 + 8]);
@@ -339,7 +340,8 @@ fn in_rows_of_eight(bits: u64, x: u32, y: u32) -> u64 {
     spread << (TILE_BLOCKS * y + x)
 }
 
-/// Returns the mask of a tile's blocks that a record may touch, within its box.
+/// Returns the mask of a tile's blocks that a record may touch, within the record's box `blocks`. `tile` is the tile's
+/// first block.
 #[inline(always)]
 fn touched<S: Simd>(
     simd: S,

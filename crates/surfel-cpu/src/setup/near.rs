@@ -38,8 +38,8 @@ pub(crate) struct NearSplat {
 }
 
 impl NearSplat {
-    /// Projects a splat, and returns it with its box of pixels: first column, first row, end column, end row. `None` if
-    /// the splat is drawn in no pass.
+    /// Projects a splat, and returns it with its box of pixels, clipped to `place`: first column, first row, end
+    /// column, end row. `None` if the splat is drawn in no pass, or touches no pixel of `place`.
     pub(crate) fn new(
         splat: &ViewSplat<f64>,
         shading: DVec3,
@@ -122,7 +122,8 @@ impl NearSplat {
         Record::near(index, self.limits[0] as f32 * (1.0 - 1e-6), self.color, self.normal, self.epsilon)
     }
 
-    /// Returns ρ² and the depth at a pixel; `None` if the pixel is outside the footprint.
+    /// Returns ρ² = u² + v² and the depth, in world units, at the centre of a pixel. `None` if the pixel is outside the
+    /// clipped footprint, or the depth isn't between z_near and z_far.
     pub(crate) fn hit(&self, x: i32, y: i32) -> Option<(f32, f32)> {
         let d = V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - self.anchor;
         let (u, v, w) = self.footprint.at(d);
@@ -136,7 +137,8 @@ impl NearSplat {
 }
 
 impl ObjectView<'_> {
-    /// Sets up those splats of a group that reach the near plane, one by one in f64.
+    /// Sets up the splats of a group that reach the near plane, one by one in f64. `bits` has their bits, and `at` is
+    /// the slot of the group's first splat.
     #[cold]
     pub(crate) fn push_near<S: Simd>(
         &self,

@@ -38,7 +38,8 @@ impl SetupPool {
 pub(crate) struct CellSetup<'a> {
     pub instructions: Instructions,
     pub objects: &'a [ObjectView<'a>],
-    /// Finder of tiny splats, if setup computes the fragments of tiny splats.
+    /// Finder of tiny splats, whose fragments setup computes itself ([`tiny`](crate::setup::tiny)). `None` if all
+    /// splats are evaluated block by block.
     pub tiny: Option<&'a TinyFinder>,
     pub pool: &'a SetupPool,
 }
@@ -56,7 +57,8 @@ pub(crate) struct CellSplats {
 }
 
 impl CellSplats {
-    /// Returns the largest depth tolerance ε of the opaque splats whose facings are kept apart.
+    /// Returns the largest depth tolerance ε, in world units, of the opaque splats of oriented clouds, if front and
+    /// back sides are blended separately; else 0.
     pub(crate) fn largest_epsilon(&self) -> f32 {
         self.segments.iter().fold(0.0, |largest, segment| largest.max(segment.largest_epsilon))
     }

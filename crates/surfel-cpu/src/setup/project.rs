@@ -52,7 +52,8 @@ pub(crate) struct SetupOutput<'a> {
     /// Region in which splats, by their centres, are counted as drawn. Regions of different cells don't overlap,
     /// although their grids may.
     pub counted: Region,
-    /// Test for splats of few pixels, whose fragments setup computes itself; `None` if all splats become records.
+    /// Finder of tiny splats, whose fragments setup computes itself ([`tiny`](crate::setup::tiny)). `None` if all
+    /// splats are evaluated block by block.
     pub tiny: Option<&'a TinyFinder>,
     pub segment: &'a mut Segment,
     /// Entries, which assign records to tiles, in splat order.
@@ -377,7 +378,7 @@ impl ObjectView<'_> {
         let (z, extent, slope) = (classes.splat.p.z, classes.extent, footprints.projected.depth_gradient);
         let one = Lanes::splat(simd, 1.0);
         let (gradient, range) = if self.plan.splat_filter.projective {
-            // 1/(1 + e) and 1/(1 − e).
+            // The range of p_z/z is 1/(1 + e) to 1/(1 − e), computed by one division.
             let e = extent * inverse_z;
             let q = one / ((one - e) * (one + e));
             (-slope, [(one - e) * q, (one + e) * q])
@@ -703,7 +704,8 @@ struct PixelBounds<S: Simd> {
     keep: u64,
 }
 
-/// Depths of a group's splats as linear forms over pixels: of p_z/z, or of z if depth is linear.
+/// Depths of a group's splats as linear forms over pixels: of p_z/z, with p_z the depth of the splat's centre, or of z
+/// if depth is linear.
 struct DepthLanes<S: Simd> {
     /// Change of the depth form per pixel to the right and down.
     gradient: V2<Lanes<S>>,
@@ -717,16 +719,17 @@ struct DepthLanes<S: Simd> {
 
 /// Classes by which a group's splats are evaluated, and the gradients of the footprints that are evaluated.
 struct Evaluation<S: Simd> {
-    /// Mask of the splats that the filter doesn't change.
+    /// Mask of the splats that get the class bits [`UNFILTERED`]: the filter doesn't change their footprint, and their
+    /// depth is nearly constant over the disk.
     unfiltered: mask32x16<S>,
     /// Mask of the cheap splats ([`Class::Cheap`](crate::setup::record::Class::Cheap)), whose depth is nearly constant
     /// over the disk.
     cheap: mask32x16<S>,
-    /// Change of the filtered u·w' per pixel to the right and down.
+    /// Change of the filtered footprint's form u·w' ([`Record`]) per pixel to the right and down.
     u: V2<Lanes<S>>,
-    /// Change of the filtered v·w' per pixel to the right and down.
+    /// Change of the filtered footprint's form v·w' ([`Record`]) per pixel to the right and down.
     v: V2<Lanes<S>>,
-    /// Change of the filtered w' per pixel to the right and down.
+    /// Change of the filtered footprint's form w' ([`Record`]) per pixel to the right and down.
     w: V2<Lanes<S>>,
 }
 

@@ -17,7 +17,8 @@ use surfel_math::mapping::{Footprint, Linear};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
     /// A splat with the exact mapping and a nearly constant depth, all of whose fragments are between z_near and z_far.
-    /// The depth differs by less than a 64th over the disk and by less than a 12th over its blocks.
+    /// The depth differs from the centre's by at most 1/64 of it over the disk. Over the splat's blocks, the centre's
+    /// depth divided by the plane's depth is between 0.6 and 1.4.
     Cheap,
     /// Any other splat that is set up in lanes.
     General,
@@ -104,9 +105,9 @@ fn any([a, b, c, d]: [&Record; 4]) -> u32 {
 /// Number of f32 fields of a record.
 pub(crate) const FIELDS: usize = 32;
 
-/// A splat's footprint and attributes, in two cache lines. All linear forms are relative to the anchor, which is the
-/// splat's projected centre, in pixels. In u·w', v·w' and w' the homogeneous coordinate is scaled to w' = 1 at the
-/// anchor.
+/// A splat's footprint and attributes, in two cache lines. The footprint consists of the linear forms u·w', v·w' and w'
+/// over pixels. (u, v) is the place on the splat, and w' the homogeneous coordinate, scaled to 1 at the anchor. All
+/// forms are relative to the anchor, which is the splat's projected centre, in pixels.
 ///
 /// The first line has the data of an unfiltered splat's footprint. Fields are read by name through the methods. The
 /// alignment covers both lines: CPUs fetch lines in such pairs.
@@ -159,37 +160,38 @@ fields! {
     offset_x = 5;
     /// Offset in y, in pixels, from the projected centre to the centre of the pixel that contains it.
     offset_y = 6;
-    /// Change of u·w' per pixel to the right, in the filtered footprint.
+    /// Change of the filtered footprint's form u·w' per pixel to the right ([`Record`] defines the form).
     u_x = 7;
-    /// Change of u·w' per pixel down, in the filtered footprint.
+    /// Change of the filtered footprint's form u·w' per pixel down ([`Record`] defines the form).
     u_y = 8;
-    /// Change of v·w' per pixel to the right, in the filtered footprint.
+    /// Change of the filtered footprint's form v·w' per pixel to the right ([`Record`] defines the form).
     v_x = 9;
-    /// Change of v·w' per pixel down, in the filtered footprint.
+    /// Change of the filtered footprint's form v·w' per pixel down ([`Record`] defines the form).
     v_y = 10;
-    /// Change of the plane's depth form per pixel to the right: of p_z/z in perspective with the exact mapping, else of
-    /// z.
+    /// Change of the plane's depth form per pixel to the right. With the exact mapping in perspective the form is
+    /// p_z/z, the centre's depth divided by the plane's depth z; else z.
     depth_x = 11;
-    /// Change of the plane's depth form, p_z/z or z, per pixel down.
+    /// Change per pixel down of the depth form that [`Self::depth_x`] defines.
     depth_y = 12;
     /// Planar depth of the splat's centre, in world units.
     z = 13;
-    /// Smallest value over the disk of the depth form, p_z/z or z. For a filtered splat of [`Class::Cheap`] it is the
-    /// smallest p_z/z − 1. For an unfiltered one it is unlimited.
+    /// Smallest value over the disk of the depth form that [`Self::depth_x`] defines. For a filtered splat of
+    /// [`Class::Cheap`], the smallest p_z/z − 1. For an unfiltered one, −[`f32::MAX`], since its depth isn't limited.
     range_min = 14;
-    /// Largest value over the disk of the depth form, with the same exceptions as [`Self::range_min`].
+    /// Largest value over the disk of the depth form that [`Self::depth_x`] defines, with the same exceptions as
+    /// [`Self::range_min`].
     range_max = 15;
-    /// Change of u·w' per pixel to the right, in the unfiltered footprint.
+    /// Change of the unfiltered footprint's form u·w' per pixel to the right ([`Record`] defines the form).
     visible_u_x = 16;
-    /// Change of u·w' per pixel down, in the unfiltered footprint.
+    /// Change of the unfiltered footprint's form u·w' per pixel down ([`Record`] defines the form).
     visible_u_y = 17;
-    /// Change of v·w' per pixel to the right, in the unfiltered footprint.
+    /// Change of the unfiltered footprint's form v·w' per pixel to the right ([`Record`] defines the form).
     visible_v_x = 18;
-    /// Change of v·w' per pixel down, in the unfiltered footprint.
+    /// Change of the unfiltered footprint's form v·w' per pixel down ([`Record`] defines the form).
     visible_v_y = 19;
-    /// Change of w' per pixel to the right, in the filtered footprint.
+    /// Change of the filtered footprint's form w' per pixel to the right ([`Record`] defines the form).
     w_x = 20;
-    /// Change of w' per pixel down, in the filtered footprint.
+    /// Change of the filtered footprint's form w' per pixel down ([`Record`] defines the form).
     w_y = 21;
     /// Factor of the kernel's weight by which a filter accounts for the widened area; else 1.
     weight_scale = 22;

@@ -23,9 +23,11 @@ pub(crate) struct MaskForms<S: Simd> {
     pub offset: V2<Lanes<S>>,
     /// Column and row of the pixel that contains each projected centre.
     pub base: V2<Lanes<S>>,
-    /// Change of the filtered footprint's u·w' per pixel to the right and down.
+    /// Change of the filtered footprint's form u·w' ([`Record`](crate::setup::record::Record)) per pixel to the right
+    /// and down.
     pub u: V2<Lanes<S>>,
-    /// Change of the filtered footprint's v·w' per pixel to the right and down.
+    /// Change of the filtered footprint's form v·w' ([`Record`](crate::setup::record::Record)) per pixel to the right
+    /// and down.
     pub v: V2<Lanes<S>>,
     /// Upper bound of the homogeneous coordinate w' over the footprint.
     pub w: Lanes<S>,
@@ -60,8 +62,8 @@ pub(crate) struct Conic<S: Simd> {
 }
 
 impl<S: Simd> Conic<S> {
-    /// Computes the ellipses' coefficients. With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ±
-    /// √(A·w² − (A·C − B²)·y²))/A.
+    /// Computes the ellipses' coefficients. The ellipse (u·w')² + (v·w')² = w², with w the maximum of w', is A·x² +
+    /// 2B·x·y + C·y² = w² in pixels. Solved for x: x = (−B·y ± √(A·w² − (A·C − B²)·y²))/A.
     #[inline(always)]
     pub(crate) fn of(forms: &MaskForms<S>, anchor_x: Lanes<S>, first_y: Lanes<S>, tested: mask32x16<S>) -> Self {
         let (u, v) = (&forms.u, &forms.v);
@@ -143,7 +145,7 @@ impl<S: Simd> Rows<S> {
     }
 
     /// Returns masks of the touched blocks in four rows from row `first` on, eight bits a row: in the box's first tile,
-    /// and in the next tile.
+    /// and in the next tile. Without `conic`, all blocks of the boxes count as touched.
     #[inline(always)]
     pub(crate) fn four_rows(&self, first: usize, conic: Option<&Conic<S>>) -> [i32x16<S>; 2] {
         let zero = i32x16::splat(self.left.0.simd, 0);

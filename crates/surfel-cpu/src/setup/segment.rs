@@ -25,7 +25,8 @@ pub(crate) struct Segment {
     pub sort_s: f64,
     /// Lists of the records that may touch each tile.
     pub lists: TileLists,
-    /// Largest depth tolerance ε of the splats whose facings are kept apart; 0 without any.
+    /// Largest depth tolerance ε, in world units, of the splats of oriented clouds, if front and back sides are blended
+    /// separately; else 0.
     pub largest_epsilon: f32,
 }
 

@@ -1,8 +1,9 @@
 //! Tiny splats: splats of at most 2×2 or 3×3 pixels, whose fragments are computed by setup.
 //!
-//! A splat of two pixels fills three of a block's sixteen lanes and touches two blocks. Setup has sixteen splats in its
-//! lanes. It evaluates all of them at one pixel each, four or nine times, by the formulas of `evaluate.rs`. Their
-//! records store depths and weights in place of forms.
+//! A splat two pixels wide covers about three of a block's sixteen pixels and touches about two blocks, so that
+//! evaluating it block by block wastes most lanes. Setup has sixteen splats in its lanes. It evaluates all of them at
+//! one pixel each, four or nine times, by the formulas of `evaluate.rs`. Their records store depths and weights in
+//! place of forms.
 //!
 //! Tiles of tiny splats are drawn splat by splat (`tiny_tile.rs`). In other tiles the stored fragments are read where
 //! other splats are evaluated. Values and their order are the same in both cases, so the image is bit-identical.

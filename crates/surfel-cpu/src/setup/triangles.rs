@@ -223,8 +223,9 @@ fn for_tiles(
     }
 }
 
-/// Returns the first and last block that has pixel centres between the coordinates `min` and `max` along one axis.
-/// Pixels are limited to the range [start, length], and blocks count from the grid's origin. `None` if there are none.
+/// Returns the first and last block that has pixel centres between the coordinates `min` and `max` along one axis. Only
+/// the `length` pixels from `start` on count. Blocks are numbered from the grid's `origin`. `None` if there is no such
+/// pixel.
 fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (f64::from(start), f64::from(start + length));
     // Saturating casts: a box that isn't finite is clipped to the region.

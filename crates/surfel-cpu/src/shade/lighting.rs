@@ -16,8 +16,8 @@ use surfel_math::{Real, V3, toon};
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Attributes, FramePlan, Planes, SAMPLES_SIDE, View};
 
-/// Kind of a light, with its position or direction. Positions are relative to the eye, so that they stay precise far
-/// from the origin.
+/// Kind of a light, with its position or direction in world axes. Positions are relative to the eye, so that they stay
+/// precise far from the origin. Directions are unit vectors; `inner` and `outer` are half-angles in degrees.
 enum Source {
     Directional { to_light: Vec3 },
     Point { position: Vec3 },
@@ -48,8 +48,8 @@ pub(crate) struct Lighting {
     /// Ambient, diffuse, specular and shininess factors of the first object's material, which all objects share unless
     /// these factors are accumulated per pixel.
     pub material: [f32; 4],
-    /// The whole shininess that all objects share, and the smallest base of its power ([`whole_power`]). `None` if the
-    /// shininess isn't a whole number up to 256, or differs.
+    /// The shininess that all objects share, a whole number, and the smallest base of its power ([`whole_power`]).
+    /// `None` if the shininess isn't a whole number up to 256, or differs between objects.
     whole_shininess: Option<(u32, f32)>,
     /// Background colour, linear and premultiplied.
     pub background: [f32; 4],
@@ -314,7 +314,8 @@ fn add_all<S: Simd, const TOON: bool>(
     lit
 }
 
-/// Returns the strength of a highlight, (r·v)^shininess, where `mirrored` is r·v.
+/// Returns the strength of a highlight, (r·v)^shininess. `mirrored` is r·v, with r the mirror image of the direction to
+/// the light, and v the direction to the eye.
 #[inline(always)]
 fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<S>) -> Lanes<S> {
     match lighting.whole_shininess {

@@ -42,8 +42,8 @@ impl MatcapSphere {
         self.sample(simd, covered, at)
     }
 
-    /// Samples the sphere's image bilinearly at positions `at`, lane by lane, since not every machine has a gather
-    /// instruction.
+    /// Samples the sphere's image bilinearly at positions `at`, in texels from the centre of the first texel. Works
+    /// lane by lane, since not every machine has a gather instruction.
     #[inline(always)]
     fn sample<S: Simd>(&self, simd: S, covered: mask32x16<S>, at: V2<Lanes<S>>) -> V3<Lanes<S>> {
         let (x, y) = (at.x.to_array(), at.y.to_array());

@@ -15,7 +15,8 @@ use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3, toon};
 use surfel_model::Shader;
 
-/// Divides the sums of the block whose first pixel is `at`, and returns the finished pixels.
+/// Divides a block's weighted sums by the sums of weights, lights the results, and puts them over the background. `at`
+/// is the block's first pixel.
 #[inline(always)]
 pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at: (i32, i32)) -> Pixels<S> {
     lit(simd, lighting, divided(simd, lighting, sums), at).over_background(

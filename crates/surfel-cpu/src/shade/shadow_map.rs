@@ -21,7 +21,8 @@ pub(crate) struct ShadowMap {
     pub to_eye: Vec3,
     /// Number of texels along each side of the map.
     pub side: usize,
-    /// Largest depth at which a point is lit, for each texel row by row; it includes the bias.
+    /// Depth threshold of each texel, row by row: the largest depth at which a point is lit, apart from the bias of
+    /// lookups. +∞ where nothing casts a shadow.
     pub thresholds: Vec<f32>,
 }
 

@@ -48,8 +48,8 @@ impl<S: Simd> Shaded<S> {
         Lanes::select(self.covered, self.z, self.z.constant(f64::INFINITY))
     }
 
-    /// Returns finished pixels: the surfaces, or the background where there are none. Without a `background`, no colour
-    /// is needed.
+    /// Returns finished pixels: the surfaces, or the background where there are none. `background` is linear and
+    /// premultiplied; if it is `None`, no colour is needed, and all colours are 0.
     #[inline(always)]
     pub(crate) fn over_background(&self, simd: S, background: Option<[f32; 4]>, fragments: Lanes<S>) -> Pixels<S> {
         let k = |v: f32| Lanes::splat(simd, v);

@@ -51,13 +51,13 @@ pub(crate) struct CompositedLayers<S: Simd> {
     numbers: Option<[u32; LANES]>,
     /// Number of layers in each pixel that aren't empty.
     pub count: Lanes<S>,
-    /// Depth at which the nearest layer begins, for edges by samples: its depth threshold minus ε.
+    /// Depth at which the nearest layer begins, for edges by samples: its depth threshold minus ε; +∞ without a layer.
     pub begin: Lanes<S>,
-    /// Depth at which the nearest layer ends, for edges by samples: its depth threshold plus ε.
+    /// Depth at which the nearest layer ends, for edges by samples: its depth threshold plus ε; +∞ without a layer.
     pub end: Lanes<S>,
     /// Number of transparent splats computed in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments of these splats that nothing opaque occludes, for statistics.
+    /// Number of transparent fragments inside filtered footprints that nothing opaque occludes, for statistics.
     pub inside: u32,
 }
 
@@ -186,7 +186,8 @@ pub(crate) fn light_splats<S: Simd>(
             let color = [record.red(), record.green(), record.blue()];
             let normal = [record.normal_x(), record.normal_y(), record.normal_z()];
             let position = lighting.world_from_view(splat.center.into()).to_array();
-            // If the centre is in front of z_near, the stored depth would exceed 1.
+            // The depth is at least z_near, because the shader `depth` would show a nearer centre by a stored depth
+            // above 1.
             let z = [splat.center[2].max(lighting.near())];
             let numbers = color.into_iter().chain(normal).chain(position).chain(z).chain(factors(record));
             fields.iter_mut().zip(numbers).for_each(|(field, number)| field[i] = number);

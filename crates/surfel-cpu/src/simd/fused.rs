@@ -1,7 +1,8 @@
 //! Fused multiply-add of SIMD lanes: a·b + c, rounded once.
 //!
 //! AVX2, AVX-512 and NEON have an instruction for it. WebAssembly has `relaxed_madd`, which rounds once or twice as the
-//! host likes, and browsers without relaxed SIMD don't have even that. So there are two modules (see `surfel-web`):
+//! host likes, and browsers without relaxed SIMD don't have even that. So Surfel has two WebAssembly modules (see
+//! `surfel-web`):
 //!
 //! - one with the target feature `relaxed-simd`, for hosts where a probe at start shows that `relaxed_madd` rounds
 //!   once;
@@ -64,8 +65,8 @@ pub(crate) fn errors<S: Simd>(simd: S, count: usize) -> usize {
     wrong
 }
 
-/// Returns three numbers for testing the fused multiply-add. They are of any size, or their f64 sum is at or next to
-/// the middle of two f32, where rounding twice errs.
+/// Returns three numbers a, b and c for testing the fused multiply-add a·b + c. They are of any size, or the result in
+/// f64 is at or next to the middle of two f32, where rounding twice errs. `random` returns 64 random bits.
 #[cfg(any(test, target_family = "wasm"))]
 fn hard_case(random: &mut impl FnMut() -> u64) -> [f32; 3] {
     let any = f32::from_bits(random() as u32);

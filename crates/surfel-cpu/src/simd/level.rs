@@ -48,7 +48,8 @@ pub(crate) enum Instructions {
 }
 
 impl Instructions {
-    /// Returns the instructions of a level; `None` if this CPU lacks them.
+    /// Returns the instructions of a level. If this CPU lacks them, returns `Scalar` in builds with the feature
+    /// `scalar`, else `None`.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         let best = Level::new();
@@ -63,7 +64,7 @@ impl Instructions {
         found
     }
 
-    /// Returns the instructions of a level; `None` if this CPU lacks them.
+    /// Returns the instructions of a level. On this architecture the result is never `None`.
     #[cfg(not(target_arch = "x86_64"))]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         Some(match level {
@@ -88,7 +89,7 @@ impl Instructions {
     }
 }
 
-/// Runs an expression of SIMD code with the token that some [`Instructions`] contain.
+/// Evaluates an expression of SIMD code, in which `$simd` is the `fearless_simd` token of the given [`Instructions`].
 macro_rules! with_instructions {
     ($instructions:expr, $simd:ident => $run:expr) => {
         match $instructions {

@@ -34,7 +34,8 @@ const SIZE_PX: u32 = 96;
 /// Distance of the splat from the eye.
 const Z: f64 = 4.0;
 
-/// Maximum depth variation of a splat that isn't near, as a fraction of its distance.
+/// Largest depth difference between centre and rim of a splat that isn't of [`Class::Near`], as a fraction of its
+/// distance.
 const NEAR: f64 = 0.5;
 
 /// Largest relative error, e⁴, of the cheap evaluator's reciprocal of 1 + e. A splat may be cheap only if |e| stays
@@ -49,8 +50,9 @@ const ROUNDING: f64 = 1.0 / (1u32 << 24) as f64;
 /// Number of roundings, of half an ulp each, from a centre and half-axes to w or to a coordinate (u, v).
 const STEPS: f64 = 16.0;
 
-/// A splat whose depth varies by `extent` of its distance, and by `steepness` per pixel along its slope. The axis
-/// across the slope has its own length in pixels, or that of the other axis.
+/// A splat whose depth varies by `extent`, as a fraction of its distance, from centre to rim, and by `steepness` per
+/// pixel along its slope. The half-axis across the slope has the length `across_px` in pixels, or that of the other
+/// half-axis.
 #[derive(Clone, Copy, Debug)]
 struct Tilted {
     extent: f64,
@@ -183,7 +185,7 @@ fn draw_block<S: Simd>(simd: S, record: &Record, px: (i32, i32), inputs: &Raster
     batch.iter().for_each(|fragment| drawn.in_batch.extend(hits(fragment)));
 }
 
-/// A splat in f64.
+/// A splat projected in f64 by the formulas of `surfel-math`, as the truth for comparisons.
 struct Exact {
     center_px: V2<f64>,
     unfiltered: Footprint<f64>,
@@ -242,10 +244,11 @@ impl Exact {
 /// 1/w.
 fn compare(hits: &[Hit], splat: &Tilted, exact: &Exact, filter: Filter, reciprocal: f64, what: &str) -> usize {
     let [major_px, minor_px] = splat.lengths_px(filter);
-    // A coordinate u is rounded relative to the largest value of its terms over the block, along the shorter axis. W
-    // changes by at most 2√(c/e)·c^(−½)… = 2.213 times that at cutoff 2.
+    // A coordinate u or v is rounded relative to the largest value of its terms over the block, along the shorter axis.
+    // ρ changes by at most √2 times the larger of both errors. The weight changes by at most √(2c/e) = 1.213 times the
+    // change of ρ, at cutoff c = 2.
     let coordinate = STEPS * (major_px + 1.0) / minor_px * ROUNDING;
-    let weight_bound = 2.213 * coordinate + WEIGHT_PER_RECIPROCAL * reciprocal + KERNEL;
+    let weight_bound = 1.213 * 2f64.sqrt() * coordinate + WEIGHT_PER_RECIPROCAL * reciprocal + KERNEL;
     // The gradient of w times an offset of up to the ellipse's length, rounded as often.
     let depth_bound = reciprocal + STEPS * ROUNDING * (1.0 + splat.steepness * (major_px + 1.0));
     let mut inside = 0;
@@ -272,11 +275,12 @@ fn compare(hits: &[Hit], splat: &Tilted, exact: &Exact, filter: Filter, reciproc
 
 const FILTERS: [Filter; 4] = [Filter::Principal, Filter::None, Filter::Adjust, Filter::Ewa];
 
-/// Sum of the steepness along both axes, from nearly parallel to the image to edge-on, at a cosine of 1/300.
+/// Values of the steepness, summed over both axes, that splats are tested with: from nearly parallel to the image to
+/// nearly edge-on, at a cosine of about 1/214.
 const STEEPNESS: [f64; 8] = [0.0005, 0.002, 0.0049, 0.0051, 0.015, 0.031, 0.05, 1.0];
 
-/// Returns the largest extent of a cheap splat of some shape, and an extent just beyond; `None` if the smallest isn't
-/// cheap.
+/// Returns the largest extent of a cheap splat ([`Class::Cheap`]) of some shape, and an extent just beyond it. `None`
+/// if even an extent of 1e-3 isn't cheap.
 fn limit(of_extent: impl Fn(f64) -> Tilted, view: &View, filter: Filter) -> Option<[f64; 2]> {
     let is_cheap = |extent| drawn(&of_extent(extent), view, filter, false).is_some_and(|d| d.class == Class::Cheap);
     let (mut cheap, mut other) = (1e-3, 0.98 * NEAR);

@@ -84,8 +84,8 @@ pub(crate) struct TileLists {
 }
 
 impl TileLists {
-    /// Sorts entries into tiles by counting. The sorted entries reuse this list's memory; `unsorted` retains its own,
-    /// or gets this list's.
+    /// Sorts entries into tiles by counting. The sorted entries reuse this list's memory. The content of `unsorted` is
+    /// unspecified afterwards.
     pub(crate) fn sort(&mut self, unsorted: &mut Entries, grid: &Grid) {
         self.starts.clear();
         self.entries.clear();

@@ -7,7 +7,7 @@ use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 /// A set of blocks of a grid, with a fast test whether a rectangle of pixels contains some of them.
 pub(crate) struct BlockSet {
     pub grid: Grid,
-    /// Bits of the set's blocks, per tile.
+    /// Blocks of the set in each tile, one bit per block, row by row, eight bits a row.
     tiles: Vec<u64>,
     /// Summed-area table: for each corner of the grid's tiles, the number of tiles to the left and above that have
     /// blocks of the set.

@@ -12,9 +12,9 @@ use std::sync::{Mutex, PoisonError};
 pub struct Tuning {
     /// Number of blocks of 4×4 pixels along the side of a tile: 2, 4 or 8.
     pub tile_blocks: u32,
-    /// Largest number of splats and triangles in a cell, which a thread sets up before it draws them, as near as whole
-    /// tiles allow. At 140 bytes each they should about fit the thread's cache. Splats on the border of two cells are
-    /// set up twice.
+    /// Largest number of splats and triangles in a cell, the part of an image that one thread sets up and then draws.
+    /// Cells consist of whole tiles, so some exceed it. At 140 bytes each, a cell's splats should about fit the
+    /// thread's cache. Splats on the border of two cells are set up twice.
     pub cell_splats: usize,
     /// True if chunks behind everything visible in a cell are culled (occlusion culling).
     pub culls_occluded: bool,
@@ -28,8 +28,8 @@ impl Default for Tuning {
     }
 }
 
-/// Starts every job on some thread, in the given order. Each thread has a state of its own, which `own` creates and
-/// `take` gets with each job. Returns the threads' states.
+/// Runs every job on some thread, starting them in the given order. Each thread has a state of its own, which `own`
+/// creates. `take` runs a job with its thread's state. Returns the threads' states.
 pub(crate) fn run<T: Send, A: Send>(
     jobs: Vec<T>,
     own: impl Fn() -> A + Sync,
@@ -52,9 +52,10 @@ pub(crate) fn run<T: Send, A: Send>(
 pub(crate) struct Counters {
     /// Number of pairs of a block and a splat whose fragments were computed.
     pub block_pairs: u64,
-    /// Number of fragments inside the filtered footprints of these splats.
+    /// Number of fragments of the pairs in `block_pairs` that are inside the splat's filtered footprint.
     pub inside: u64,
-    /// Number of the pairs' pixels that needn't be computed, since the splat is tiny and has fewer pixels than a block.
+    /// Number of pixels of the pairs in `block_pairs` that weren't computed, since the splat is tiny and has fewer
+    /// pixels than a block.
     pub skipped_pixels: u64,
     /// Number of fragments that contributed to a pixel.
     pub contributing: u64,

@@ -54,7 +54,7 @@ impl Grid {
         self.tile_blocks * BLOCK
     }
 
-    /// Returns the first pixel of block `block` of a tile.
+    /// Returns the column and row in the image of the first (upper left) pixel of a tile's block.
     pub(crate) fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
         let [x, y] = [tile as u32 % self.columns, tile as u32 / self.columns];
         let px = |tile: u32, axis: usize| (self.origin[axis] + tile * self.tile_px()) as i32;
@@ -72,13 +72,13 @@ impl Grid {
     }
 }
 
-/// Returns the first pixel of a block, given the first pixel of its tile.
+/// Returns the column and row in the image of a block's first (upper left) pixel, given the first pixel of its tile.
 #[inline(always)]
 pub(crate) fn block_px((x, y): (i32, i32), block: u32) -> (i32, i32) {
     (x + (block % TILE_BLOCKS * BLOCK) as i32, y + (block / TILE_BLOCKS * BLOCK) as i32)
 }
 
-/// A rectangle of pixels of an image: first column and row, end column and row.
+/// A rectangle of pixels of an image: its first column and row, and the column and row after its last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Rect {
     pub x: i32,

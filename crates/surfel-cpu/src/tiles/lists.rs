@@ -71,9 +71,9 @@ impl<'a, 'b, R> BlockList<'a, 'b, R> {
 /// Lists of the splats that touch each block of a tile, as a matrix of bits that is filled splat by splat and read
 /// block by block.
 ///
-/// Pushing each splat onto the lists of its blocks would cost a mispredicted branch per splat and a store per pair.
-/// Transposing the masks of 64 splats has a fixed cost. Filling also brings a tile's records into the cache, many at a
-/// time, where the blocks' loops would wait for one after another.
+/// Pushing each splat onto the lists of its blocks would cost a mispredicted branch per splat, and a store per pair of
+/// a splat and a block. Transposing the masks of 64 splats has a fixed cost. Filling also brings a tile's records into
+/// the cache, many at a time, where the blocks' loops would wait for one after another.
 pub(crate) struct BlockLists<'a, R> {
     splats: Vec<Listed<'a, R>>,
     /// Matrices of bits, one for every 64 splats. While the lists are filled, a word has the blocks of one splat.
@@ -82,7 +82,7 @@ pub(crate) struct BlockLists<'a, R> {
     /// Indices in `splats` of the splats of one row of [`ROW`] blocks, block by block, and room for superfluous writes
     /// beyond the end.
     order: Vec<u32>,
-    /// Start and length in `order` of the list of each block of that row.
+    /// Start and length in `order` of the list of each block of the row `row`.
     parts: [(usize, usize); ROW],
     /// Row of blocks whose lists `order` contains; `None` if it contains none.
     row: Option<usize>,
@@ -101,7 +101,7 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         self.row = None;
     }
 
-    /// Empties the lists and returns their memory for splats of another lifetime.
+    /// Empties the lists, and returns their memory as lists for records of another lifetime.
     pub(crate) fn for_others<'b>(self) -> BlockLists<'b, R> {
         let Self { splats, words, order, .. } = self;
         BlockLists { splats: recycle_vec(splats), words, order, ..BlockLists::default() }
@@ -224,7 +224,7 @@ impl<T: Copy> ItemLists<T> {
         self.words.clear();
     }
 
-    /// Empties the lists and returns their memory for other items.
+    /// Empties the lists, and returns their memory as lists for items of another type or lifetime.
     pub(crate) fn for_others<U>(self) -> ItemLists<U> {
         let Self { items, words, list } = self;
         ItemLists { items: recycle_vec(items), words, list: recycle_vec(list) }

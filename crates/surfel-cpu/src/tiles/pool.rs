@@ -48,8 +48,8 @@ impl<T: Copy + Default> Reused<T> {
         self.used = used;
     }
 
-    /// Returns places for the next `N` items, to be written by the caller. [`Self::advance`] then adds those that were
-    /// written.
+    /// Returns places for the next `N` items, to be written by the caller; never `None`. [`Self::advance`] then adds
+    /// those that were written.
     #[inline(always)]
     pub(crate) fn room<const N: usize>(&mut self) -> Option<&mut [T; N]> {
         if self.slots.len() < self.used + N {

@@ -73,8 +73,8 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Returns those of the `length` pixels of a row, from (x, y) on, that are inside a tile. Also returns the number
-    /// of pixels skipped before the first of them.
+    /// Returns the pixels inside the rectangle `tile` among the `length` pixels of a row from (x, y) on. The returned
+    /// number counts the pixels of the row to the left of `tile`. Returns 0 and no pixels if none is inside.
     fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
         let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
         let row = usize::try_from(y - self.rect.y).ok().and_then(|row| self.rows.get_mut(row));
@@ -351,7 +351,8 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Sets the colours, but not the alpha, of those pixels of a block whose bits are set to black.
+    /// Makes pixels of a block black without changing their alpha: those whose bits, row by row, are set in `bits`. (x,
+    /// y) is the block's first pixel.
     pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
         self.set_background(false);
         for i in ones(bits.into()).map(|i| i as i32) {

@@ -1,4 +1,4 @@
-//! Tests of clips (§7): their cost, and lines that are constant.
+//! Tests of clips (rendering model §7): their cost, and lines that are constant.
 
 use glam::{DVec3, Vec3};
 use surfel_cpu::{Options, Renderer};

@@ -21,7 +21,7 @@ const QUALITY: [&str; 4] = ["-preset", "fast", "-crf", "17"];
 
 /// Advice in error messages if ffmpeg is missing.
 const HELP: &str = "install ffmpeg, or write .gif or .apng, which need no other program";
-/// Maximum number of bytes that are kept of ffmpeg's messages. The last line of them is shown in an error.
+/// Maximum number of bytes of ffmpeg's messages that are stored. The last line of these is shown in an error.
 const MESSAGE: usize = 1 << 16;
 
 /// Installed ffmpeg that has an encoder for H.264.

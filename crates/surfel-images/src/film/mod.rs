@@ -212,8 +212,8 @@ impl FilmWriter {
     /// Starts encoding a film. An existing file is replaced only if `overwrite` is true.
     ///
     /// # Errors
-    /// [`IoError::Exists`] if the file exists. [`IoError::System`] if the format doesn't support such frames, or no
-    /// thread can be started.
+    /// [`IoError::Exists`] if the file exists and `overwrite` is false. [`IoError::System`] if the format doesn't
+    /// support the frames' size, number or rate, or no thread can be started.
     pub fn create(path: &Path, overwrite: bool, encoder: &FilmEncoder, options: &FilmOptions) -> Result<Self, IoError> {
         check(encoder.format(), options).map_err(|what| cannot_write(path, io::Error::other(what)))?;
         if path.is_file() && !overwrite {

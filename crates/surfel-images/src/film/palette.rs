@@ -55,7 +55,7 @@ struct Sample {
 #[derive(Clone, Copy, Debug)]
 struct Mixture {
     colors: [u8; 2],
-    /// Fraction of pixels with the second colour, in 64ths, at most half.
+    /// Fraction of pixels with the second colour, in 64ths, from 0 to 32.
     share: u8,
 }
 
@@ -160,7 +160,8 @@ fn counted(pixels: &[[u8; 4]]) -> HashMap<[u8; 3], usize> {
     counts
 }
 
-/// Returns the colours of a frame. Colours with equal leading bits are merged.
+/// Returns the colours of a frame with their numbers of pixels. Colours with equal leading bits ([`BITS`]) are merged
+/// into their mean.
 fn samples(pixels: &[[u8; 4]]) -> Vec<Sample> {
     let mut sums = vec![[0_u64; 4]; 1 << (3 * BITS)];
     let lead = |level: u8| usize::from(level >> (8 - BITS));

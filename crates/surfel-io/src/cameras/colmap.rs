@@ -31,8 +31,8 @@ const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// Returns size and lens of a camera with COLMAP's camera model `model`. Its parameters `p` are f, cx, cy or fx, fy,
-/// cx, cy, then distortion. Distortion must be zero; fisheye models are refused.
+/// Returns size and lens of a camera with COLMAP's camera model `model`. Its parameters `p` are one or two focal
+/// lengths, the principal point (x, y), then distortion. Distortion must be zero; fisheye models are refused.
 fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrinsics, Problem> {
     let of = |problem: Problem| Problem { what: format!("camera {id} {}", problem.what), ..problem };
     let (focal, principal, rest) = match model {

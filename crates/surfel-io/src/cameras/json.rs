@@ -74,7 +74,8 @@ impl Keys<'_> {
         }
     }
 
-    /// Returns the `N` numbers of the first existing key among `keys`. They may be nested arrays, such as a matrix.
+    /// Returns the `N` numbers of the first existing key among `keys`, or `None` if no key exists. Numbers in nested
+    /// arrays, such as a matrix, are returned row by row.
     fn numbers<const N: usize>(&self, keys: &[&str]) -> Result<Option<[f64; N]>, Problem> {
         let Some(value) = self.get(keys) else { return Ok(None) };
         let mut flat = Vec::new();
@@ -146,7 +147,8 @@ fn flatten(value: &Value, limit: usize, all: &mut Vec<f64>) {
     }
 }
 
-/// Parses a nerfstudio or instant-ngp camera: a world-from-camera matrix with y up and z backward.
+/// Parses a nerfstudio or instant-ngp camera: a world-from-camera matrix, whose camera axes are x right, y up and z
+/// backward.
 fn of_transforms(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     keys.no_distortion()?;
     let m = DMat4::from_cols_array(&keys.needed::<16>(&["transform_matrix"])?).transpose();

@@ -29,7 +29,8 @@ impl Drop for Folder {
     }
 }
 
-/// A reference camera: x = K(RX + t), with the principal point in the program's pixel convention.
+/// A reference camera, which projects a world point X to the pixel x = K(RX + t). K consists of `focal` and
+/// `principal`, in the pixel convention of the tested program.
 struct Truth {
     r: DMat3,
     t: DVec3,
@@ -38,7 +39,7 @@ struct Truth {
 }
 
 const SIZE: [u32; 2] = [640, 480];
-/// Tolerance of projected points, in pixels: the files' digits are limited.
+/// Tolerance of projected points, in pixels. The files' numbers have a limited number of digits.
 const TOLERANCE_PX: f64 = 1e-6;
 
 /// Returns a camera far from the origin, rotated about all axes.

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 pub(super) const RUN_ROWS: usize = 32;
 /// Number of runs of rows in the sample; each has [`RUN_ROWS`] rows.
 const RUNS: usize = 64;
-/// Number of distinct values at which counting stops, since larger numbers mean the same.
+/// Number of distinct values at which counting stops. Columns with more distinct values are judged alike.
 const MAX_DISTINCT: usize = 1024;
 /// Smallest number of rows from which the values of a column are taken as typical of its role.
 pub(super) const MANY_ROWS: usize = 8;
@@ -22,8 +22,8 @@ pub(super) struct Column {
     pub(super) most: f64,
     /// True if every finite value is a whole number.
     pub(super) is_whole: bool,
-    /// Difference between successive rows, if it is the same in all rows and a whole number, as in a column of row
-    /// numbers.
+    /// Difference between successive rows, if it is the same whole number in all rows, as in a column of row numbers.
+    /// `None` otherwise.
     pub(super) step: Option<f64>,
     /// True if no value is less than the one before.
     pub(super) is_sorted: bool,
@@ -36,7 +36,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// True if all values are the same.
+    /// True if all finite values are the same, or no value is finite.
     pub(super) fn is_constant(&self) -> bool {
         self.least >= self.most
     }
@@ -81,7 +81,7 @@ impl Column {
     }
 }
 
-/// Statistics of a column over a block of rows. [`measure`] joins those of all blocks.
+/// Statistics of a column over a block of consecutive rows. [`measure`] joins the statistics of all blocks.
 #[derive(Clone, Copy)]
 struct Part {
     first: f64,
@@ -324,7 +324,7 @@ impl<'a> Triple<'a> {
         self.rows().map(spread).sum::<f64>() / self.columns[0].sample.len().max(1) as f64
     }
 
-    /// True if the values are 8-bit levels divided by 255 and rounded, and aren't only 0 and 1.
+    /// True if at least 95 % of the values are 8-bit levels divided by 255 and rounded, and aren't only 0 and 1.
     pub(super) fn are_bytes_over_255(&self) -> bool {
         let (mut near, mut far, mut between) = (0, 0, 0);
         for v in self.rows().flatten().filter(|v| v.is_finite()) {
@@ -339,5 +339,5 @@ impl<'a> Triple<'a> {
     }
 }
 
-/// Largest maximum of colour columns that counts as 1, so that the range is from 0 to 1. Rounding may exceed 1.
+/// Largest value of colour columns whose range counts as 0 to 1. Values that were rounded may exceed 1.
 pub(crate) const ROUNDED_ONE: f64 = 1.001;

@@ -25,10 +25,10 @@ pub(crate) enum Role {
     /// Row index or identifier.
     Index,
     Time,
-    /// x, y, z.
+    /// Three columns: x, y and z.
     Position,
     Normal,
-    /// Red, green, blue.
+    /// Three columns: red, green and blue.
     Color,
     /// Alpha channel, which follows a colour. It is recognised only if all rows are opaque.
     Alpha,
@@ -38,7 +38,7 @@ pub(crate) enum Role {
     ReturnNumber,
     /// Two columns: return number of a laser pulse, then number of returns of the pulse.
     Returns,
-    /// The same two columns in the other order.
+    /// Two columns: number of returns of a laser pulse, then the return number.
     ReturnsReversed,
     Unknown,
 }
@@ -137,7 +137,7 @@ pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
     Choice { columns: &measured, best: HashMap::new() }.index(State::default()).is_some()
 }
 
-/// State of the search for a layout: the next column, and the roles chosen for the columns before it.
+/// State of the search for a layout: the index of the next column, and what the roles of the columns before it exclude.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 struct State {
     next: usize,
@@ -157,8 +157,8 @@ impl State {
     }
 }
 
-/// True if at least 99 % of the sampled pairs of x and y are distinct, as those of a raster's cells are. Whole numbers
-/// before columns of fractions are x and y only then.
+/// True if at least 99 % of the sampled pairs of x and y are distinct, as the cells of a raster are. Two columns of
+/// whole numbers that precede columns of fractions can be x and y only if this is true.
 fn are_distinct_pairs(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
@@ -167,15 +167,15 @@ fn are_distinct_pairs(x: &Column, y: &Column) -> bool {
 /// The search for the layout with the largest sum of scores.
 struct Choice<'a> {
     columns: &'a [Column],
-    /// Best role for the next columns at each state, with the sum of scores from there to the last column.
+    /// Best role for the column `next` of each state, with the sum of scores from that column to the last one.
     best: HashMap<State, (f64, Role)>,
 }
 
-/// Score of a layout without a position, which is impossible.
+/// Score of a layout without a position, so low that every layout with a position scores higher.
 const IMPOSSIBLE_SCORE: f64 = -1e9;
 
 impl Choice<'_> {
-    /// Returns the largest sum of scores for the columns that follow a state.
+    /// Returns the largest sum of scores that roles of the columns from `state.next` to the last one can have.
     fn score(&mut self, state: State) -> f64 {
         if state.next == self.columns.len() {
             return if state.has(Role::Position) { 0.0 } else { IMPOSSIBLE_SCORE };
@@ -213,12 +213,13 @@ impl Choice<'_> {
         Triple::of([0, 1, 2].map(|k| &self.columns[first + k]))
     }
 
-    /// True if a column has the same value in all of many rows, so that it says nothing about its role.
+    /// True if a column has the same value in all of many rows. Its statistics are then no evidence of its role.
     fn is_uninformative(&self, i: usize) -> bool {
         self.rows() >= MANY_ROWS && self.columns[i].is_constant()
     }
 
-    /// Returns the score of a role for the next columns; `None` if their statistics exclude the role.
+    /// Returns the score of a role for the column `state.next` and, if the role needs several columns, the following
+    /// ones. Returns `None` if the columns' statistics exclude the role.
     fn of_role(&self, role: Role, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -270,8 +271,8 @@ impl Choice<'_> {
         }
     }
 
-    /// Returns the score of the next column as row numbers or identifiers; `None` if it can't have this role. Such a
-    /// column is before all others or at the end.
+    /// Returns the score of the next column as row numbers or identifiers; `None` if it can't have this role. An index
+    /// is the first column, or the second after another index, or it follows the position.
     fn index(&self, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -368,7 +369,8 @@ impl Choice<'_> {
         self.rows() >= MANY_ROWS && is_small(number) && is_small(count) && !count.is_constant() && is_within
     }
 
-    /// Returns the reason for a role in words, for the note to the user; `None` if the role needs no explanation.
+    /// Returns the reason for a role in words, for the note to the user, with the columns' numbers in the file. Returns
+    /// `None` if the role needs no explanation.
     fn reason(&self, part: Part, numbers: &[usize]) -> Option<String> {
         let Part { role, first } = part;
         let last = first + role.names().len() - 1;

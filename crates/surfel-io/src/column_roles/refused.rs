@@ -5,12 +5,14 @@ use crate::error::Problem;
 #[cfg(feature = "npy")]
 use crate::strided::Strided;
 
-/// Largest error of a rotation matrix that is accepted as rounding, in products of its rows.
+/// Largest error of a rotation matrix that is accepted as rounding: the difference between a scalar product of two of
+/// its rows and 0, or of a row with itself and 1.
 const ROUNDING: f64 = 2e-3;
 /// Smallest number of rows and of columns from which an array may be an image.
 #[cfg(feature = "npy")]
 const IMAGE_SIDE: usize = 8;
-/// Smallest number of columns from which an array with similar columns counts as an image, however its values differ.
+/// Number of columns from which an array whose neighbouring columns have similar ranges counts as an image, even if
+/// values of neighbouring columns differ much.
 #[cfg(feature = "npy")]
 const MIN_IMAGE_COLUMNS: usize = 20;
 
@@ -47,7 +49,8 @@ fn is_rotation(rows: [[f64; 3]; 3]) -> bool {
     (0..3).all(|i| (i..3).all(|j| (dot(rows[i], rows[j]) - expected(i, j)).abs() <= ROUNDING))
 }
 
-/// Kind of the matrices in an array that aren't points.
+/// Kind of camera matrices that an array contains instead of points: world-to-camera transforms (or their inverses), or
+/// matrices K of focal lengths and principal point.
 #[cfg(feature = "npy")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Matrix {
@@ -55,7 +58,9 @@ pub(crate) enum Matrix {
     Intrinsics,
 }
 
-/// Detects matrices of three or four rows that aren't points. `columns` contains the matrices one below the other, with
+/// Returns the kind of camera matrices that an array contains, or `None` if it may be a table of points. `columns`
+/// contains the matrices one below the other, with `height` rows each. If `interleaved`, it contains all first rows,
+/// then all second rows, and so on.
 /// `height` rows each. If `interleaved`, it contains all first rows, then all second rows, and so on.
 #[cfg(feature = "npy")]
 pub(crate) fn matrix_kind(columns: &[Strided<'_>], height: usize, interleaved: bool) -> Option<Matrix> {
@@ -88,8 +93,8 @@ pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
     triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
 }
 
-/// True if an array of rows is an image: most neighbouring columns have similar ranges, and there are many columns or
-/// their values are nearly equal.
+/// True if an array is an image: most neighbouring columns have similar ranges. In addition there must be many columns,
+/// or the values of neighbouring columns must be nearly equal.
 #[cfg(feature = "npy")]
 pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());

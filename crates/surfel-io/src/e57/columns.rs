@@ -1,4 +1,4 @@
-//! Conversion of the points of all scans to rows of a temporary file, for reading block by block.
+//! Conversion of the points of all scans of an E57 file to rows of a temporary file, for reading block by block.
 
 use super::layout::Layout;
 use super::{File, columns, guarded, none_valid, note_missing};
@@ -20,7 +20,8 @@ const MAX_COLUMNS: usize = 100;
 pub(crate) struct Table {
     names: Vec<String>,
     kinds: Vec<NumberType>,
-    /// For each column, true if a row has a nonzero value in it. Other columns are dropped.
+    /// For each column, true if [`Self::columns`] returns it: position, colour and normal always, others only if a row
+    /// has a nonzero value.
     used: Vec<bool>,
     rows: usize,
     roles: Roles,
@@ -43,7 +44,7 @@ impl Table {
         at
     }
 
-    /// Returns the columns of the rows that [`unpack`] wrote, which are in `data`.
+    /// Returns the columns of the rows that [`unpack`] wrote, and their roles. `data` contains the rows.
     pub(crate) fn columns<'a>(&self, data: Bytes<'a>) -> (Vec<Named<'a>>, Roles) {
         let stride = self.kinds.iter().map(|kind| kind.bytes()).sum();
         let (mut offset, mut columns) = (0, Vec::new());
@@ -66,7 +67,7 @@ pub(crate) fn survey(source: &mut dyn Source) -> Result<u64, Fault> {
     })
 }
 
-/// Writes the points of all scans as rows of binary numbers to `out`. Returns the description of the rows.
+/// Writes the valid points of all scans to `out`, as rows of binary numbers. Returns the description of the rows.
 pub(crate) fn unpack(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<String>) -> Result<Table, Fault> {
     guarded(|| unpack_scans(source, out, notes))
 }
@@ -139,7 +140,8 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     Ok(table)
 }
 
-/// Appends a colour's three channels to a row, as bytes or as 16-bit numbers. Points without a colour get white.
+/// Appends a colour's three channels to a row, as bytes (0–255) or as 16-bit numbers (0–65535). `levels` are in the
+/// ranges that the scan's layout states. Points without a colour get white.
 fn push_color(layout: &Layout<'_>, levels: Option<[f64; 3]>, are_bytes: bool, bytes: &mut Vec<u8>) {
     for k in 0..3 {
         let range = layout.color.map_or((0.0, 1.0), |(_, ranges)| ranges[k]);

@@ -1,10 +1,12 @@
-//! Layout of a scan: its pose, and the records with coordinates, colours, normals and other columns.
+//! Layout of an E57 scan: its pose, and the records with coordinates, colours, normals and other columns. In the terms
+//! of the crate `e57`, a *record* is a field that each point of a scan has, and the *prototype* is the list of these
+//! records.
 
 use crate::survey::{NORMAL_NAMES, plain_name};
 use ::e57::{PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-/// Returns the column name for an E57 record; `None` for records that aren't read as a column of their own.
+/// Returns the name of the column that a record becomes; `None` for records that aren't read as a column of their own.
 fn column_name(name: &RecordName) -> Option<String> {
     Some(match name {
         RecordName::Intensity => "intensity".into(),
@@ -18,7 +20,8 @@ fn column_name(name: &RecordName) -> Option<String> {
     })
 }
 
-/// Converts a value of a record to a number.
+/// Converts a stored value to a number. `kind`, the type of the value's record, states scale and offset of scaled
+/// integers.
 fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     match (value, kind) {
         (RecordValue::Single(v), _) => f64::from(*v),
@@ -30,7 +33,7 @@ fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     }
 }
 
-/// Returns the number of bits that a record's values have in the file.
+/// Returns the number of bits that each value of a record takes in the file.
 fn bits(kind: &RecordDataType) -> u32 {
     match *kind {
         RecordDataType::Single { .. } => 32,
@@ -41,7 +44,8 @@ fn bits(kind: &RecordDataType) -> u32 {
     }
 }
 
-/// Returns the minimum and maximum of a colour channel that the scan or the record's type states.
+/// Returns the minimum and maximum of a colour channel (0 red, 1 green, 2 blue) that the scan or else the record's type
+/// states. Returns `None` if neither states a valid range.
 fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64)> {
     let limits = scan.color_limits.as_ref().and_then(|l| {
         let (min, max) = match channel {
@@ -63,7 +67,7 @@ fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64
     limits.filter(fine).or_else(|| of_type().filter(fine))
 }
 
-/// Record indices of red, green and blue, and the range of values of each.
+/// Record indices of red, green and blue, and the minimum and maximum of each channel's values.
 pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
 
 /// A column of a scan that is neither position, colour nor normal.
@@ -94,7 +98,8 @@ pub(super) struct Layout<'a> {
 }
 
 impl<'a> Layout<'a> {
-    /// Determines a scan's layout from its prototype; returns `None` if the scan has no coordinates.
+    /// Determines a scan's layout from its prototype. Returns `None` if the scan has no coordinates. Adds notes on
+    /// missing limits of colours and on an invalid rotation.
     pub(super) fn new(scan: &'a Scan, index: u32, notes: &mut Vec<String>) -> Option<Self> {
         let at = |name: &RecordName| scan.prototype.iter().position(|r| r.name == *name);
         let triple = |names: [RecordName; 3]| -> Option<[usize; 3]> {
@@ -201,12 +206,13 @@ impl<'a> Layout<'a> {
         Some(at.map(|i| self.value(row, i)))
     }
 
-    /// Returns a point's value in a further column; 0 if it is missing or invalid.
+    /// Returns a point's value in one of the other columns; 0 if the value is flagged as invalid.
     pub(super) fn extra(&self, row: &[RecordValue], column: &OtherColumn) -> f64 {
         if self.is_flagged(row, column.invalid) { 0.0 } else { self.value(row, column.record) }
     }
 
-    /// Returns the position of the scanner, if the whole scan was recorded from there.
+    /// Returns the position of the scanner in the file's coordinates; `None` unless the scan shows that the scanner
+    /// stood in one place.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         let stands = self.spherical || self.scan.has_spherical() || self.scan.has_row_column();
         // Angles, or rows and columns, show that the scanner didn't move.

@@ -36,12 +36,12 @@ const BATCHES_AHEAD: usize = 4;
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
 /// Maximum number of fields of a point, and of columns of all scans. Real scanners write about 20.
 const MAX_FIELDS: usize = 1000;
-/// Accuracy of positions that is always preserved, in metres; finer than that of any scanner. If f32 could round the
-/// farthest point by more than a quarter of it, the rounding errors are stored, too.
+/// Accuracy to which positions are always stored, in metres; it is finer than that of any scanner. If f32 could round
+/// the farthest point by more than a quarter of this length, the rounding errors are stored, too.
 const POSITION_ACCURACY_M: f64 = 1e-4;
 
-/// A reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. If a damaged file is
-/// repaired, the file ends for it with the last complete page.
+/// Reader that seeks within its buffer, because the crate `e57` seeks before it reads each page. For the repair of a
+/// damaged file, the reader reports the end of the last complete page as the end of the file.
 struct Pages<R> {
     reader: BufReader<R>,
     end: Option<u64>,
@@ -85,7 +85,7 @@ fn problem(what: impl std::fmt::Display) -> Problem {
     Problem::new(format!("is no E57 that can be read: {what}")).help("the file is cut off or damaged: copy it again")
 }
 
-/// A column with the number type that the file's prototype needs.
+/// Column other than position, colour and normal, with the smallest number type for its values in all scans.
 enum Typed {
     U8(SparseColumn<u8>),
     U16(SparseColumn<u16>),
@@ -129,7 +129,7 @@ impl Typed {
     }
 }
 
-/// Points of all scans that were read so far.
+/// Points that were read so far, from all scans together.
 #[derive(Default)]
 struct Points {
     /// Number of points that the file states, but at most as many as fit into the file's size.
@@ -220,8 +220,8 @@ impl Points {
     }
 }
 
-/// Returns the function that converts a colour level in `range` to linear light. Ranges that are those of 8 or 16 bits
-/// use a table.
+/// Returns the function that converts a colour level to linear light. `range` is the minimum and maximum of levels,
+/// which the function also gets. Levels of the ranges 0–255 and 0–65535 are looked up in a table.
 fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     if range == (0.0, 255.0) {
         |v, _| linear_of_8_bit()[v.round().clamp(0.0, 255.0) as usize]
@@ -252,7 +252,8 @@ impl<'a> File<'a> {
         self.reader.coordinate_metadata().map(crs_of).unwrap_or_default()
     }
 
-    /// Returns the layouts of the scans that have points.
+    /// Returns the layouts of the scans that have points, or an error if there are none. Adds a note for each scan that
+    /// has points but no coordinates.
     fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
         let mut layouts = Vec::new();
         for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
@@ -335,7 +336,7 @@ impl<'a> File<'a> {
     }
 }
 
-/// Checks that there aren't more fields than any scanner writes. Each field takes memory for every point.
+/// Checks that points don't have more fields than any scanner writes. Each field takes memory for every point.
 fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     if fields <= MAX_FIELDS {
         return Ok(());
@@ -344,7 +345,8 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     Err(problem.help("the file is damaged, or made to fill the memory"))
 }
 
-/// Returns the names of all scans' further columns, each with the smallest number type for its values in all scans.
+/// Returns the names of the columns of all scans other than position, colour and normal. Each has the smallest number
+/// type for its values in all scans.
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
@@ -364,7 +366,7 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
     Ok(columns)
 }
 
-/// Adds a note for each column that some scans lack. Points of these scans have the value 0 in it.
+/// Adds a note for each column that some scans lack. The points of a scan without the column get the value 0 in it.
 fn note_missing(layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>, notes: &mut Vec<String>) {
     let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.name == name);
     for name in columns.keys() {
@@ -439,8 +441,9 @@ fn crs_of(text: &str) -> Crs {
     Crs { wkt: (code.is_none() && text.contains('[')).then_some(text), code, ..Crs::default() }
 }
 
-/// Reads a scan as far as possible, and passes its values to `each` in batches. Reading has its own thread, because the
-/// crate's decoding takes as long as the processing here. The inner result is the error that ended the reading early.
+/// Reads a scan as far as possible, and passes its values to `each` in batches of whole points. Reading has its own
+/// thread, because the crate's decoding takes as long as the processing here. The inner result is an error if one ended
+/// the reading early.
 ///
 /// # Errors
 /// [`Problem`] if `each` returns one.

@@ -14,7 +14,7 @@ const ASCII: u16 = 2;
 const DOUBLE: u16 = 12;
 const LONG8: u16 = 16;
 
-/// Byte offsets and lengths of tiles in the file, row by row: those of the image or of one overview.
+/// Byte offsets in the file and lengths in bytes of the tiles of the image or of one overview, row by row.
 pub(super) struct TileList {
     pub(super) offsets: Vec<u64>,
     pub(super) lengths: Vec<u32>,
@@ -34,7 +34,8 @@ pub(super) struct Head<'a> {
     pub(super) is_big: bool,
 }
 
-/// An entry of a TIFF directory. Entries with lists of tiles (`is_list`) have their values after all directories.
+/// An entry of a TIFF directory. Entries for tile offsets and lengths (`is_list`) have their values after all
+/// directories.
 struct Entry {
     tag: u16,
     kind: u16,
@@ -94,8 +95,9 @@ impl Head<'_> {
         Ok(out)
     }
 
-    /// Appends a directory and the values that don't fit into its entries. Returns the position at which the offset of
-    /// the next directory is stored.
+    /// Appends a directory and the values that don't fit into its entries. Values of lists are appended to `late`
+    /// instead, each with the position of its offset in the file. Returns the position at which the offset of the next
+    /// directory is stored.
     fn directory(&self, entries: Vec<Entry>, out: &mut Vec<u8>, late: &mut Vec<(usize, Vec<u8>)>) -> io::Result<usize> {
         let room = if self.is_big { 8 } else { 4 };
         let mut values = Vec::new();

@@ -26,18 +26,19 @@ use surfel_math::srgb::nearest_8_bit;
 
 /// Side of a tile in pixels.
 const TILE: u32 = 256;
-/// Deflate level: level 3 makes heights 6 % smaller and takes 1.7 times as long.
+/// Deflate level of the tiles, from 0 to 9. Level 3 would make images of heights 6 % smaller and take 1.7 times as
+/// long.
 const LEVEL: u32 = 1;
 /// Size of the uncompressed image with its overviews, in bytes, from which a file is a BigTIFF. Deflate makes
 /// incompressible data less than 0.1 % larger.
 const BIG_FROM: u64 = 4_200_000_000;
 
-/// Pixel format.
+/// Pixel format of a GeoTIFF image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeoSamples {
-    /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. No data has alpha 0.
+    /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. Pixels without data have alpha 0.
     Rgba8,
-    /// The given number of f32 bands. No data is [`GeoSamples::NODATA`].
+    /// The given number of f32 bands. Pixels without data have [`GeoSamples::NODATA`] in all bands.
     F32(u16),
 }
 
@@ -51,26 +52,26 @@ impl GeoSamples {
 pub struct GeoImage {
     /// Path of the output file.
     pub path: PathBuf,
-    /// Number of columns and rows, at least 1.
+    /// Numbers of columns and rows, each at least 1.
     pub size: [u32; 2],
-    /// Pixel format.
+    /// Pixel format, without the band that `has_marks` adds.
     pub samples: GeoSamples,
-    /// Band names, which GDAL displays as descriptions; may be empty.
+    /// Names of the bands in their order, which GDAL displays as descriptions. If empty, the file names no bands.
     pub bands: Vec<&'static str>,
     /// True if an additional last band marks interpolated pixels: 255 in 8 bits or 1 as f32, else 0.
     pub has_marks: bool,
-    /// x of the image's left edge and y of its upper edge, in the units of x and y.
+    /// x of the image's left edge and y of its upper edge, in units of the coordinate reference system.
     pub left_top: [f64; 2],
-    /// Side of a pixel, in the units of x and y.
+    /// Side of a pixel, in units of the coordinate reference system.
     pub pixel: f64,
-    /// The coordinate reference system.
+    /// Coordinate reference system of x and y. If `None`, the file states none.
     pub crs: Option<Crs>,
     /// Name of the writing program.
     pub software: String,
 }
 
 impl GeoImage {
-    /// Returns the number of bands.
+    /// Returns the number of bands, including the mark.
     fn count(&self) -> usize {
         let own = match self.samples {
             GeoSamples::Rgba8 => 4,
@@ -79,7 +80,7 @@ impl GeoImage {
         own + usize::from(self.has_marks)
     }
 
-    /// Returns the bytes of a pixel.
+    /// Returns the size of a pixel in bytes, including the mark.
     fn pixel_bytes(&self) -> usize {
         match self.samples {
             GeoSamples::Rgba8 => self.count(),
@@ -103,7 +104,7 @@ pub struct GeoTiles<'a> {
     image: &'a GeoImage,
     /// The image, then its overviews by decreasing size.
     levels: Vec<Level>,
-    /// Compressed tiles in order of completion.
+    /// Temporary file with the compressed tiles, in order of completion.
     waiting: BufWriter<File>,
     waiting_bytes: u64,
 }
@@ -111,16 +112,18 @@ pub struct GeoTiles<'a> {
 /// The image or one of its overviews.
 struct Level {
     size: [u32; 2],
-    /// Incomplete tiles by row and column, with the number of pixels written to each.
+    /// Incomplete tiles by row and column: uncompressed pixels, and how many of the pixels have been written.
     begun: BTreeMap<(u32, u32), (Vec<u8>, usize)>,
-    /// Offset and length of each tile in the temporary file, row by row; length 0 until the tile is finished.
+    /// Offset and length in bytes of each compressed tile in the temporary file, row by row. The length is 0 until the
+    /// tile is complete.
     places: Vec<(u64, u32)>,
 }
 
-/// Row, column and pixels of a tile.
+/// Row and column of a tile, and its uncompressed pixels.
 type Finished = ((u32, u32), Vec<u8>);
 
-/// Writes images together: `draw` fills their tiles, in the order of `images`. The files appear once all are complete.
+/// Writes several GeoTIFF files together. `draw` writes the pixels: it gets an open image for each of `images`, in the
+/// same order. The files appear under their names once all are complete.
 ///
 /// # Errors
 /// [`IoError::Exists`] if a file exists and `overwrite` is false, before anything is drawn; [`IoError::System`] if a
@@ -157,12 +160,13 @@ impl Level {
         Self { size, begun: BTreeMap::new(), places: vec![(0, 0); columns as usize * rows as usize] }
     }
 
-    /// Returns the columns and rows of a tile that are inside the image.
+    /// Returns how many columns and rows of pixels of the tile `[column, row]` are inside the image.
     fn visible(&self, [column, row]: [u32; 2]) -> [u32; 2] {
         [self.size[0] - column * TILE, self.size[1] - row * TILE].map(|side| side.min(TILE))
     }
 
-    /// Copies a rectangle of the image into its tiles; removes and returns the tiles that are complete.
+    /// Copies `bytes`, the pixels of a rectangle whose upper left pixel is `[x, y]`, into this level's tiles. Removes
+    /// and returns the tiles that are complete.
     fn put(&mut self, image: &GeoImage, [x, y]: [u32; 2], [width, height]: [u32; 2], bytes: &[u8]) -> Vec<Finished> {
         let pixel = image.pixel_bytes();
         let mut whole = Vec::new();
@@ -188,7 +192,8 @@ impl Level {
         whole.into_iter().filter_map(|at| Some((at, self.begun.remove(&at)?.0))).collect()
     }
 
-    /// Removes and returns the tiles that end above a row.
+    /// Removes and returns the incomplete tiles that end above a row of pixels. If the image ends at or above the row,
+    /// these are all incomplete tiles.
     fn above(&mut self, row: u32) -> Vec<Finished> {
         let end = if row >= self.size[1] { u32::MAX } else { row / TILE };
         let rest = self.begun.split_off(&(end, 0));
@@ -203,9 +208,9 @@ impl<'a> GeoTiles<'a> {
         Ok(Self { image, levels: image.sizes().into_iter().map(Level::new).collect(), waiting, waiting_bytes: 0 })
     }
 
-    /// Writes a rectangle of an image of [`GeoSamples::Rgba8`], whose upper left pixel is `at`. `pixels` are linear
-    /// premultiplied RGBA, in rows of `width` pixels from the top. `marked` flags interpolated pixels, if the image has
-    /// marks. No pixel may be written twice.
+    /// Writes a rectangle of an image of [`GeoSamples::Rgba8`], whose upper left pixel is `at` (column, row). `pixels`
+    /// are linear premultiplied RGBA, in rows of `width` pixels from the top. `marked` has a flag per pixel, true if it
+    /// is interpolated, and is used only if the image has marks. No pixel may be written twice.
     ///
     /// # Errors
     /// [`IoError::System`] if the file can't be written.
@@ -231,8 +236,8 @@ impl<'a> GeoTiles<'a> {
         self.write(at, width, &bytes)
     }
 
-    /// Writes a rectangle of an image of [`GeoSamples::F32`], as [`GeoTiles::write_color`] does. The numbers of a pixel
-    /// are consecutive.
+    /// Writes a rectangle of an image of [`GeoSamples::F32`], as [`GeoTiles::write_color`] does. `numbers` are the
+    /// bands of the first pixel, then of the next one, and so on, without the band of marks.
     ///
     /// # Errors
     /// Errors of [`GeoTiles::write_color`].
@@ -255,8 +260,8 @@ impl<'a> GeoTiles<'a> {
         self.write(at, width, &bytes)
     }
 
-    /// Declares that nothing more is written above a row of the image. Incomplete tiles above it are finished, so that
-    /// memory has only the tiles of a few rows.
+    /// Declares that no further pixels above a row of the image will be written. Incomplete tiles above the row are
+    /// finished, so that only a few rows of tiles are in memory.
     ///
     /// # Errors
     /// [`IoError::System`] if the file can't be written.
@@ -289,7 +294,8 @@ impl<'a> GeoTiles<'a> {
         self.store(0, whole).map_err(|e| failed(&self.image.path, e))
     }
 
-    /// Compresses tiles on all threads, stores them in order, and adds their reduced pixels to the next overview.
+    /// Compresses tiles of a level on all threads and appends them to the temporary file in order. Adds their pixels,
+    /// at half the size, to the next overview.
     fn store(&mut self, level: usize, tiles: Vec<Finished>) -> io::Result<()> {
         if tiles.is_empty() {
             return Ok(());
@@ -370,7 +376,7 @@ impl<'a> GeoTiles<'a> {
     }
 }
 
-/// Returns a tile without data; numbers are big endian.
+/// Returns an uncompressed tile without data. Numbers are big endian, as the predictor in [`deflated`] needs them.
 fn empty_tile(image: &GeoImage) -> Vec<u8> {
     let pixels = (TILE * TILE) as usize;
     match image.samples {
@@ -379,8 +385,8 @@ fn empty_tile(image: &GeoImage) -> Vec<u8> {
     }
 }
 
-/// Compresses a tile: TIFF's predictor (horizontal differences; for floats, byte planes: TIFF Technical Note 3), then
-/// deflate.
+/// Compresses a tile: applies TIFF's predictor, then deflate. The predictor stores horizontal differences of bytes.
+/// Before that it sorts the bytes of floats into planes (TIFF Technical Note 3).
 fn deflated(mut tile: Vec<u8>, image: &GeoImage) -> io::Result<Vec<u8>> {
     let (row_bytes, count) = (TILE as usize * image.pixel_bytes(), image.count());
     let mut planes = vec![0; row_bytes];

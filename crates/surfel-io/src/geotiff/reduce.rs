@@ -1,4 +1,4 @@
-//! Overviews: a pixel is the mean of up to four pixels of the level below.
+//! Overviews of a GeoTIFF: each pixel is the mean of up to four pixels of the next larger image.
 //!
 //! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that have data. Images
 //! with three numbers per pixel contain normals, whose means are normalised.
@@ -7,8 +7,8 @@ use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;
 use surfel_math::srgb::nearest_8_bit;
 
-/// Returns a tile at half its width and height, for the next overview. Only its first `columns` and `rows` are inside
-/// the image.
+/// Returns a tile at half its width and height, for the next overview. `columns` and `rows` are the tile's numbers of
+/// columns and rows inside the image; the pixels beyond them aren't averaged.
 pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -> Vec<u8> {
     let pixel = image.pixel_bytes();
     let mut half = Vec::with_capacity((columns.div_ceil(2) * rows.div_ceil(2)) as usize * pixel);
@@ -54,7 +54,8 @@ fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
     }
 }
 
-/// Appends the mean of pixels with 32-bit floats, over the pixels that have data.
+/// Appends the mean of pixels with 32-bit floats, over the pixels that have data. Appends a pixel without data if none
+/// has. If `are_normals`, the first three numbers of the mean are normalised.
 fn mean_numbers<'a>(pixels: impl Iterator<Item = &'a [u8]>, are_normals: bool, out: &mut Vec<u8>) {
     // The bands are one or more heights, or a normal; a mark may follow.
     let (mut sums, mut count, mut bands) = (Vec::<f64>::new(), 0.0, 0);

@@ -97,7 +97,7 @@ fn failed_drawing_leaves_no_file_and_rectangles_stay_inside() {
     std::fs::remove_file(&one.path).unwrap();
 }
 
-/// Little-endian numbers of a file.
+/// Returns the little-endian 16-bit number at the byte offset `at`.
 fn u16_at(bytes: &[u8], at: usize) -> usize {
     u16::from_le_bytes([bytes[at], bytes[at + 1]]).into()
 }
@@ -106,8 +106,8 @@ fn u32_at(bytes: &[u8], at: usize) -> usize {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
 }
 
-/// Returns the offsets of the directories of a classic TIFF, in the order of their links, and the end of the last one's
-/// entries.
+/// Returns the byte offsets of the directories of a classic TIFF, in the order of their links. Also returns the offset
+/// at which the entries of the last directory end.
 fn directories(bytes: &[u8]) -> (Vec<usize>, usize) {
     let (mut found, mut at, mut end) = (Vec::new(), u32_at(bytes, 4), 0);
     while at != 0 {
@@ -118,7 +118,7 @@ fn directories(bytes: &[u8]) -> (Vec<usize>, usize) {
     (found, end)
 }
 
-/// Returns width and height, numbers and tile offsets of the image and its overviews.
+/// Returns width and height in pixels, decoded pixels, and tile offsets of the image, then of each overview.
 fn images(path: &Path) -> Vec<([u32; 2], DecodingResult, Vec<u64>)> {
     let mut decoder = Decoder::new(File::open(path).unwrap()).unwrap();
     let mut all = Vec::new();

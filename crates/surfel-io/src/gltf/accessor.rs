@@ -7,7 +7,7 @@ use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::buffer::View;
 
-/// Raw elements in the buffer of an accessor, or of its sparse part.
+/// Raw elements of an accessor, or the indices or values of its sparse part, as a buffer stores them.
 struct Elements<'a> {
     data: &'a [u8],
     count: usize,
@@ -39,8 +39,8 @@ impl Asset<'_> {
         }
     }
 
-    /// Returns an accessor's values, `N` per vertex; normalised integers become fractions. A VEC3 can be read as four
-    /// numbers, the last of which is 1.
+    /// Returns an accessor's values, `N` numbers per element; normalised integers become fractions. A VEC3 can be read
+    /// as four numbers, the last of which is 1.
     pub(super) fn floats<const N: usize>(&self, accessor: &Accessor<'_>) -> Result<Vec<[f32; N]>, Problem> {
         let (index, kind) = (accessor.index(), accessor.data_type());
         let found = accessor.dimensions().multiplicity();
@@ -92,7 +92,7 @@ impl Asset<'_> {
         Ok(values)
     }
 
-    /// Returns an accessor's indices.
+    /// Returns the numbers of an accessor that contains vertex indices.
     pub(super) fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>, Problem> {
         let plain = accessor.dimensions() == Dimensions::Scalar && accessor.sparse().is_none();
         let Some(view) = accessor.view().filter(|_| plain) else {

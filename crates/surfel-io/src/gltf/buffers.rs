@@ -9,14 +9,15 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
-/// Maximum number of bytes that all compressed views and meshes of a file together may unpack to.
+/// Maximum number of bytes that all compressed buffer views and meshes of a file together may unpack to.
 pub(super) const MAX_DECOMPRESSED: usize = 2 << 30;
 
 /// A glTF document with the bytes of its buffers.
 pub(super) struct Asset<'a> {
     pub(super) document: &'a CheckedDocument,
     buffers: Vec<Cow<'a, [u8]>>,
-    /// Decompressed buffer views of `EXT_meshopt_compression`; each is decompressed on first use.
+    /// Decompressed bytes of each buffer view, by the view's index. Only views with `EXT_meshopt_compression` are
+    /// decompressed, each on first use.
     decompressed: Vec<OnceCell<Result<Vec<u8>, Problem>>>,
     decompressed_bytes: Cell<usize>,
 }

@@ -5,7 +5,8 @@ use crate::error::{Fault, Location, Problem};
 /// Contents of a glTF or GLB file: the document's JSON, and a buffer.
 pub(super) struct Container<'a> {
     pub(super) json: &'a [u8],
-    /// Buffer inside a GLB file, which is the document's first buffer.
+    /// Buffer inside a GLB file, which is the document's first buffer. `None` for JSON files and for GLB files without
+    /// a buffer.
     pub(super) binary: Option<&'a [u8]>,
 }
 

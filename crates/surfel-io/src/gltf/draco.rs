@@ -8,7 +8,7 @@ use gltf::Primitive;
 #[cfg(feature = "draco")]
 pub(super) use enabled::DracoMesh;
 
-/// Decompresses a primitive's mesh, if it is compressed.
+/// Decompresses a primitive of the mesh with index `mesh`. Returns `None` if the primitive isn't compressed.
 #[cfg(feature = "draco")]
 pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) -> Result<Option<DracoMesh>, Problem> {
     asset

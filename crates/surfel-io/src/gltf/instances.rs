@@ -6,7 +6,8 @@ use crate::error::Problem;
 use glam::{DAffine3, DQuat, DVec3};
 
 /// Returns the world-from-instance transform of each instance of a node: the instance's scale, rotation and
-/// translation, followed by the node's transform `world`. Returns `None` for a node without instancing.
+/// translation, followed by the node's transform `world`. Returns `None` for a node without instancing, or whose
+/// instances have no attributes.
 pub(super) fn of_node(asset: &Asset<'_>, node: usize, world: DAffine3) -> Result<Option<Vec<DAffine3>>, Problem> {
     let Some(attributes) = asset.document.instancing(node) else { return Ok(None) };
     let accessors = asset.document.gltf.accessors().len();

@@ -31,7 +31,8 @@ pub(super) struct BaseColor {
     pub(super) wrap: [Wrap; 2],
 }
 
-/// Transform of texture coordinates: uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, with v downwards.
+/// Transform of texture coordinates: uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, with v downwards
+/// and the rotation in radians.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct TextureTransform {
     offset: [f32; 2],

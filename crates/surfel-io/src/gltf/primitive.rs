@@ -36,7 +36,7 @@ pub(super) struct Vertices {
 }
 
 impl Attributes<'_> {
-    /// Returns an attribute's values, `N` per vertex, if the primitive has it.
+    /// Returns the values of an attribute, `N` numbers per vertex; `None` if the primitive doesn't have it.
     pub(super) fn floats<const N: usize>(&self, semantic: &Semantic) -> Result<Option<Vec<[f32; N]>>, Problem> {
         let Some(accessor) = self.primitive.get(semantic) else { return Ok(None) };
         let name = semantic.to_string();
@@ -46,7 +46,8 @@ impl Attributes<'_> {
         }
     }
 
-    /// Returns the values of an attribute that the crate `gltf` has no name for, if the primitive has it.
+    /// Returns the values of an attribute that the crate `gltf` has no name for; `None` if the primitive doesn't have
+    /// it.
     pub(super) fn named_floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>, Problem> {
         let document = self.asset.document;
         let Some(index) = document.attribute(self.primitive, self.mesh, name) else { return Ok(None) };
@@ -56,8 +57,8 @@ impl Attributes<'_> {
         self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
     }
 
-    /// Returns the primitive's scalar application-specific attributes as columns, and the names of such attributes that
-    /// aren't read.
+    /// Returns the primitive's scalar application-specific attributes as columns. Also returns the names of the
+    /// application-specific attributes that aren't read.
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());
@@ -96,8 +97,8 @@ impl Attributes<'_> {
         }
     }
 
-    /// Adds the primitive's morph targets, multiplied by their weights, to `positions` and to the stored normals.
-    /// Returns the normals.
+    /// Adds the primitive's morph targets, multiplied by their weights, to `positions` and to the normals that the file
+    /// stores. Returns these normals; `None` if the file stores none.
     pub(super) fn at_rest(&self, positions: &mut [[f32; 3]], weights: &[f32]) -> Result<Option<Normals>, Problem> {
         let mut normals = self.floats::<3>(&Semantic::Normals)?;
         let targets = self.primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0);

@@ -33,7 +33,7 @@ pub(super) struct JointSet {
 }
 
 impl Pose {
-    /// Returns the largest factor by which the pose scales lengths; 1 for skins.
+    /// Returns the largest factor by which the pose scales lengths. For skins, returns 1 whatever their joints do.
     pub(super) fn scale(&self) -> f64 {
         match self {
             Self::Rigid(world) => largest_scale(*world),
@@ -88,8 +88,8 @@ pub(super) fn joints(asset: &Asset<'_>, skin: &Skin<'_>, nodes: &Nodes) -> Resul
     Ok(joints.iter().enumerate().map(|(i, &node)| nodes.world[node] * bound(i)).collect())
 }
 
-/// Adds a morph target's displacements, multiplied by `weight`, to the values of the first vertices: as many as there
-/// are displacements.
+/// Adds the displacements of a morph target, multiplied by `weight`, to `values`, vertex by vertex. Values beyond the
+/// last displacement stay unchanged.
 pub(super) fn add_displacements(values: &mut [[f32; 3]], displacements: &[[f32; 3]], weight: f32) {
     for (value, by) in values.iter_mut().zip(displacements) {
         for (v, d) in value.iter_mut().zip(by) {

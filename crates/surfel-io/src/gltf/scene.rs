@@ -40,7 +40,8 @@ struct Gathered {
     skinned: usize,
     /// Largest rounding step of the file's 32-bit coordinates, in world units.
     step: f64,
-    /// True if some vertex colour isn't fully transparent; `None` if there are no vertex colours so far.
+    /// True if some vertex colour has an alpha above 0. If all alphas are 0, they are ignored as unused. `None` if no
+    /// primitive so far has vertex colours.
     has_alpha: Option<bool>,
     /// Names of the primitives' application-specific attributes that are read as columns.
     columns: BTreeSet<String>,
@@ -189,9 +190,9 @@ impl Gathered {
         Ok(())
     }
 
-    /// Returns the primitive's application-specific attributes as columns, without new ones beyond
-    /// [`MAX_CUSTOM_COLUMNS`]. Their values count as vertices, including the values that fill a new column for earlier
-    /// primitives.
+    /// Returns the primitive's application-specific attributes as columns. Columns beyond the scene's first
+    /// [`MAX_CUSTOM_COLUMNS`] are left out. The values count as vertices, including the NaNs that fill a new column for
+    /// earlier primitives.
     fn own_columns(
         &mut self,
         attributes: &Attributes<'_>,

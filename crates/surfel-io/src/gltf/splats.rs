@@ -24,12 +24,14 @@ pub(super) struct GatheredSplats {
     /// True if some primitive has spherical harmonics. They aren't read, because the nodes' rotations would have to
     /// rotate them.
     harmonics: bool,
-    /// True if a node's scale isn't uniform, or mirrors, which the splats' axes can't follow exactly.
+    /// True if a node's scale isn't uniform, or mirrors. The axes of its splats then follow the scale only
+    /// approximately.
     sheared: bool,
 }
 
 impl GatheredSplats {
-    /// Adds the splats of a primitive that has the extension.
+    /// Adds the splats of a primitive with the extension `KHR_gaussian_splatting`. `positions` are in world space, and
+    /// `world` is the primitive's world-from-node transform.
     pub(super) fn add(
         &mut self,
         attributes: &Attributes<'_>,
@@ -91,7 +93,7 @@ impl GatheredSplats {
     }
 }
 
-/// Returns the values of a required attribute of the extension, one per splat.
+/// Returns the values of a required attribute of the extension `KHR_gaussian_splatting`, one per splat.
 fn attribute<const N: usize>(attributes: &Attributes<'_>, name: &str, splats: usize) -> Result<Vec<[f32; N]>, Problem> {
     let values = attributes.named_floats(&format!("{GAUSSIANS}:{name}"))?;
     let values = values.ok_or_else(|| {

@@ -37,14 +37,15 @@ impl Wrap {
     }
 }
 
-/// Change of a texture along one side, and of the coordinates along it, by which a repeating texture shows the same.
+/// Conversion of a texture along one axis, u or v, and of the texture coordinates along it. Repeated, the converted
+/// texture shows what the original shows with its own wrap mode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 enum Change {
     #[default]
     Nothing,
     Mirrored,
-    /// The texture is replaced by its texels `first..end`. `of` is the original number of texels along the side; the
-    /// range may exceed the edges.
+    /// The texture is replaced by its texels `first..end` along the axis; indices beyond its edges repeat the texels at
+    /// the edges. `of` is the original number of texels along the axis.
     Shown {
         first: i64,
         end: i64,
@@ -53,8 +54,9 @@ enum Change {
 }
 
 impl Change {
-    /// Selects the conversion of a side of `size` texels for texture coordinates from `least` to `largest`. `other` is
-    /// the size of a second texture with the same coordinates. Returns `None` if the coordinates span too much.
+    /// Selects the conversion along an axis of `size` texels for texture coordinates from `least` to `largest`. `other`
+    /// is the number of texels of a second texture, such as a normal map, that uses the same coordinates. Returns
+    /// `None` if the coordinates extend too far beyond the texture's edges.
     fn new(wrap: Wrap, [least, largest]: [f32; 2], size: usize, other: usize) -> Option<Self> {
         let (least, largest, texels) = (f64::from(least), f64::from(largest), size as f64);
         let half = 0.5 / texels;
@@ -68,7 +70,8 @@ impl Change {
         if least.abs().max(largest.abs()) * texels > ALWAYS_ALLOWED_TEXELS as f64 {
             return None;
         }
-        // The range also spans a whole number of the other texture's texels, and has one more texel for interpolation.
+        // The range also spans a whole number of the other texture's texels. It has one more texel on each side for
+        // interpolation.
         let step = (size / gcd(size, other)) as i64;
         let first = ((least * texels).floor() as i64 - 1).div_euclid(step) * step;
         let end = -((-(largest * texels).ceil() as i64 - 1).div_euclid(step) * step);
@@ -83,7 +86,7 @@ impl Change {
         }
     }
 
-    /// Returns the converted length of a side of `size` texels.
+    /// Returns the number of texels after the conversion along an axis that has `size` texels before.
     fn length(self, size: usize) -> usize {
         match self {
             Self::Nothing => size,
@@ -92,7 +95,7 @@ impl Change {
         }
     }
 
-    /// Returns the index of the original texel for each converted texel along the side.
+    /// Returns, for each texel after the conversion along an axis of `size` texels, the index of the original texel.
     fn side(self, size: usize) -> Vec<usize> {
         match self {
             Self::Nothing => (0..size).collect(),
@@ -109,8 +112,8 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Converts the textures that don't repeat, and the coordinates that use them. Returns the number of materials that
-/// stay unchanged because their surfaces extend too far beyond the texture's edges.
+/// Converts the textures that don't repeat, and the texture coordinates that refer to them. Returns the number of
+/// materials that stay unchanged because their surfaces extend too far beyond the texture's edges.
 pub(super) fn resolve(parts: &mut Parts, materials: &mut [BaseColor], textures: &mut Vec<Arc<Texture>>) -> usize {
     let Some(uvs) = &mut parts.uvs else { return 0 };
     let mut range = vec![[[f32::INFINITY, f32::NEG_INFINITY]; 2]; materials.len()];

@@ -1,5 +1,5 @@
-//! Reading of a file's points block by block, for passes that need each point once. Memory doesn't grow with the number
-//! of points.
+//! Reading of a LAS file's points block by block, for passes that need each point once. Memory doesn't grow with the
+//! number of points.
 
 use super::header::Header;
 use super::records::Columns;
@@ -51,7 +51,7 @@ impl Sink for BlockSink<'_> {
             (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(rgb[k]), high[k].max(rgb[k])));
         }
         let Some((low, high)) = columns.ends() else { return Ok(()) };
-        // Bounds as the file states them, before rounding to f32; a scale may be negative.
+        // Bounds of the block in the file's coordinates, before rounding to f32. A scale may be negative.
         let at = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * header.scale + header.offset;
         let (low, high) = (at(low).min(at(high)), at(low).max(at(high)));
         let (cloud, _) = columns.finish(header);

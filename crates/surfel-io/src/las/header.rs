@@ -89,7 +89,8 @@ fn vector_at(bytes: &[u8], at: usize) -> DVec3 {
     DVec3::new(f64_at(bytes, at), f64_at(bytes, at + 8), f64_at(bytes, at + 16))
 }
 
-/// Fills `bytes` from the source, unless it ends before. Returns the number of bytes read.
+/// Fills `bytes` from the source's current position on, unless the source ends before. Returns the number of bytes
+/// read.
 fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
     let mut got = 0;
     while got < bytes.len() {

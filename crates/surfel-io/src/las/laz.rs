@@ -50,7 +50,8 @@ pub(super) fn read(
                 Err(_) if repair && !vlr.uses_variable_size_chunks() => {
                     return read_without_table(source, header, vlr, file_bytes, sink);
                 }
-                // Repair works for the same two kinds.
+                // Without a table, `repair` reads the same two kinds of files: chunks of layers, and chunks of a fixed
+                // size.
                 Err(problem) if layered || !vlr.uses_variable_size_chunks() => {
                     return Err(problem.help("the file is cut off: copy it again, or `repair` takes the whole chunks"));
                 }
@@ -112,8 +113,8 @@ pub(super) fn check_size(header: &Header, points: u64, file_bytes: u64) -> Resul
     Ok(())
 }
 
-/// Resizes `bytes` to `length`, filled with zeros. One chunk may contain all points of a file, which may not fit into
-/// memory.
+/// Resizes `bytes` to `length`; new bytes are 0. Returns an error if there isn't enough memory: one chunk may contain
+/// all points of a file.
 fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     if bytes.try_reserve_exact(length.saturating_sub(bytes.len())).is_err() {
         let what = format!("has a chunk of {length} bytes of points, which the system gives no memory for");
@@ -397,7 +398,8 @@ fn read_without_table(
     Ok(())
 }
 
-/// Checks that the layers of the chunk at `at` fit into its `bytes` bytes, and returns its number of points.
+/// Checks that the layers of the chunk at byte offset `at` fit into its `bytes` bytes, and returns its number of
+/// points.
 fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size: usize) -> Result<u64, Problem> {
     let problem = || {
         let what = "has a compressed chunk whose layers don't fit into it";
@@ -420,8 +422,8 @@ fn layers_of(kind: LazItemType) -> usize {
     }
 }
 
-/// Returns the number of points of the layered chunk at byte offset `at`, and its number of bytes, as the chunk states
-/// them.
+/// Returns the number of points and the number of bytes of the layered chunk at byte offset `at`, as the chunk states
+/// them. `size` is the number of bytes of a point record.
 fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
     let layers: usize = vlr.items().iter().map(|item| layers_of(item.item_type())).sum();
     let mut numbers = vec![0; 4 + 4 * layers];
@@ -445,9 +447,9 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
-/// Removes layers from the chunk at the end of `packed`, which begins at `start`, so that they aren't decoded. Removed
-/// are the colours, if `colors` is true, and the extra bytes that are true in `extra`. All points of the chunk get
-/// zeros for removed layers. [`chunk_points`] must have checked the chunk.
+/// Removes layers from a chunk, so that they aren't decoded: those of the colours if `colors` is true, and those of the
+/// extra bytes that are true in `extra`. The chunk begins at byte `start` of `packed` and ends at its end. All points
+/// of the chunk get zeros for removed layers. [`chunk_points`] must have checked the chunk.
 pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
     if !is_layered(vlr) {
         return;
@@ -493,12 +495,13 @@ pub(super) fn of_splats() -> DecompressionSelection {
     base.decompress_z().decompress_flags().decompress_rgb().decompress_extra_bytes()
 }
 
-/// Decodes consecutive chunks to point records. `chunks` states their numbers of points and bytes.
+/// Decodes consecutive chunks to point records. `chunks` states the number of points and the number of bytes of each.
 pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
     decode_some(packed, points, vlr, chunks, DecompressionSelection::all())
 }
 
-/// Decodes selected fields of consecutive chunks to point records. `chunks` states their numbers of points and bytes.
+/// Decodes selected fields of consecutive chunks to point records. `chunks` states the number of points and the number
+/// of bytes of each.
 pub(super) fn decode_some(
     packed: &[u8],
     points: &mut [u8],

@@ -96,8 +96,8 @@ fn read_records(
 /// Number of points at the start of a file that are read to estimate the memory per point. Columns that are zero
 /// everywhere take no memory, and the header doesn't state which these are.
 const EXAMINED_POINTS: u64 = 4096;
-/// Memory per point, in bytes, of 32-bit positions. The low part of positions, which wide or fine grids need, takes as
-/// many bytes again.
+/// Memory per point, in bytes, of 32-bit positions. If the rounding error of f32 is stored, too, as the positions' low
+/// part, it takes as many bytes again.
 const POSITION_BYTES: u64 = 12;
 /// Memory per point, in bytes, that reading takes in addition to the columns. Measured peaks for 2 million points of
 /// LAS are within 6 % of the estimate. LAZ files with few columns take up to half more, since the C library's allocator
@@ -176,8 +176,8 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     finish(columns, header, format, None, context)
 }
 
-/// Returns the points that were read, and adds notes about them. `of` is the number of points in the file, if only some
-/// were read.
+/// Returns the points that were read as content, and adds notes about them. `of` is the number of points in the file,
+/// if only some were read.
 fn finish(
     columns: Option<Columns>,
     header: Header,

@@ -47,7 +47,7 @@ impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Gather for Field<T, F> {
 /// Columns of the points read so far.
 pub(super) struct Columns {
     record_bytes: usize,
-    /// Expected number of points, for which columns reserve memory.
+    /// Number of points for which columns reserve memory.
     expected: usize,
     /// Bit of byte 15 of a record that flags the point as withheld; 0 if withheld points are read, too.
     withheld_bit: u8,
@@ -186,7 +186,7 @@ impl Columns {
         self.colors.as_ref().is_some_and(|(_, colors)| colors.any())
     }
 
-    /// Appends whole records, except withheld ones. The other records are moved to the front of `records`.
+    /// Appends whole records, except withheld ones. The appended records are moved to the front of `records`.
     pub(super) fn append(&mut self, records: &mut [u8]) {
         let size = self.record_bytes;
         let mut kept = 0;
@@ -280,8 +280,8 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
-/// True if f32 rounds coordinates between `min` and `max` by more than a quarter of the grid step `scale`. Positions
-/// then need a low part, too.
+/// True if f32 rounds coordinates between `min` and `max` by more than a quarter of the grid step `scale`. The rounding
+/// error is then stored, too, as the low part of the positions.
 pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     let origin = Column3::origin_of(min, max);
     // f32 rounds by at most 2⁻²⁴ of a number.
@@ -289,9 +289,9 @@ pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     lost.cmpgt(scale.abs() * 0.25).any()
 }
 
-/// Converts grid points i·scale + offset to positions relative to an origin, and returns both. The memory of the grid
-/// is reused. The rounding error of f32 is stored as a low part if it exceeds a quarter of a grid step. Otherwise the
-/// grid point would be ambiguous.
+/// Converts points i·scale + offset, where i are the integers of `grid`, to positions relative to an origin. Returns
+/// the origin and the positions. The memory of the grid is reused. The rounding error of f32 is stored as a low part if
+/// it exceeds a quarter of a grid step. Otherwise the grid point would be ambiguous.
 pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
     let ends = |(low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])| {
         ([0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k])))

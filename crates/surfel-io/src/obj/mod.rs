@@ -20,7 +20,7 @@ use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::PointCloud;
 
-/// Marker in a corner's indices for a missing texture coordinate or normal.
+/// Index that marks a missing texture coordinate or normal of a face's corner.
 const NONE: u32 = u32::MAX;
 
 /// True if `head` starts with a keyword of OBJ.
@@ -34,21 +34,23 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 #[derive(Default)]
 struct Obj {
     positions: Vec<DVec3>,
-    /// Colours of the vertices as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices
-    /// have no colours.
+    /// Colours of the vertices as the file states them; NaN for a vertex without one. Shorter than `positions` if the
+    /// last vertices have no colours.
     printed_colors: Vec<[f64; 3]>,
     /// Colours of the vertices in linear RGB.
     colors: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// Corners of the faces: indices of position, texture coordinate, normal ([`NONE`] if there is none) and material.
+    /// Corners of all faces, one face after another: indices of position, texture coordinate, normal ([`NONE`] if there
+    /// is none) and material.
     corners: Vec<[u32; 4]>,
     /// Number of corners of each face.
     faces: Vec<u32>,
-    /// Number of corners that refer to texture coordinates that don't exist, and of those that refer to such normals.
+    /// Number of corners that refer to texture coordinates that don't exist, and number of corners that refer to
+    /// normals that don't exist.
     missing: [usize; 2],
-    /// Largest vertex index that a face used before the vertex was defined, with the face's line and text. It is
-    /// checked at the end.
+    /// Largest vertex index, from 0, that a face used before the vertex was defined; and the face's line and the index
+    /// as text. At the end of the file, the vertex must exist.
     ahead: Option<(u32, usize, String)>,
     /// Number of the current line, from 1, for messages.
     line: usize,
@@ -291,7 +293,8 @@ impl Obj {
         }
     }
 
-    /// Creates a vertex for each distinct corner, in order of first use.
+    /// Creates a vertex in `parts` for each distinct corner, in order of first use. Appends the index of each corner's
+    /// vertex to `indices`.
     fn split(&self, has_uvs: bool, has_normals: bool, parts: &mut Parts, indices: &mut Vec<u32>) {
         let mut index: HashMap<[u32; 4], u32> = HashMap::with_capacity(self.positions.len());
         let (mut uvs, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());

@@ -11,7 +11,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// Maximum number of textures that are read for a file, which limits their memory. It is also the limit of libraries.
+/// Maximum number of textures that are read for a file, which limits their memory. It also limits the number of
+/// material libraries.
 const MAX_TEXTURES: usize = 64;
 
 struct Entry {
@@ -49,14 +50,14 @@ struct Bumps {
 
 /// Names of the images that make up a material's colour texture.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
-struct Maps<'a> {
+struct ColorImages<'a> {
     color: Option<&'a str>,
     opacity: Option<&'a str>,
 }
 
-impl Maps<'_> {
-    /// Combines both images to one texture, of the size of the first image that can be read. Adds notes about images
-    /// that can't be read. `so_far` is the number of textures before.
+impl ColorImages<'_> {
+    /// Combines both images to one texture, of the size of the first image that can be read. Returns `None` if neither
+    /// can be read, with notes about such images. `so_far` is the number of textures that were read before.
     fn read(self, so_far: usize, context: &mut Context<'_>) -> Option<Texture> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
@@ -82,7 +83,7 @@ impl Maps<'_> {
 }
 
 /// Smallest mean excess of blue over red and green from which a bump map contains normals, in 8-bit levels. Normals
-/// have z ≥ 0.5, so that the excess is at least 64; height maps are grey.
+/// mostly have z ≥ 0.5, and their x and y average to about 0, so that the excess is at least 64. Height maps are grey.
 const NORMALS_BLUE: f64 = 32.0;
 
 /// True if an image contains tangent-space normals rather than heights. Most programs write both as `map_Bump`.
@@ -110,8 +111,9 @@ fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
     color
 }
 
-/// Resolves the materials of `names` (name → index) and their textures; returns nothing if all materials are plain.
-/// Missing materials are white, with a note.
+/// Reads the materials of `names` (name → index) and their textures from material libraries. Returns the materials by
+/// index, and the textures to which they refer. Materials that no library defines are white. If all materials are
+/// plain, returns no materials. A library that can't be read is skipped with a note.
 pub(super) fn resolve(
     libraries: &[String],
     names: &HashMap<String, u32>,
@@ -135,7 +137,7 @@ pub(super) fn resolve(
     }
     let mut materials = vec![Material::WHITE; names.len()];
     let mut textures: Vec<Arc<Texture>> = Vec::new();
-    let mut loaded: HashMap<Maps<'_>, Option<usize>> = HashMap::new();
+    let mut loaded: HashMap<ColorImages<'_>, Option<usize>> = HashMap::new();
     let mut loaded_normals: HashMap<(&str, bool), Option<usize>> = HashMap::new();
     let mut in_order: Vec<(&String, u32)> = names.iter().map(|(name, &i)| (name, i)).collect();
     in_order.sort_unstable_by_key(|&(_, i)| i);
@@ -143,14 +145,14 @@ pub(super) fn resolve(
         let Some(entry) = entries.get(name) else {
             continue;
         };
-        let maps = Maps { color: entry.map.as_deref(), opacity: entry.opacity_map.as_deref() };
+        let maps = ColorImages { color: entry.map.as_deref(), opacity: entry.opacity_map.as_deref() };
         let image = *loaded.entry(maps).or_insert_with(|| {
             textures.push(Arc::new(maps.read(textures.len(), context)?));
             Some(textures.len() - 1)
         });
         let normal_map = entry.bumps.as_ref().and_then(|bumps| {
             let image = *loaded_normals.entry((&bumps.map, bumps.are_normals)).or_insert_with(|| {
-                let image = Maps { color: Some(&bumps.map), opacity: None }.read(textures.len(), context)?;
+                let image = ColorImages { color: Some(&bumps.map), opacity: None }.read(textures.len(), context)?;
                 if !bumps.are_normals && !shows_normals(&image) {
                     let name = quote(&bumps.map);
                     context.note(format!("left out the bump map {name}: it holds heights, expected normals"));
@@ -163,8 +165,8 @@ pub(super) fn resolve(
         });
         let emission_map = entry.emission_map.as_deref().filter(|_| entry.emission != Some([0.0; 3]));
         let emission_map = emission_map.and_then(|map| {
-            *loaded.entry(Maps { color: Some(map), opacity: None }).or_insert_with(|| {
-                textures.push(Arc::new(Maps { color: Some(map), opacity: None }.read(textures.len(), context)?));
+            *loaded.entry(ColorImages { color: Some(map), opacity: None }).or_insert_with(|| {
+                textures.push(Arc::new(ColorImages { color: Some(map), opacity: None }.read(textures.len(), context)?));
                 Some(textures.len() - 1)
             })
         });

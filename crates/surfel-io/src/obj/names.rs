@@ -3,14 +3,14 @@
 
 use crate::files::Siblings;
 
-/// Maximum number of words of a library's name. A texture's name ends within the last as many words of its statement.
-/// It begins within the first as many, or after the options.
+/// Maximum number of words of a library's name. In a texture statement, a name is searched for that begins within the
+/// first words, or after the options, and ends within the last ones; this is also their maximum number.
 const MOST_WORDS: usize = 12;
 /// Maximum number of libraries that a statement may name.
 const MOST_LIBRARIES: usize = 64;
 
-/// Options of texture statements, and the maximum number of words that follow each (MTL specification). All but the
-/// first of three numbers are optional.
+/// Options of texture statements (MTL specification), and the maximum number of words that follow each option. Where
+/// three numbers may follow, only the first is required.
 const OPTIONS: [(&str, usize); 15] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -48,7 +48,7 @@ pub(super) fn exists(name: &str, siblings: &Siblings) -> bool {
     !name.is_empty() && (siblings.has(name) || decoded(name).is_some_and(|decoded| siblings.has(&decoded)))
 }
 
-/// Returns the names of libraries in an `mtllib` statement: one, which may contain blanks, or several.
+/// Returns the names of libraries in an `mtllib` statement: one name, which may contain blanks, or several.
 pub(super) fn libraries(statement: &str, siblings: &Siblings) -> Vec<String> {
     libraries_among(statement, |name| exists(name, siblings))
 }

@@ -1,5 +1,5 @@
-//! Reader of PLY data, text or binary: each requested property becomes a column of its own type. No allocation relies
-//! on a count that exceeds the bytes present.
+//! Reader of PLY data, text or binary: each requested property becomes a column of its own type. Counts in the file are
+//! checked against the number of bytes present before memory is allocated for them.
 
 use super::encoding::PlyEncoding;
 use super::header::{ElementDef, Header, Kind, ScalarType};
@@ -12,9 +12,9 @@ use crate::strided::{NumberType, Strided};
 use std::ops::Range;
 use surfel_model::ExtraValues;
 
-/// The properties of an element that are read.
+/// Selection of the properties of an element that are read.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Want {
+pub(crate) enum PropertySelection {
     /// No properties: the element is skipped.
     Nothing,
     /// All scalar properties.
@@ -23,20 +23,21 @@ pub(crate) enum Want {
     Lists(&'static [&'static str]),
 }
 
-/// Property of MeshLab's faces with texture coordinates: u and v of each corner in turn.
+/// Name of the list property in which MeshLab stores a face's texture coordinates: u and v of each corner in turn.
 pub(super) const COORDINATES: &str = "texcoord";
-/// Property of MeshLab's faces with the index of the texture.
+/// Name of the property in which MeshLab stores the index of a face's texture, counted from 0.
 pub(super) const TEXTURE: &str = "texnumber";
-/// Reads the requested elements in the order of the file, and stops after the last of them.
+/// Reads the elements for which `want` returns properties. Returns the name and the table of each, in the order of the
+/// file. Stops after the last requested element.
 ///
-/// Elements of fixed length can be read from a file; for others, `bytes` must be in memory.
+/// Binary elements without lists can be read from an open file. For text and for lists, `bytes` must be in memory.
 pub(crate) fn read<'a>(
     bytes: Bytes<'a>,
     header: &Header,
-    want: impl Fn(&ElementDef) -> Want,
+    want: impl Fn(&ElementDef) -> PropertySelection,
 ) -> Result<Vec<(String, Table<'a>)>, Fault> {
     let memory = if let Bytes::Memory(memory) = bytes { memory } else { &[] };
-    let last = header.elements.iter().rposition(|e| want(e) != Want::Nothing).map_or(0, |i| i + 1);
+    let last = header.elements.iter().rposition(|e| want(e) != PropertySelection::Nothing).map_or(0, |i| i + 1);
     let mut tables = Vec::new();
     let mut position = header.body;
     for element in &header.elements[..last] {
@@ -52,7 +53,7 @@ pub(crate) fn read<'a>(
             PlyEncoding::BinaryBigEndian => read_binary::<true>(&mut cursor, &mut columns)?,
         }
         position = cursor.position;
-        if wanted == Want::Nothing {
+        if wanted == PropertySelection::Nothing {
             continue;
         }
         let mut table = Table::default();
@@ -80,8 +81,8 @@ enum Column<'a> {
 }
 
 impl Column<'_> {
-    fn new(kind: Kind, name: &str, want: Want) -> Self {
-        let is_wanted = want != Want::Nothing;
+    fn new(kind: Kind, name: &str, want: PropertySelection) -> Self {
+        let is_wanted = want != PropertySelection::Nothing;
         match (kind, want) {
             (Kind::Scalar(t), _) if is_wanted => Self::Scalar(match t {
                 ScalarType::I8 => ExtraValues::I8(Vec::new()),
@@ -93,10 +94,12 @@ impl Column<'_> {
                 ScalarType::F32 => ExtraValues::F32(Vec::new()),
                 ScalarType::F64 => ExtraValues::F64(Vec::new()),
             }),
-            (Kind::List { item, .. }, Want::Lists(names)) if item.is_integer() && names.contains(&name) => {
+            (Kind::List { item, .. }, PropertySelection::Lists(names))
+                if item.is_integer() && names.contains(&name) =>
+            {
                 Self::List(Lists::default())
             }
-            (Kind::List { item, .. }, Want::Lists(_)) if !item.is_integer() && name == COORDINATES => {
+            (Kind::List { item, .. }, PropertySelection::Lists(_)) if !item.is_integer() && name == COORDINATES => {
                 Self::Coordinates(Lists::default())
             }
             _ => Self::Skip,
@@ -121,7 +124,7 @@ macro_rules! each {
 
 /// Reading position in a file's data, with the element, row and property that messages name.
 struct Cursor<'a> {
-    /// The file's bytes, if they are in memory.
+    /// The file's bytes if they are in memory, else empty.
     bytes: &'a [u8],
     /// Length of the file, in bytes.
     length: usize,
@@ -184,7 +187,8 @@ scalar! {
     f32, number_f32; f64, number;
 }
 
-/// Parses a whole number, which may be written as `255.0`.
+/// Parses a whole number, which may be written as `255.0`. Returns `None` if the word isn't one, or if `T` can't
+/// represent it.
 fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
     let value = match std::str::from_utf8(word).ok()?.parse::<i64>() {
         Ok(value) => value,
@@ -257,7 +261,7 @@ fn to_f32<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> f32 {
 }
 
 /// Returns the number of an element's rows, and the minimum number of bytes of a row: its scalars and the counts of its
-/// lists. Returns an error if fewer bytes remain than the rows need.
+/// lists. Both are 0 for an element without properties. Returns an error if fewer bytes remain than the rows need.
 fn checked_row_count(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     let properties = &cursor.element.properties;
     let least: usize = properties
@@ -279,13 +283,13 @@ fn checked_row_count(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     Ok((count as usize, least))
 }
 
-/// Sets of three properties that together become one column of vectors or colours. They are read in place instead of
-/// copied.
+/// Sets of three properties that together become one column of vectors or colours. Their numbers stay in the file and
+/// are read on demand ([`Column::Stored`]).
 const COMBINED_PROPERTIES: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
-/// Reads rows of fixed length, block by block, so that a block stays in the processor's cache while its columns are
-/// extracted.
+/// Reads the rows of a binary element without lists, block by block. A block stays in the processor's cache while its
+/// columns are extracted.
 fn read_rows<'a>(
     cursor: &mut Cursor<'_>,
     bytes: Bytes<'a>,
@@ -355,7 +359,8 @@ pub(super) fn number_type(kind: ScalarType) -> NumberType {
     }
 }
 
-/// Appends a property of a block's rows to its column. `bytes` is the property's place in a row of `stride` bytes.
+/// Appends one property's values of all rows of `block` to the property's column. `bytes` is the range of the
+/// property's bytes in a row, and a row has `stride` bytes.
 fn pick<T: Scalar, const BIG: bool>(column: &mut Vec<T>, block: &[u8], stride: usize, bytes: Range<usize>) {
     column.extend(block.chunks_exact(stride).map(|row| T::read::<BIG>(&row[bytes.clone()])));
 }
@@ -410,8 +415,8 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
     Ok(())
 }
 
-/// Returns the next word of text data. The first word of a row (`first`) must be the first of a line; otherwise rows
-/// and header disagree.
+/// Returns the next word of text data. If `first`, the word is the first value of a row and must begin a line. Returns
+/// an error if it doesn't, because row and header then disagree, or if the file ends.
 fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
     let bytes = cursor.bytes;
     let mut start = cursor.position;
@@ -437,7 +442,8 @@ fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault
     Ok(&bytes[start..start + length])
 }
 
-/// Parses a printed number of a scalar type, and appends its little-endian bytes. Returns `None` if it isn't one.
+/// Parses `word` as a number of the type `kind`, and appends the number's little-endian bytes to `out`. Returns `None`
+/// if the word isn't a number of this type.
 #[cfg(feature = "laz")]
 pub(super) fn push_word(kind: ScalarType, word: &[u8], out: &mut Vec<u8>) -> Option<()> {
     macro_rules! push {
@@ -463,7 +469,7 @@ fn parse_word<T: Scalar>(cursor: &Cursor<'_>, word: &[u8]) -> Result<T, Fault> {
 }
 
 fn parse_list_word(cursor: &Cursor<'_>, word: &[u8]) -> Result<i64, Fault> {
-    // Items of unused lists may be anything; used lists have integer items.
+    // `word` is the length of a list or an item of an integer list. Items of skipped lists are never parsed.
     integer(word).ok_or_else(|| bad_word(cursor, word, "a whole number"))
 }
 

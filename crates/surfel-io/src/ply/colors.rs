@@ -9,16 +9,17 @@ use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Largest float colour up to which colours count as ranging to 1. Computations can raise light or displayed colours
-/// above 1. Larger floats are levels of the range to 255 or 65535.
+/// Largest float value up to which a file's colours are taken to range from 0 to 1. Computed light or displayed colours
+/// may exceed 1. If a file has a larger value, its colours range to 255 or 65535.
 pub(crate) const MAX_FLOAT_COLOR: f64 = 8.0;
 
 /// Encoding of colours that are stored as floats, which their number type doesn't determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FloatColors {
-    /// Linear light: colours of the splat profile, and of files with the comment `colors linear`.
+    /// Linear light: in PLY files of splats (with half-axes, or with normals and radii), and in files with the comment
+    /// `colors linear`.
     Linear,
-    /// sRGB-encoded, as displayed: colours of other points and meshes.
+    /// sRGB-encoded, as displayed: in all other files of points and meshes.
     Displayed,
 }
 
@@ -85,7 +86,8 @@ impl ColorScale {
         }
     }
 
-    /// Returns a note about encoding and range, if the number type alone doesn't determine them.
+    /// Returns a note for the user about the encoding and range that were assumed; `None` if the number type determines
+    /// them.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
             (ColorType::Byte, _) | (_, Self::Linear) => None,
@@ -103,8 +105,9 @@ impl ColorScale {
 /// Note for the user about 16-bit colours that range only to 255.
 pub(crate) const EIGHT_BITS: &str = "its colours count to 255 instead of 65535: taken as 8 bits";
 
-/// Removes red, green and blue, or packed colours, from a table, and converts them to linear light. Adds notes on
-/// assumptions about them.
+/// Removes red, green and blue, or packed colours, from a table, and converts them to linear light. Returns `None` if
+/// the table has no colours, and an error if some of the three columns are missing. Adds notes on assumptions about the
+/// range.
 pub(super) fn take_colors(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -119,7 +122,7 @@ pub(super) fn take_colors(
     };
     let kind = ColorType::of([0, 1, 2].map(|k| number_type(&columns[k])));
     let [r, g, b] = columns.map(|column| to_f64(&column));
-    let scale = Printed([&r, &g, &b]).scale(kind, floats, context);
+    let scale = ColorColumns([&r, &g, &b]).scale(kind, floats, context);
     let linear = scale.linear();
     Ok(Some(r.iter().zip(&g).zip(&b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()))
 }
@@ -132,7 +135,7 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
         _ => ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1)),
     };
     let is_whole = |row: [f64; 3]| row.iter().all(|c| !c.is_finite() || c.fract() == 0.0);
-    // In other cases the largest value alone determines the scale.
+    // Only for float colours in this range does the scale depend on whether all values are whole.
     let matters = kind == ColorType::Float && largest > 1.0 && largest <= MAX_FLOAT_COLOR;
     let scale = ColorScale::of(kind, largest, matters && combined(columns, is_whole).iter().all(|w| *w), floats);
     scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
@@ -140,8 +143,8 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
     combined(columns, |row| row.map(&linear))
 }
 
-/// Removes red, green and blue, which are required, from a table. Returns them as fractions of their range, not
-/// decoded, and true if they are linear.
+/// Removes the columns red, green and blue from a table, or returns an error if one is missing. Returns the colours as
+/// fractions of their range, still encoded as in the file, and true if they are linear.
 pub(super) fn take_printed(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -150,17 +153,17 @@ pub(super) fn take_printed(
     let columns = take(table, RGB)?.map(ExtraValues::from);
     let kind = ColorType::of([0, 1, 2].map(|k| number_type(&columns[k])));
     let [r, g, b] = columns.map(|column| to_f64(&column));
-    let scale = Printed([&r, &g, &b]).scale(kind, floats, context);
+    let scale = ColorColumns([&r, &g, &b]).scale(kind, floats, context);
     let most = if let ColorScale::Encoded(most) = scale { most } else { 1.0 };
     let fraction = |((r, g), b): ((&f64, &f64), &f64)| [*r, *g, *b].map(|c| c / most);
     Ok((r.iter().zip(&g).zip(&b).map(fraction).collect(), scale == ColorScale::Linear))
 }
 
 /// Columns of red, green and blue in memory, before conversion.
-struct Printed<'a>([&'a [f64]; 3]);
+struct ColorColumns<'a>([&'a [f64]; 3]);
 
-impl Printed<'_> {
-    /// Returns encoding and range of the values, and adds a note if their number type doesn't determine these.
+impl ColorColumns<'_> {
+    /// Returns encoding and range of the values. Adds a note if their number type doesn't determine encoding and range.
     fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
         let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
         let largest = all().fold(0.0, f64::max);
@@ -170,8 +173,9 @@ impl Printed<'_> {
     }
 }
 
-/// Removes colours that are packed into one number, as the Point Cloud Library does, and converts them to linear light.
-/// A float column that isn't packed stays.
+/// Removes a column `rgb` or `rgba` of colours that are packed into one number, as the Point Cloud Library does.
+/// Returns the colours in linear light; `None` if there is no such column. A float column that isn't packed stays in
+/// the table.
 fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     let name = ["rgb", "rgba"].into_iter().find(|name| table.has(name))?;
     let packed = match table.take(name).map(ExtraValues::from)? {
@@ -194,8 +198,8 @@ pub(super) fn is_packed(value: f32) -> bool {
     value.is_nan() || value.abs() < 1e-37 || value < -1e37
 }
 
-/// Removes the alphas from a table, and returns them as fractions. Float alphas of points and meshes may range to 255
-/// or 65535; those of the splat profile may not.
+/// Removes the alphas from a table, and returns them as fractions from 0 to 1; `None` if there are none. Float alphas
+/// may range to 255 or 65535, except in PLY files of splats (`is_profile`), where they are fractions already.
 pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut Context<'_>) -> Option<Vec<f32>> {
     let fraction = |a: f64, most: f64| (a / most).clamp(0.0, 1.0) as f32;
     match table.take("alpha").map(ExtraValues::from)? {

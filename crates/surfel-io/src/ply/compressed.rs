@@ -25,7 +25,8 @@ fn fraction(value: u32, shift: u32, bits: u32) -> f64 {
     f64::from(value >> shift & most) / f64::from(most)
 }
 
-/// Minima and maxima of a property in each chunk of splats, one column per axis.
+/// Bounds of a position, scale or colour in each chunk of 256 splats: the minima of its three components, then the
+/// maxima. Each of the six columns has a value for each chunk.
 struct Bounds([Vec<f64>; 3], [Vec<f64>; 3]);
 
 impl Bounds {
@@ -35,7 +36,8 @@ impl Bounds {
         Ok(Self([a, b, c].map(|v| to_f64(&v.into())), [d, e, f].map(|v| to_f64(&v.into()))))
     }
 
-    /// Returns the vector at these fractions of the bounds of the chunk that contains a splat.
+    /// Returns the vector of a splat. Each component interpolates from the minimum (fraction 0) to the maximum
+    /// (fraction 1) of the chunk that contains the splat.
     fn at(&self, splat: usize, fractions: [f64; 3]) -> DVec3 {
         let chunk = splat / CHUNK;
         DVec3::from([0, 1, 2].map(|k| self.0[k][chunk] * (1.0 - fractions[k]) + self.1[k][chunk] * fractions[k]))

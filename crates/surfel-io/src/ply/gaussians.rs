@@ -12,17 +12,17 @@ use glam::{DQuat, DVec3};
 
 const REQUIRED: [&str; 7] = ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"];
 const CONSTANT: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
-/// Property with the standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF store in addition to
-/// the scales.
+/// Name of the property with the standard deviation of the 3D smoothing filter. Mip-Splatting and GOF store it in
+/// addition to the scales.
 const FILTER: &str = "filter_3D";
 
-/// True if the vertices are Gaussian splats; an error if these lack required properties. Vertices with a radius or
-/// half-axes are in Surfel's own profile.
+/// True if the vertices are Gaussian splats. Vertices with a radius or half-axes aren't: they are Surfel's own splats.
+/// Returns an error if Gaussian splats lack required properties.
 pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);
     }
-    // nerfstudio optionally writes colours instead.
+    // nerfstudio optionally writes red, green and blue instead of the constant harmonics.
     let colors = if table.has("red") && !table.has("f_dc_0") { ["red", "green", "blue"] } else { CONSTANT };
     match require(table, &[&REQUIRED[..], &colors].concat()) {
         Ok(()) => Ok(true),
@@ -78,8 +78,9 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     })
 }
 
-/// Returns the standard deviations of a Gaussian smoothed by `filter`, and the factor of its opacity (Yu et al.,
-/// Mip-Splatting, 2024, equation 9).
+/// Returns the standard deviations of a Gaussian after smoothing by a filter, and the factor by which its opacity
+/// decreases (Yu et al., Mip-Splatting, 2024, equation 9). `filter` is the standard deviation of the filter, in the
+/// same units as `sigma`.
 fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
     // The third axis of a flat Gaussian isn't used.
     let own = if kind == Kind::Flat { sigma.with_z(0.0) } else { sigma };
@@ -89,8 +90,9 @@ fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
     if filter == 0.0 { (sigma, 1.0) } else { (if kind == Kind::Flat { wide.with_z(0.0) } else { wide }, ratio) }
 }
 
-/// Removes the columns `f_rest_N` from a table, and returns them as spherical harmonics. They are all coefficients of
-/// red, then of green, then of blue.
+/// Removes the columns `f_rest_N` from a table, and returns them as spherical harmonics. The columns are first all
+/// coefficients of red, then those of green, then those of blue. They stay unread if the load options don't request
+/// Gaussians, or if their number fits no degree from 0 to 3.
 fn harmonics(table: &mut Table<'_>, splats: usize, context: &Context<'_>) -> Harmonics {
     let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
     let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);

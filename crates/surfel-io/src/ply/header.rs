@@ -23,11 +23,12 @@ pub(crate) struct Header {
 /// An element of a PLY file, which is a table: its name, number of rows and properties.
 #[derive(Debug)]
 pub(crate) struct ElementDef {
-    /// Name of the element: the splat profile's name if the file uses a synonym, else the name in the file.
+    /// Name by which readers find the element: `vertex` or `face` if the file uses a synonym, else the name in the
+    /// file.
     pub(crate) name: String,
     /// Name of the element in the file, for messages.
     pub(crate) in_file: String,
-    /// Number of rows that the header states. Hostile files state too many, so that allocations must not rely on it
+    /// Number of rows that the header states. Hostile files state too many, so allocations must not rely on this number
     /// alone.
     pub(crate) count: u64,
     pub(crate) properties: Vec<PropertyDef>,
@@ -42,7 +43,8 @@ impl ElementDef {
 
 #[derive(Debug)]
 pub(crate) struct PropertyDef {
-    /// Name of the property: the splat profile's name if the file uses a synonym, else the name in the file.
+    /// Name by which readers find the property: a canonical one such as `nx` if the file uses a synonym, else the name
+    /// in the file.
     pub(crate) name: String,
     /// Name of the property in the file, for messages.
     pub(crate) in_file: String,
@@ -316,7 +318,8 @@ mod tests {
         {
             assert_eq!(named(&normal), ["nx", "ny", "nz"]);
         }
-        // No renaming: an alpha without colours, an incomplete set, properties of Gaussians, and degrees.
+        // These names stay unchanged: an alpha without colours, an incomplete set, properties of Gaussians, and
+        // degrees.
         for others in [vec!["a", "b"], vec!["nx", "normal_x"], vec!["scale_0", "rot_0"], vec!["lon", "lat", "z"]] {
             assert_eq!(named(&others), others);
         }

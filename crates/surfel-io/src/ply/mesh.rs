@@ -17,7 +17,7 @@ use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{Column3, ExtraColumn, Mesh};
 
-/// Polygons or triangle strips of a PLY file, with texture coordinates and other properties.
+/// Polygons of a PLY file, with texture coordinates and other properties.
 pub(super) struct Faces {
     corners: Lists<u32>,
     coordinates: Option<Lists<f32>>,
@@ -33,7 +33,8 @@ pub(super) struct Faces {
 const NOT_EXTRAS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
 impl Faces {
-    /// Reads the faces in a table; returns `None` if there are none.
+    /// Extracts the polygons and their properties from the table of the element `face`. Returns `None` if there are
+    /// none.
     pub(super) fn of(
         mut table: Table<'_>,
         comments: &[String],
@@ -56,7 +57,8 @@ impl Faces {
         Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors, extras }))
     }
 
-    /// Returns the colour of each triangle: that of its polygon. A polygon of n corners becomes n − 2 triangles.
+    /// Returns the colour of each triangle, which is that of its polygon; `None` if the file states no colours. A
+    /// polygon of n corners becomes n − 2 triangles.
     fn triangle_colors(&self) -> Option<Vec<Option<FaceColor>>> {
         let colors = self.colors.as_ref()?;
         let each = self.corners.lengths.iter().zip(colors);
@@ -141,7 +143,8 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
     x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
 }
 
-/// Cuts polygons into triangles, which are appended to `triangles`. Returns the index of each triangle's polygon.
+/// Cuts polygons into triangles of vertex indices, which are appended to `triangles`. Returns the index of each
+/// triangle's polygon. Adds a note on polygons with fewer than three corners, which are skipped.
 fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) -> Vec<u32> {
     // Every corner beyond a polygon's second makes a triangle, so this capacity is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
@@ -159,8 +162,9 @@ fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, c
     face_of
 }
 
-/// Converts columns of polygons to columns of triangles, by the polygon of each triangle (`face_of`). If vertices have
-/// a column of the same name, the name gets the prefix `face_`.
+/// Converts columns of polygons to columns of triangles. `face_of` states the index of each triangle's polygon. A
+/// column gets the prefix `face_` if vertices have a column of the same name. A mesh that also has triangle strips gets
+/// no columns, but a note.
 fn columns_of_triangles(
     extras: &[ExtraColumn],
     face_of: &[u32],
@@ -188,8 +192,8 @@ pub(super) fn place(positions: &Column3, i: u32) -> Option<DVec3> {
     ((i as usize) < positions.len()).then(|| positions.get(i as usize))
 }
 
-/// Converts triangle strips to triangles; the index −1 begins a new strip. Degenerate triangles, which connect parts of
-/// a strip, are dropped.
+/// Converts triangle strips to triangles, which are appended to `triangles`. The index −1 (`u32::MAX`) begins a new
+/// strip. Degenerate triangles, which connect parts of a strip, are dropped.
 fn unroll(strips: &Lists<u32>, triangles: &mut Vec<[u32; 3]>) {
     triangles.reserve(strips.items.len());
     for strip in strips.iter() {

@@ -1,4 +1,5 @@
-//! PLY: Surfel's splat profile, point clouds, meshes, and Gaussian splats.
+//! PLY files: Surfel's splat profile (splats with half-axes, or with normals and radii), point clouds, meshes, and
+//! Gaussian splats.
 
 mod body;
 pub(crate) mod colors;
@@ -20,7 +21,7 @@ use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem, list};
-use body::Want;
+use body::PropertySelection;
 use encoding::PlyEncoding;
 use header::ElementDef;
 use mesh::Faces;
@@ -29,7 +30,8 @@ use table::require;
 /// Names of the list property with the corners of a face or strip.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 
-/// Reads a PLY file.
+/// Reads a PLY file as a mesh if it has faces or triangle strips, else as Gaussian splats, splats or points. The
+/// properties of the vertices decide between these three.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     // One byte more than the longest header, to detect longer ones.
     let header = header::parse(&bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1))?;
@@ -43,10 +45,10 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     };
     let packed = header.elements.iter().any(|e| e.properties.iter().any(|p| p.name == "packed_position"));
     let tables = body::read(bytes, &header, |element| match element.name.as_str() {
-        "vertex" => Want::Scalars,
-        "chunk" if packed => Want::Scalars,
-        "face" | "tristrips" => Want::Lists(INDEX_LISTS),
-        _ => Want::Nothing,
+        "vertex" => PropertySelection::Scalars,
+        "chunk" if packed => PropertySelection::Scalars,
+        "face" | "tristrips" => PropertySelection::Lists(INDEX_LISTS),
+        _ => PropertySelection::Nothing,
     })?;
     let (mut vertices, mut chunks, mut faces, mut strips) = (None, None, None, None);
     for (name, table) in tables {

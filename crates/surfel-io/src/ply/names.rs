@@ -1,4 +1,4 @@
-//! Synonyms of element and property names, and the profile's canonical names.
+//! Renaming of elements and properties of PLY files from synonyms to the names that readers search for.
 
 use super::header::{ElementDef, Kind, ScalarType};
 use super::{INDEX_LISTS, body};
@@ -8,8 +8,8 @@ use crate::point_columns::{COLORS, NORMALS, POSITIONS, plain_name};
 const VERTICES: [&str; 4] = ["vertex", "vertices", "point", "points"];
 const FACES: [&str; 2] = ["face", "faces"];
 
-/// Renames elements and properties with synonyms to the splat profile's names, unless these exist already. Messages use
-/// the file's own names.
+/// Renames elements and properties from synonyms to the names of Surfel's splat profile, such as `vertex` and `nx`. A
+/// synonym stays if the file has the profile's name, too. Messages use the file's own names.
 pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     rename_element(elements, &VERTICES);
     rename_element(elements, &FACES);
@@ -32,7 +32,8 @@ pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     }
 }
 
-/// Renames an element whose name is one of `names` to the first of them. Letter case is ignored.
+/// Renames an element whose name is one of `names`, in any letter case, to the first of them. Does nothing if the file
+/// has an element with the first name already.
 fn rename_element(elements: &mut [ElementDef], names: &[&str]) {
     if elements.iter().any(|e| e.name == names[0]) {
         return;
@@ -50,8 +51,8 @@ fn rename_colors(element: &mut ElementDef) {
     rename_set(element, ["alpha"], if has_colors { &[["alpha"], ["a"]] } else { &[["alpha"]] });
 }
 
-/// Renames properties to the `canonical` names, unless one of these exists. It uses the first set of synonyms of which
-/// all exist.
+/// Renames a set of properties to the `canonical` names, unless one of these names exists already. Each of `sets`
+/// contains a synonym for each canonical name. The first set whose synonyms all exist is renamed.
 fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], sets: &[[&str; N]]) {
     let properties = &mut element.properties;
     if canonical.iter().any(|name| properties.iter().any(|p| p.name == *name)) {

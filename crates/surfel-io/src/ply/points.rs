@@ -13,13 +13,13 @@ use crate::strided::{NumberType, Strided};
 use std::io::Write;
 use surfel_model::Up;
 
-/// Properties by which vertices are splats, and aren't read as points.
+/// Names of properties of splats. Vertices that have one of them aren't read as points.
 const SPLAT_PROPERTIES: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
 
 /// The header of a PLY file of points, and the position of the vertices in the file.
 pub(crate) struct Vertices {
     header: Header,
-    /// Index of the vertex element.
+    /// Index of the element `vertex` among the header's elements.
     element: usize,
     /// Byte offset of the first vertex.
     start: usize,
@@ -28,8 +28,8 @@ pub(crate) struct Vertices {
 }
 
 impl Vertices {
-    /// Finds the vertices of a file; returns `None` if it contains anything other than points, or rows of varying
-    /// lengths.
+    /// Parses the header of a file and finds its vertices. Returns `None` if the file contains anything other than
+    /// points, or if rows before or in the vertices vary in length.
     pub(crate) fn of(bytes: Bytes<'_>) -> Result<Option<Self>, Fault> {
         let head = bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1);
         let header = header::parse(&head)?;
@@ -95,8 +95,8 @@ impl Vertices {
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     }
 
-    /// Writes text vertices as rows of binary numbers to `out`. Writes nothing and returns false if the file is binary
-    /// already.
+    /// Writes the vertices of a text file to `out`, as rows of little-endian binary numbers. Writes nothing and returns
+    /// false if the file is binary already.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         if self.header.encoding != PlyEncoding::Ascii {
             return Ok(false);
@@ -130,23 +130,24 @@ impl Vertices {
         if rows < self.points() { Err(self.cut(bytes, rows).into()) } else { Ok(true) }
     }
 
-    /// Returns the columns of the vertices, and their roles. `bytes` is what [`Self::unpack`] wrote, if `is_unpacked`,
-    /// else the file.
+    /// Returns the columns of the vertices, and the roles of these columns, such as position or colour. `bytes` is the
+    /// output of [`Self::unpack`] if `is_unpacked`, else the file.
     pub(crate) fn columns<'a>(&self, bytes: Bytes<'a>, is_unpacked: bool) -> Result<(Vec<Named<'a>>, Roles), Fault> {
         let vertices = self.vertices();
-        let (stride, mut offset) = (row_bytes(vertices), if is_unpacked { 0 } else { self.start });
+        let (stride, start) = (row_bytes(vertices), if is_unpacked { 0 } else { self.start });
+        let mut offset = start;
         let big_endian = !is_unpacked && self.header.encoding == PlyEncoding::BinaryBigEndian;
         let mut columns = Vec::new();
         for property in &vertices.properties {
             let kind = scalar(property.kind);
             let rows = usize::try_from(vertices.count).unwrap_or(usize::MAX);
             let values = Strided::new(bytes, offset, stride, rows, number_type(kind), big_endian);
-            let whole = bytes.len().saturating_sub(self.start) / stride.max(1);
+            let whole = bytes.len().saturating_sub(start) / stride.max(1);
             let values = values.ok_or_else(|| self.cut(bytes, whole as u64))?;
             columns.push(Named { name: property.name.clone(), values });
             offset += kind.bytes();
         }
-        // Names must match exactly, as they must when the whole file is read at once.
+        // Names must match exactly, as in the reader that has the whole file in memory.
         let find = |name: &str| columns.iter().position(|c| c.name == name);
         let set = |[a, b, c]: [&str; 3]| Some([find(a)?, find(b)?, find(c)?]);
         let is_packed = |i: &usize| {

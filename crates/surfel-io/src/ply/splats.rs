@@ -27,7 +27,8 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     }
     let (origin, centers) = take_positions(&mut table, context)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(columns::vectors);
-    // Splats follow the profile, whose floats are linear, even above 1.
+    // Vertices with half-axes, or with normals and radii, follow Surfel's splat profile. Its float colours are linear,
+    // even above 1.
     let is_profile = axes || radius;
     let floats = if is_profile { FloatColors::Linear } else { FloatColors::of_comments(&comments) };
     let colors = take_colors(&mut table, floats, context)?;

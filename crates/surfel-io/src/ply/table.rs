@@ -1,4 +1,5 @@
-//! The columns of a PLY element, and their removal by name: a group of properties is complete or absent.
+//! Columns of a PLY element, which readers remove by name. A group of properties, such as nx, ny and nz, must be
+//! complete or absent.
 
 use crate::columns;
 use crate::columns::Numbers;
@@ -8,7 +9,7 @@ use crate::strided::NumberType;
 use glam::DVec3;
 use surfel_model::Column3;
 
-/// The columns of a PLY element that were read, by name.
+/// Columns of a PLY element that were read, with the name of each.
 #[derive(Debug, Default)]
 pub(crate) struct Table<'a> {
     pub(crate) scalars: Vec<(String, Numbers<'a>)>,
@@ -72,14 +73,15 @@ pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -
     Ok((origin, positions))
 }
 
-/// Removes required columns from a table, and returns them.
+/// Removes columns from a table, and returns them in the order of `names`. Returns an error if one is missing.
 pub(super) fn take<'a, const N: usize>(table: &mut Table<'a>, names: [&str; N]) -> Result<[Numbers<'a>; N], Fault> {
     require(table, &names)?;
     let columns: Vec<_> = names.iter().filter_map(|n| table.take(n)).collect();
     columns.try_into().map_err(|_| Problem::new(format!("the properties {} are incomplete", list(&names))).into())
 }
 
-/// Removes a set of columns from a table and returns it, if all of them exist. Returns an error if only some exist.
+/// Removes a set of columns from a table, and returns them in the order of `names`; `None` if none exists. Returns an
+/// error if only some exist.
 pub(super) fn take_set<'a, const N: usize>(
     table: &mut Table<'a>,
     names: [&str; N],
@@ -102,5 +104,5 @@ pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     Err(Problem::new(what).expected(format!("all of {}", names.join(" "))).help(EXPECTED_SETS).into())
 }
 
-/// Expected sets of properties, for messages about incomplete ones.
+/// List of the sets of properties that vertices may have, for messages about incomplete sets.
 const EXPECTED_SETS: &str = "splats need x y z and nx ny nz radius, or x y z and su sv sw tu tv tw; points need x y z";

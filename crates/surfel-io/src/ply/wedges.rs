@@ -7,17 +7,19 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
 
-/// Texture coordinates of the corners of a mesh's triangles, and their textures. The triangles were cut from polygons.
+/// Texture coordinates of the corners of triangles, and the textures of these triangles. The triangles were cut from
+/// the polygons of a mesh.
 pub(super) struct Wedges {
     /// Texture coordinates of each triangle's corners, with v downwards; `None` for polygons without coordinates.
     coordinates: Vec<Option<[[f32; 2]; 3]>>,
-    /// Texture index of each triangle.
+    /// Texture index of each triangle; `u32::MAX` if the file states no valid one.
     textures: Vec<u32>,
 }
 
 impl Wedges {
-    /// Converts the texture coordinates and texture indices of polygons to those of triangles. There may be fewer of
-    /// them than polygons.
+    /// Converts the texture coordinates and texture indices of polygons to those of triangles. `corners` has the vertex
+    /// indices of each polygon, and `positions` the position of each vertex. Polygons beyond the end of `coordinates`
+    /// are left out. Without `textures`, all triangles have texture 0.
     pub(super) fn new(
         (corners, positions): (&Lists<u32>, &Column3),
         coordinates: &Lists<f32>,
@@ -38,9 +40,9 @@ impl Wedges {
         wedges
     }
 
-    /// Adds texture coordinates and textures to a mesh, whose first triangles are those of these wedges. A vertex whose
-    /// corners have different texture coordinates or textures is duplicated. A mesh with invalid vertex indices stays
-    /// unchanged.
+    /// Adds texture coordinates and textures to a mesh. The triangles of these wedges must be the first of the mesh, in
+    /// the same order. A vertex whose corners have different texture coordinates or textures is duplicated. A mesh with
+    /// invalid vertex indices stays unchanged.
     pub(super) fn split(&self, mesh: &mut Mesh, textures: &[Option<Arc<Texture>>]) {
         if mesh.triangles.iter().flatten().any(|i| *i as usize >= mesh.positions.len()) {
             return;

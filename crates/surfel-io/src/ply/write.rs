@@ -12,14 +12,15 @@ use std::io::{self, Write};
 use std::path::Path;
 use surfel_model::{ClipMode, CloudData, Column3, ExtraColumn, ExtraValues, Shape, SplatCloud};
 
-/// Number of rows that are encoded at a time, which limits the memory.
+/// Number of rows that are encoded in memory at a time.
 const BLOCK_ROWS: usize = 4096;
 
 /// Writes a splat cloud in Surfel's PLY profile to a file, atomically.
 ///
-/// Nothing is lost. Positions and axes are `double` if the cloud's values exceed f32 (positions then include the
-/// origin), else `float`. Colours are linear `float`, which the comment `colors linear` states, or `uchar` if all are
-/// exactly 8-bit sRGB levels. Comments and uninterpreted properties are copied.
+/// Nothing is lost. Positions and vectors are `double` if the cloud stores them with more precision than f32, else
+/// `float`. Positions of a cloud with an origin are `double` and include the origin. Colours are linear `float`, which
+/// the comment `colors linear` states, or `uchar` if all are exactly 8-bit sRGB levels. Comments and uninterpreted
+/// properties are copied.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -111,7 +112,7 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     text
 }
 
-/// A column to be written: a function that returns a row's value, or a column in memory.
+/// Column to be written: a function that returns the value of a row, or a column in memory.
 enum Values<'a> {
     F32(Box<dyn Fn(usize) -> f32 + 'a>),
     F64(Box<dyn Fn(usize) -> f64 + 'a>),
@@ -224,7 +225,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
     columns
 }
 
-/// True if an extra column duplicates the radii of disks, so that it isn't written.
+/// True if an extra column only repeats the radii of disks. Such a column isn't written.
 fn is_radius(extra: &ExtraColumn, shape: &Shape) -> bool {
     let (Shape::Disks { radii, .. }, ExtraValues::F32(values)) = (shape, &extra.values) else { return false };
     ["radius", "radii"].iter().any(|name| extra.name.eq_ignore_ascii_case(name)) && values == radii
@@ -253,7 +254,7 @@ fn clips<'a>(columns: &mut Vec<(String, Values<'a>)>, data: &'a CloudData) {
         float("clip_w".into(), Box::new(move |i| c[i].w));
     }
     if let Some(lines) = &clips.lines {
-        // Clip lines that no splat uses take no space; the first stays, to show that there are lines.
+        // Clip lines that no splat uses aren't written. The first is always written, to show that the cloud has lines.
         let used = |k: usize| lines.iter().any(|l| !(l[k].a.is_nan() && l[k].b.is_nan() && l[k].c.is_nan()));
         for k in (0..4).filter(|&k| k == 0 || used(k)) {
             float(format!("clip_line{k}_a"), Box::new(move |i| lines[i][k].a));

@@ -127,7 +127,7 @@ fn finish(mut points: GatheredPoints, context: &mut Context<'_>) -> Result<Conte
     points.finish(context)
 }
 
-/// Properties that a tile inherits from its ancestors: position, folder and rules.
+/// Properties that a tile inherits from its ancestors: transform, folder, refinement rule and up axis.
 #[derive(Clone, Default)]
 struct Place {
     world_from_tile: DAffine3,
@@ -162,8 +162,8 @@ impl Skipped {
 
 struct Walk<'a, 'b> {
     context: &'a mut Context<'b>,
-    /// Points of the tiles read so far. Points of glTF tiles stay in glTF coordinates, with their transform, until
-    /// their up axis is known.
+    /// Points of the tiles read so far. Points of glTF tiles stay in glTF coordinates until their up axis is known;
+    /// their world-from-tile transform is stored beside them. It is `None` for points that are in world space already.
     parts: Vec<(PointsPart, Option<DAffine3>)>,
     points: usize,
     tiles: usize,
@@ -283,9 +283,9 @@ impl Walk<'_, '_> {
         self.skipped.triangles += 1;
     }
 
-    /// Counts the points that are inside their tile's box, as stored and after rotation. glTF is y-up and tilesets are
-    /// z-up, so tiles must be rotated (3D Tiles 1.1, "glTF transforms"). Some programs write tiles that are already
-    /// z-up, which their boxes reveal.
+    /// Counts the points that are inside their tile's box (`cuboid`), as stored and after rotation from y-up to z-up.
+    /// glTF is y-up and tilesets are z-up, so tiles must be rotated (3D Tiles 1.1, "glTF transforms"). Some programs
+    /// write tiles that are already z-up, which the counts reveal.
     fn compare(&mut self, part: &PointsPart, cuboid: Option<[f64; 12]>) {
         let Some(cuboid) = cuboid else { return };
         let turn = z_up_from_y_up();

@@ -114,7 +114,8 @@ impl<'a> Table<'a> {
         Ok(packed.map(|raw| raw.as_chunks::<2>().0.iter().map(unpack).collect()))
     }
 
-    /// Returns the colours of `count` points as linear RGB and alpha; stored levels are sRGB-encoded.
+    /// Returns the colours of `count` points as linear RGB and alpha, or `None` if the tile has none. Stored levels are
+    /// sRGB-encoded.
     fn colors(&self, count: usize) -> Result<Option<Vec<[f32; 4]>>, Problem> {
         let linear = |level: u32, most: u32| linear_of_unit(f64::from(level) / f64::from(most));
         let of_bytes = |&[r, g, b]: &[u8; 3]| [r, g, b].map(|c| linear(c.into(), 255));

@@ -2,7 +2,8 @@
 
 use super::*;
 
-/// Returns a triangle with this material, with colours and texture coordinates.
+/// Returns a document of one triangle with texture coordinates, a material, and perhaps vertex colours. `more` are
+/// further keys of the document.
 fn triangle(material: Value, colors: Option<[[f32; 4]; 3]>, more: Value) -> Value {
     let mut document = Document::default();
     let positions = document.floats(&[0., 0., 0., 1., 0., 0., 0., 1., 0.], "VEC3", 3);

@@ -10,11 +10,12 @@ use surfel_io::copc::{CopcOptions, Prepare, save_copc};
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
-/// Origin of the grid, and its step.
+/// Origin and step of the grid on which points lie, in metres.
 pub const OFFSET: [f64; 3] = [637_000.0, 4_851_000.0, -20.0];
 pub const STEP: f64 = 0.001;
 
-/// Returns a deterministic number for point `i`, different for each `salt`.
+/// Returns a number for point `i` that looks random and is the same in each run. `salt` selects one of several
+/// sequences.
 pub fn hash(i: usize, salt: u64) -> u64 {
     let mut z = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(salt.wrapping_mul(0xD1B5_4A32_D192_ED03));
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -61,7 +62,8 @@ pub fn vlr(user_id: &str, record_id: u16, data: Vec<u8>) -> Vlr {
     Vlr { user_id: user_id.into(), record_id, description: String::new(), data }
 }
 
-/// Builds a LAS or LAZ file of these points.
+/// Builds a LAS or LAZ file of the points with these indices. The tuple has the minor version, the point format, the
+/// number of extra bytes per point, and true for LAZ.
 pub fn las_file(
     (minor, format, extra, packed): (u8, u8, u16, bool),
     vlrs: Vec<Vlr>,
@@ -132,7 +134,7 @@ pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// Builds a small E57 file with every supported feature.
+/// Builds a small E57 file with every feature that Surfel supports.
 pub fn small_e57() -> Vec<u8> {
     let coordinate = RecordDataType::ScaledInteger { min: -1_000_000, max: 1_000_000, scale: 0.001, offset: 0.5 };
     let float = RecordDataType::Single { min: None, max: None };
@@ -174,7 +176,7 @@ pub fn small_e57() -> Vec<u8> {
     e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &[flat, round])
 }
 
-/// The points of a file, in the order of a column with distinct values.
+/// The points of a file, and their order by a column with distinct values.
 pub struct Ordered {
     pub points: PointCloud,
     order: Vec<usize>,

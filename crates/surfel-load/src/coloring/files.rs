@@ -147,7 +147,7 @@ impl Labels {
         Ok(Self { entries })
     }
 
-    /// Returns the name and the colour of the category with a value, if the file has it.
+    /// Returns the name and the colour of the category with this value; `None` if the file doesn't have the category.
     pub(crate) fn of(&self, value: f64) -> Option<(Arc<str>, Option<[u8; 3]>)> {
         let at = self.entries.binary_search_by(|(known, ..)| known.total_cmp(&value)).ok()?;
         self.entries.get(at).map(|(_, name, color)| (name.clone(), *color))

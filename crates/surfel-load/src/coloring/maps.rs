@@ -32,7 +32,7 @@ impl ColorMap {
         }
     }
 
-    /// Returns the colours as 8-bit sRGB levels, for values from the minimum to the maximum.
+    /// Returns the colours as 8-bit sRGB levels: for values from the minimum to the maximum, or for categories.
     pub fn levels(&self) -> Vec<[u8; 3]> {
         match self {
             Self::Named(map) => levels(*map),
@@ -249,8 +249,8 @@ fn table(lines: &[&str]) -> Vec<[u8; 3]> {
     digits.chunks_exact(6).map(|c| [level(&c[..2]), level(&c[2..4]), level(&c[4..])]).collect()
 }
 
-/// Returns the name and the colour of an ASPRS class (LAS 1.4 R15, table 17). The colours are Surfel's own, since ASPRS
-/// doesn't define any.
+/// Returns the name and the colour (8-bit sRGB levels) of an ASPRS class (LAS 1.4 R15, table 17), by its number. The
+/// colours are Surfel's own, since ASPRS doesn't define any. Returns `None` for numbers without a name.
 pub(super) fn class(number: f64) -> Option<(&'static str, [u8; 3])> {
     let classes: [(&str, [u8; 3]); 23] = [
         ("never classified", [186, 186, 186]),

@@ -86,7 +86,7 @@ impl Attribute {
     /// then.
     ///
     /// # Errors
-    /// The names of the file's attributes.
+    /// The names of the file's attributes, if none has this name.
     pub fn of(extras: &[ExtraColumn], has_colors: bool, name: &str) -> Result<Self, Vec<String>> {
         if let Some(column) = ExtraColumn::find(extras, name) {
             let index = extras.iter().position(|extra| std::ptr::eq(extra, column));
@@ -133,7 +133,8 @@ impl Attribute {
         }
     }
 
-    /// Returns the attribute's values for all splats.
+    /// Returns the attribute's values for all splats, in order. `up` is the unit vector along which heights are
+    /// measured.
     pub(crate) fn values(self, cloud: &SplatCloud, up: DVec3) -> impl Iterator<Item = f64> + '_ {
         (0..cloud.len()).map(move |i| self.value(cloud, up, i))
     }
@@ -194,7 +195,7 @@ pub fn paint_values(
     recolor(cloud, colors)
 }
 
-/// Replaces the colours of splats.
+/// Replaces the colours of splats by linear RGB colours, one for each splat.
 pub fn recolor(cloud: &mut SplatCloud, colors: Vec<[f32; 3]>) -> Result<(), ModelError> {
     let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
     let data = std::mem::replace(cloud, empty).into_data();

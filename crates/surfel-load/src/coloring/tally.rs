@@ -16,7 +16,7 @@ const PERCENTILES: [f64; 2] = [2.0, 98.0];
 /// Number of collected values at which they are condensed: each run of [`RUN`] sorted values is then replaced by its
 /// middle one.
 const MAX_EXACT_VALUES: usize = 1 << 24;
-/// Number of sorted values that one representative replaces.
+/// Number of sorted values that one representative value replaces.
 const RUN: usize = 1 << 8;
 
 /// Statistics of the values of one attribute, collected from several files, from which its colour scale is derived.
@@ -142,7 +142,8 @@ impl Tally {
     }
 }
 
-/// Describes a scale in a note. `files` is the number of files; `missing` is the number of values without a colour.
+/// Describes a scale in a note. `is_given` is true if the user states the range. `files` is the number of files;
+/// `missing` is the number of values without a colour.
 pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize, missing: usize) -> String {
     let mut note = format!("coloured by {}", name.escape_debug());
     match scale {

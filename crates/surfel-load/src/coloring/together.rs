@@ -93,9 +93,9 @@ pub struct Member<'a> {
     pub is_colored: bool,
 }
 
-/// Report on a file that doesn't have the requested attribute. Its splats become grey.
+/// Report on a file that doesn't have the requested attribute. Its splats are coloured grey.
 pub struct MissingAttribute {
-    /// Index of the file's [`Member`] in the list passed to the function.
+    /// Index of the file's [`Member`] in the list that [`Tallies::add`] got.
     pub member: usize,
     /// Names of the attributes that the file has, for the message.
     pub known: Vec<String>,
@@ -113,7 +113,7 @@ impl Colorings {
     }
 
     /// Determines one scale per attribute, and colours the members. Scales from earlier calls are preserved, and new
-    /// categories are added to them.
+    /// categories are added to them. Returns the members whose files lack the attribute.
     pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<MissingAttribute>, ModelError> {
         let mut tallies = Tallies { axis: self.axis, ..Tallies::default() };
         let lacking = tallies.add(members);

@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 use surfel_io::Content;
 use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
-/// Names of the ASPRS point classes, by number, from LAS 1.4 R15, table 17. The numbers 8 and 12, which it reserves,
-/// have names of older versions.
+/// Names of the ASPRS point classes, by number, from LAS 1.4 R15, table 17. The table reserves the numbers 8 and 12;
+/// they have names of older versions.
 const ASPRS_CLASSES: [&str; 23] = [
     "never classified",
     "unclassified",
@@ -44,9 +44,9 @@ pub fn column(extra: &ExtraColumn) -> Value {
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
 
-/// Returns the range of one of the format's own attributes, by its name in [`surfel_io::Loaded::attributes`]. The
-/// limits are numbers, or arrays of one number per component. They are null for attributes without an order, such as
-/// textures.
+/// Returns the range of an attribute, as JSON with `min` and `max`, by its name in [`surfel_io::Loaded::attributes`].
+/// Columns of the file are excluded. The limits are numbers, or arrays of one number per component. They are null for
+/// attributes without an order, such as textures.
 fn range(content: &Content, name: &str) -> Value {
     match content {
         Content::Splats(cloud) => of_splats(cloud.data(), name),
@@ -132,7 +132,7 @@ fn nothing() -> Value {
     json!({ "min": null, "max": null })
 }
 
-/// Widens an attribute's range, in JSON, so that it includes another range, or zero if `other` is `None`.
+/// Widens an attribute's range, in JSON, so that it includes the range `other`, or zero if `other` is `None`.
 pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     let zero = json!(0.0);
     let Some(sides) = range.as_object_mut() else { return };
@@ -151,7 +151,8 @@ pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     }
 }
 
-/// Returns the ranges of a cloud's attributes by name, and for additional columns also their types.
+/// Returns the ranges of the attributes of a file's content, by name; for columns of the file also their types. `names`
+/// are the names of all attributes, those of the columns (`extras`) last.
 pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]) -> Map<String, Value> {
     // The last names are those of the columns, in their order.
     let (known, named) = names.split_at(names.len().saturating_sub(extras.len()));
@@ -171,7 +172,8 @@ pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &M
     found
 }
 
-/// Counts the points of each class, from the column "classification".
+/// Returns the number of points of each class from 0 to 255, from the column "classification"; `None` without this
+/// column.
 pub fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     let extra = extras.iter().find(|e| e.name == "classification")?;
     let mut counts = [0_u64; 256];
@@ -190,7 +192,8 @@ pub fn classes(counts: &[u64; 256]) -> Value {
     found.map(|(class, n)| json!({ "class": class, "name": class_name(class), "count": n })).collect()
 }
 
-/// Returns the coordinate reference system that the comments of a cloud store (docs/format.md).
+/// Returns the coordinate reference system that the comments of a cloud store (docs/format.md), as JSON with `code`,
+/// `name` and `wkt`. Returns null if they store none.
 pub(crate) fn crs(comments: &[String]) -> Value {
     let after = |key: &str| comments.iter().find_map(|c| c.strip_prefix(key));
     let wkt = after("crs_wkt ");

@@ -22,8 +22,9 @@ use surfel_sample::SharpErrors;
 use self::radii::{ALL, Radii, bytes_of_points, radii_of_mesh, radii_of_points};
 use self::survey::{Survey, survey};
 
-/// Describes a file's content without converting all of it. Returns the JSON object that `surfel info --json` prints;
-/// a program words the options that its notes name, such as `` `classes=all` ``, in its own way. The object contains:
+/// Describes a file's content without converting all of it. Returns the JSON object that `surfel info --json` prints.
+/// Notes name options in code quotes, such as `` `classes=all` ``; a program replaces them by its own spelling. The
+/// object contains:
 ///
 /// - format, counts (`points`, `splats`, `vertices`, `triangles`, …) and `bounds` (minimum and maximum coordinates);
 /// - up axis, attributes and their ranges, and estimated radii;
@@ -52,8 +53,8 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
     Ok(facts(path, &loaded, file_bytes))
 }
 
-/// Summarises a file with many points in blocks. Returns `None` for small files, and for formats that can't be read in
-/// blocks.
+/// Summarises a file with many points, which is read in blocks. Returns `None` for small files, and for formats that
+/// can't be read in blocks.
 fn survey_of_many(path: &Path, options: &LoadOptions) -> Result<Option<Survey>, Error> {
     match surfel_io::survey_points(path, options.columns.as_ref()) {
         Some(count) if count.points > ALL as u64 => survey(path, count.points, options),

@@ -44,7 +44,7 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
 }
 
 /// Estimates the radii of the first `count` points, with all of `points` as neighbours. The flag is true if the radii
-/// come from the file.
+/// come from the file. Returns no radii if no splats can be made.
 fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
     let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
     made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()
@@ -55,7 +55,8 @@ pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
     radii_among(near, PATCH.1).0
 }
 
-/// Estimates the radii that splats of the points would have in an image. Large clouds are sampled in patches.
+/// Estimates the radii that splats of the points would have in an image. Large clouds are sampled in patches. Returns
+/// `None` if there are no radii.
 pub(crate) fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     if points.len() <= ALL {
         let (radii, are_given) = radii_among(points, points.len());
@@ -85,8 +86,8 @@ pub(crate) fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     Radii::of(radii, if are_given { "given" } else { "estimated from neighbours, on a sample of the points" })
 }
 
-/// Estimates the radii that splats of a mesh would have in an image. If splats are spread over the surface, a smaller
-/// number of them is generated, and their radii are scaled.
+/// Estimates the radii that splats of a mesh would have in an image; `None` if there are no splats. If splats are
+/// spread over the surface, a smaller number of them is generated, and their radii are scaled.
 pub(crate) fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
     let options = MeshOptions::auto(mesh);
     match options.method {

@@ -14,7 +14,7 @@ use surfel_model::{Column3, PointCloud};
 pub(crate) struct Survey {
     pub read: PointSurvey,
     pub points: usize,
-    /// Size of all points, if they were loaded into memory, in bytes.
+    /// Memory in bytes that all points would take if they were loaded.
     pub bytes: usize,
     pub attributes: Value,
     pub classes: Value,

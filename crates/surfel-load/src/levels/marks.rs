@@ -18,10 +18,10 @@ const MAX_GROWTH: f32 = 4.0;
 /// area.
 const MIN_FADE_RADIUS: f64 = 0.05;
 
-/// Name of the internal column of [`Mark::spacing`]. The column is removed when splats are made.
+/// Name of the internal column of points that stores [`Mark::spacing`]. It is removed when splats are made.
 const SPACING: &str = "surfel_level_spacing";
-/// Name of the internal column of [`Mark::growth`]. The column is added only if the file states no radii, and removed
-/// when splats are made.
+/// Name of the internal column of points that stores [`Mark::growth`]. It is added only if the file states no radii,
+/// and removed when splats are made.
 const GROWTH: &str = "surfel_level_growth";
 
 /// Drawing parameters of a point, which depend on the levels that are selected around it.
@@ -30,8 +30,8 @@ pub(super) struct Mark {
     /// Point spacing of the finest selected level at the point, in file units, where finer points are missing; 0
     /// elsewhere. The splat is enlarged to fill this spacing.
     spacing: f32,
-    /// Weight, from 0 to 1, by which the level's average colour and normal are blended into the point's own. The
-    /// averages represent the finer points that are missing. Negative if the point isn't drawn.
+    /// Weight, from 0 to 1, by which the average colour and normal of the level at the point are blended into the
+    /// point's own. The averages represent the finer points that are missing. Negative if the point isn't drawn.
     share: f32,
     /// Current radius of a point that is fading in, as a fraction of its final radius; 1 for other points.
     growth: f32,
@@ -66,8 +66,8 @@ pub(super) fn mark_of(
     let spacing = match deepest {
         0 => own,
         _ if is_new => own * growth,
-        // During the fade-in, areas approach those of the new level linearly. At the file's last level, they approach
-        // 0.
+        // During the fade-in, areas approach those of the new level linearly. At the file's last level, areas approach
+        // those of splats that aren't enlarged.
         _ => (own * own * fading + spacing(deepest - 1).powi(2) * (1.0 - fading)).sqrt(),
     };
     Mark { spacing: spacing as f32, share: share as f32, growth: growth as f32 }
@@ -164,7 +164,8 @@ pub(crate) fn own_columns(extras: &[ExtraColumn]) -> &[ExtraColumn] {
 pub(crate) struct Radii(Option<Vec<f32>>);
 
 impl Radii {
-    /// Removes all columns from a cloud that Surfel has added, and returns the column of radii.
+    /// Removes the columns that Surfel stored in a COPC file from the file's points: radii, and averages for levels of
+    /// detail. Returns the radii.
     pub(crate) fn take(points: &mut PointCloud) -> Self {
         let radii = take_f32(&mut points.extras, RADIUS);
         points.extras.retain(|e| !LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name));
@@ -181,7 +182,8 @@ impl Radii {
         points.normals.is_some() && self.0.iter().flatten().any(is_valid_radius)
     }
 
-    /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Reuses the memory of the points.
+    /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Invalid radii are replaced by the
+    /// median. Reuses the memory of the points.
     pub(crate) fn splats(
         self,
         points: PointCloud,
@@ -232,8 +234,9 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Enlarges splats so that each level covers the surface without gaps. `weighed` is true if the interior weight must be
-/// estimated. `stated` is true if the file states the radii.
+/// Enlarges splats so that each level covers the surface without gaps. Clouds without the internal column of
+/// `Mark::spacing` are returned unchanged. If `weighed`, the interior weight is estimated; otherwise none is stored.
+/// `stated` is true if the file states the radii.
 pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
@@ -275,7 +278,7 @@ mod tests {
     use super::*;
     use glam::DVec3;
 
-    /// A view approaches in steps of 0.1 %.
+    /// Checks that splats change gradually while a camera approaches in steps of 0.1 %.
     #[test]
     fn points_come_in_without_a_step() {
         const FINEST: u32 = 4;

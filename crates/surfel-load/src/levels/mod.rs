@@ -8,7 +8,7 @@ mod marks;
 mod selection;
 mod write;
 
-pub use crate::level_choice::{Levels, Seen};
+pub use crate::level_choice::{Levels, ViewSelection};
 
 pub(crate) use marks::{Radii, close, own_columns};
 pub(crate) use write::save_temporary;
@@ -19,14 +19,14 @@ use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, DVec3};
 use marks::{is_valid_radius, mark};
 pub(crate) use selection::chosen;
-use selection::{COVERING_RADIUS, Selection, select, sight};
+use selection::{COVERING_RADIUS, Selection, select, visibility};
 use std::path::Path;
-use surfel_io::copc::{Copc, Keeps, NodeColumns, NodePoints};
+use surfel_io::copc::{Copc, NodeColumns, NodePoints, PointFilter};
 use surfel_io::{Content, Loaded};
 use surfel_model::PointCloud;
 use surfel_render::{StopReason, View};
 
-/// Default of the point limit: largest number of points that are read from a file for a view.
+/// Default point budget: the largest number of points that are read from a file for a view.
 pub const DEFAULT_POINT_BUDGET: u64 = 10_000_000;
 
 /// Statistics of the nodes that were read from a COPC file.
@@ -38,8 +38,8 @@ pub struct LevelReport {
     pub nodes: [usize; 2],
     /// Number of compressed bytes that were read, and number in the file.
     pub bytes: [u64; 2],
-    /// Largest projected splat radius, in pixels, among visible places where finer points exist but weren't read; 0 for
-    /// an overview.
+    /// Largest projected splat radius, in pixels, among places in the views where finer points exist but weren't read;
+    /// 0 for an overview.
     pub error_px: f64,
     /// Limit that ended the selection of nodes.
     pub end: StopReason,
@@ -126,13 +126,13 @@ fn load_nodes(
     };
     // If nodes have more points than `max_points`, the excess is dropped evenly.
     let is_thinned = options.max_points().is_some_and(|most| selection.report.points[0] > most as u64);
-    let sight = sight(levels, copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
+    let visibility = visibility(levels, copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
     let shows = |level: u32, center: DVec3, radius: f64| {
         // If finer points are missing, the splat is enlarged to this radius.
         let reach = (radius * options.radius_scale()).max(f64::from(COVERING_RADIUS) * copc.spacing(level));
-        !is_valid_radius(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
+        !is_valid_radius(&(radius as f32)) || visibility.as_ref().is_none_or(|test| test.shows(center, reach))
     };
-    let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
+    let keeps = visibility.is_some().then_some(&shows as PointFilter<'_>);
     Ok(copc.kept_points_of(&selection.nodes, (columns, keeps), io_options)?)
 }
 
@@ -162,13 +162,13 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
 }
 
 /// Returns a note that describes which nodes weren't read, the reason, and the option that changes it. `limit` names
-/// the option for the number of points.
+/// the option for the point budget, in the note.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "`lod_error` draws finer ones");
     let why = match report.end {
         StopReason::Points => format!("{limit} at splats of {error_px:.1} px"),
-        StopReason::Enough => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
+        StopReason::EnoughPoints => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
         StopReason::Error => format!("splats of {error_px:.2} px at most; {finer}"),
     };
     format!(
@@ -180,5 +180,5 @@ fn note(report: &LevelReport, limit: &str) -> String {
 /// Returns a selection of LOD nodes for views of an object with the transformation `world_from_object`. Projected splat
 /// radii are at most `error_px` pixels.
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
-    Seen { views, error_px, sight_px: None }.levels(world_from_object)
+    ViewSelection { views, error_px, margin_px: None }.levels(world_from_object)
 }

@@ -11,8 +11,8 @@ use surfel_render::{FADE_OCTAVES, LevelNode, Magnification, SplatVisibility, Sto
 const OVERVIEW_POINTS: u64 = 100_000;
 
 /// Ratio of splat radius to point spacing at which the splats of a level cover the surface without gaps. The points of
-/// a level are those nearest to the centres of grid cells. So no position is farther from the nearest point than the
-/// diagonal of a cell's face.
+/// a level are those nearest to the centres of grid cells whose side is the spacing. So no position is farther from the
+/// nearest point than the diagonal of a cell's face.
 pub(super) const COVERING_RADIUS: f32 = std::f32::consts::SQRT_2;
 
 /// Nodes selected from a COPC file, and how their points are drawn.
@@ -77,10 +77,10 @@ pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Le
     options.levels.as_ref().filter(|_| is_by_levels)
 }
 
-/// Returns the visibility test by which points outside of the frustum are skipped. Returns `None` if skipping points
-/// would change estimates for other points, or row numbers.
-pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<SplatVisibility<'a>> {
-    let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
+/// Returns the visibility test by which points outside of the frustum are skipped. Returns `None` if the levels state
+/// no margin for skipping, or if skipping points would change estimates for other points, or row numbers.
+pub(super) fn visibility<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<SplatVisibility<'a>> {
+    let Levels::Views { views, world_from_object, margin_px: Some(margin_px), .. } = levels else { return None };
     let is_of_all =
         options.interior_weight || options.convert.sharp || options.convert.colors == Some(PointColors::Fit);
     let has_rows = options.rows || options.label.is_some() || options.chooses_points();

@@ -89,7 +89,8 @@ pub(crate) fn save_temporary(
     Ok(by_stages(progress, written)?.0)
 }
 
-/// Estimates the normals and radii of the points of one chunk of a cloud, which the COPC file stores.
+/// Estimates the normals and radii of the points of one chunk of a cloud, which the COPC file stores. Returns unknown
+/// values (zeros) for chunks of few points.
 fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     if points.len() < LEAST_POINTS {
         return Ok(vec![PointSplat::default(); points.len()]);
@@ -104,7 +105,7 @@ fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     Ok((0..cloud.len()).map(splat).collect())
 }
 
-/// Runs `write`, and forwards its progress (stage name, amount done, total) to `progress`.
+/// Runs `write`, and forwards its progress (stage name, amount done, total amount of the stage) to `progress`.
 fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str, u64, u64)) -> T) -> T {
     let stage = std::cell::RefCell::new(("", 0));
     let tell = |name: &'static str, done: u64, all: u64| {

@@ -59,7 +59,8 @@ fn round(v: DVec3) -> V3<f64> {
     V3::new(f64::from(v.x as f32), f64::from(v.y as f32), f64::from(v.z as f32))
 }
 
-/// Parameters of an ellipse with f32 coordinates: `radius_px` large if it faced the eye, seen at `elevation` radians.
+/// Parameters of an ellipse with f32 coordinates. Its longer half-axis measures `radius_px` pixels if it faces the eye.
+/// `elevation` is the angle between its plane and the view ray, in radians; `aspect` is the ratio of its half-axes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spec {
     pub(crate) pixel: [f64; 2],
@@ -103,7 +104,7 @@ impl Spec {
     }
 }
 
-/// Returns half of the disk's depth range over p_z.
+/// Returns half of the disk's depth range, divided by the depth p_z of its centre.
 pub(crate) fn reach(splat: &ViewSplat<f64>) -> f64 {
     splat.s.z.hypot(splat.t.z) / splat.p.z
 }

@@ -8,7 +8,8 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use super::color::{ColorError, luminance_from_y, ycxcz_from_linear};
 use super::filter::{Kernels, Parity, convolve};
 
-/// Kind of a horizontally filtered row: a colour channel, a term of one, or a feature of the luminance.
+/// Kind of a horizontally filtered row: a colour channel, one of the two terms of the blue-yellow channel, or a feature
+/// of the luminance.
 #[derive(Clone, Copy)]
 enum Plane {
     Luma,
@@ -161,7 +162,8 @@ pub(super) fn error_map(
             let color = color_error
                 .between([0, 1, 2].map(|channel| fa.color[channel][i]), [0, 1, 2].map(|channel| fb.color[channel][i]));
             let feature = (fa.edge[i] - fb.edge[i]).abs().max((fa.point[i] - fb.point[i]).abs());
-            // The exponent q_f is ½. A feature is at most √2, the combined maxima of the two directions.
+            // The square root is the paper's exponent q_f = ½. A feature is at most √2, the combined maxima of the two
+            // directions.
             let feature = (feature * FRAC_1_SQRT_2).min(1.0).sqrt();
             error.push(color.powf(1.0 - feature) as f32);
         }

@@ -33,10 +33,10 @@ const STEPS: i32 = 64;
 /// largest splats are refined first, these are the farthest ones. Splats of skipped nodes may be up to [`MOST_ERRORS`]
 /// times too large while they cover at most a quarter of the views' area. Over a larger part, the allowed error
 /// decreases evenly ([`MAX_SKIPPED_FRACTIONS`]). At the end of a selection, levels fade in ([`FADE_OCTAVES`]). A node
-/// that has not faded in completely counts as skipped. The
-/// decision depends only on the nodes and the views, so an image is the same for any threads and caches. The constants
-/// are measured on land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
-pub(super) struct Enough<'a> {
+/// that has not faded in completely counts as skipped. The decision depends only on the nodes and the views, so an
+/// image is the same for any threads and caches. The constants are measured on land seen at a slant. There, an image
+/// with half of the points differs from that of the full selection by a mean FLIP of 0.002.
+pub(super) struct EarlyEnd<'a> {
     /// The views that the selection is for, relative to the object.
     eyes: &'a [Eye<'a>],
     /// Nodes required for the requested error, the largest size first. The size, in pixels, is that of the coarser
@@ -44,11 +44,12 @@ pub(super) struct Enough<'a> {
     wanted: &'a [(f64, &'a LevelNode)],
     /// Number of visible nodes that are skipped or have not completely faded in, per cell of each view.
     skipped_per_cell: Vec<u32>,
-    /// Number of cells in which such nodes are visible, that is, of nonzero elements of `skipped_per_cell`.
+    /// Number of cells in which skipped or partly faded-in nodes are visible: the number of nonzero elements of
+    /// `skipped_per_cell`.
     cells: usize,
 }
 
-impl<'a> Enough<'a> {
+impl<'a> EarlyEnd<'a> {
     /// Returns the error in pixels at which a selection may end early; `None` if it may not end above `least_px`.
     /// `wanted` are the nodes required for the error `error_px`, the largest first.
     pub(super) fn error_px(
@@ -106,7 +107,7 @@ impl<'a> Enough<'a> {
         }
     }
 
-    /// Removes the mark of [`Self::mark_skipped`] from the node at this index of `wanted`, because it is selected.
+    /// Undoes [`Self::mark_skipped`] for the node at this index of `wanted`, which is selected and completely faded in.
     fn put(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.skipped_per_cell[cell] -= 1;
@@ -191,7 +192,7 @@ mod tests {
     fn slant_ends_early_within_twice_the_error() {
         let (nodes, view) = (plane(4096), slanted(30.0, 400));
         let found = chosen(&nodes, &view, 1.0);
-        assert!(found.end == StopReason::Enough && found.points >= 1_000_000, "{found:?}");
+        assert!(found.end == StopReason::EnoughPoints && found.points >= 1_000_000, "{found:?}");
         assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
         // With fewer points in the same nodes, none is skipped.
         let all = chosen(&plane(1024), &view, 1.0);
@@ -219,7 +220,7 @@ mod tests {
         let (mut last, mut ends, mut largest) = (None, [0; 2], 0.0_f64);
         for step in 0..400 {
             let found = chosen(&nodes, &slanted(600.0 * 0.99_f64.powi(step), 400), 1.0);
-            ends[usize::from(found.end == StopReason::Enough)] += 1;
+            ends[usize::from(found.end == StopReason::EnoughPoints)] += 1;
             let error_px = found.error_px.max(1.0);
             let change = last.map_or(0.0, |last: f64| (error_px / last).log2().abs());
             (last, largest) = (Some(error_px), largest.max(change));

@@ -11,7 +11,7 @@ const REACH: f64 = 3.0;
 
 /// Test whether splats of an object may be visible in any of several views, by which loaders drop points.
 pub struct SplatVisibility<'a> {
-    /// The views, relative to the object.
+    /// Views in which splats may be visible, each with the object's placement in it.
     eyes: Vec<Eye<'a>>,
     /// Largest distance, in pixels, of a filtered footprint from the splat's own extent.
     margin_px: f64,
@@ -61,7 +61,7 @@ mod tests {
             };
             let view = View::new(&camera).unwrap();
             let world_from_object = DAffine3::from_scale(DVec3::splat(next(0.5, 2.0)));
-            let sight = SplatVisibility::new(
+            let visibility = SplatVisibility::new(
                 &world_from_object,
                 std::slice::from_ref(&view),
                 SplatVisibility::margin_px(&settings),
@@ -77,7 +77,7 @@ mod tests {
                 let inside = (-2.0..642.0).contains(&px(0)) && (-2.0..482.0).contains(&px(1));
                 inside && p.z >= projection.near && p.z <= projection.far()
             });
-            let is_kept = sight.shows(center, radius);
+            let is_kept = visibility.shows(center, radius);
             assert!(is_kept || !shows, "{round}");
             shown += u32::from(shows);
             dropped += u32::from(!is_kept);

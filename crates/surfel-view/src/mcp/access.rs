@@ -22,7 +22,8 @@ impl Access {
         Ok(Self { roots: roots.iter().map(canonical).collect::<Result<_, _>>()? })
     }
 
-    /// Returns the canonical path of a file if it may be read. For a link, the target of the link decides.
+    /// Returns the path as given if the file may be read, or else an error. The file's canonical path decides; for a
+    /// link, this is the path of the link's target.
     pub(super) fn check(&self, path: &str) -> Result<PathBuf, String> {
         let name = path.escape_debug();
         let real = Path::new(path).canonicalize().map_err(|e| format!("{name}: can't read it: {e}"))?;

@@ -176,7 +176,7 @@ impl Arguments<'_> {
     }
 }
 
-/// Request for an image: a scene, its options and the image's size.
+/// Request of a tool for an image: a scene's files, options, and the image's size in pixels.
 struct Asked {
     fixed: Fixed,
     state: State,
@@ -275,7 +275,7 @@ impl Tools {
         Ok(result(facts, Vec::new()))
     }
 
-    /// Shows a scene, loading it if necessary. Returns the notes about it.
+    /// Applies a request's options to its session, and loads the scene if necessary. Returns notes about the scene.
     fn show(&mut self, asked: &Asked) -> Result<Vec<String>, String> {
         let mut notes = Vec::new();
         let session = self.sessions.of(&asked.key)?;
@@ -383,7 +383,7 @@ fn check_pixels(size: [u32; 2], count: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the last drawn frame as a numbered panel.
+/// Returns the last drawn frame as a panel of a contact sheet, with its number and the view's name as caption.
 fn panel(session: &Session, view: &str, number: usize) -> Panel {
     let frame = session.frame();
     let picture = Picture { size: [frame.width(), frame.height()], rgba: to_srgb8(frame.color()) };

@@ -1,4 +1,4 @@
-// A server of `surfel view` and a page of it in headless Chromium.
+// Functions for tests: start a server of `surfel view`, and open its page in headless Chromium.
 import { chromium } from 'playwright-core';
 import { spawn } from 'node:child_process';
 import { createInterface } from 'node:readline';

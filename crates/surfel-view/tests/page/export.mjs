@@ -25,12 +25,12 @@ async function compare(page) {
     for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
     return { width: canvas.width, height: canvas.height, pixels: btoa(text) };
   });
-  // The text of an earlier copy isn't this one.
+  // The text of an earlier copy is removed, so that the wait below ends with the new one.
   await page.evaluate(() => { document.getElementById('copied').value = ''; });
   await page.getByRole('button', { name: 'Copy command' }).click();
   await page.waitForFunction(() => !document.getElementById('copied').hidden && document.getElementById('copied').value.startsWith('surfel render'));
   const command = await page.inputValue('#copied');
-  // A shell reads the command, as a user's does.
+  // The command is run by a shell, as a user would.
   const run = command.replace('surfel render', '"$0" render').replace(' -o view.png', ' -f -q --backend cpu -o native.png');
   execFileSync('sh', ['-c', run, program], { cwd: folder, stdio: ['ignore', 'pipe', 'inherit'] });
   const native = decoded(readFileSync(join(folder, 'native.png')));

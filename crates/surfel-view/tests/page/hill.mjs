@@ -1,4 +1,4 @@
-// A scan for tests: a hill of side×side points, 6 by 6 units, with intensities and two classes.
+// Returns a scan for tests, as text: a hill of side×side points, 6 by 6 units, with intensities and two classes.
 export function hill(side) {
   const lines = ['x y z intensity classification'];
   for (let i = 0; i < side; i += 1) {

@@ -1,4 +1,5 @@
-// Measures `surfel view` in headless Chromium: node measure.mjs PROGRAM FILE [FLAG...]. Prints a line of a table.
+// Measures `surfel view` in headless Chromium: node measure.mjs PROGRAM FILE [FLAG...]. Prints the results as a line of
+// JSON.
 import { readFileSync } from 'node:fs';
 import { loadavg } from 'node:os';
 import { basename } from 'node:path';
@@ -14,7 +15,7 @@ await until(page, 'the first image', () => window.surfelStats.first);
 const first = performance.now();
 await until(page, 'the first exact image', () => window.surfelStats.exact);
 const exact = performance.now();
-// Makes the image 1024×768.
+// Changes the window so that the image has 1024×768 pixels.
 await exactAfter(page, async () => {
   const box = await page.locator('#stage').boundingBox();
   await page.setViewportSize({ width: 1344 + 1024 - Math.round(box.width), height: 826 + 768 - Math.round(box.height) });
@@ -26,7 +27,7 @@ for (let round = 0; round < 5; round += 1) {
   const x = box.x + 200;
   await page.mouse.move(x, box.y + 300);
   await page.mouse.down();
-  // Input 60 times a second.
+  // The pointer moves about 60 times a second.
   for (let i = 0; i < 90; i += 1) {
     await page.mouse.move(x + 4 * i, box.y + 300 + 20 * Math.sin(i / 9));
     await new Promise((resolve) => setTimeout(resolve, 14));

@@ -25,12 +25,12 @@ fn levels(path: &Path) -> (usize, Vec<[u8; 4]>) {
     (width, levels.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect())
 }
 
-/// Returns a scan with 8 points per square metre.
+/// Returns a scan with 8 points per square metre, at random positions if `anywhere` is true.
 fn scan(anywhere: bool) -> Scan {
     Scan { density: 8.0, anywhere, seed: 0 }
 }
 
-/// Returns points of the roof in rows.
+/// Returns points of the surface [`roof`], scanned in rows.
 fn points() -> Vec<[f64; 3]> {
     scan(false).points(|x, y| roof(x, y).0, NOISE_M)
 }

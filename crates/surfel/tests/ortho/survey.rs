@@ -38,8 +38,8 @@ fn surface(u: f64, v: f64) -> (f64, u8) {
     (120.0 + 3.0 * (u / 17.0).sin() * (v / 13.0).cos(), 2)
 }
 
-/// Returns points of the surface in millimetres, with 3 cm of noise, `spikes` points far above and below it, and only 2
-/// % of the points on water.
+/// Returns points of the surface, rounded to millimetres, with 3 cm of noise and only 2 % of the points on water. Adds
+/// `spikes` points far below and far above the surface, alternately, with the two classes in `spike_class` (default 1).
 fn survey(spikes: u64, spike_class: Option<[u8; 2]>) -> Vec<Return> {
     let count = (SIDE_M * SIDE_M * DENSITY) as u64;
     let place = |u: f64, v: f64, z: f64| [CORNER[0] + u, CORNER[1] + v, z].map(|c| (c * 1000.0).round() / 1000.0);
@@ -115,7 +115,8 @@ fn message(input: &Path, options: &OrthoOptions) -> String {
 
 const GSD: f64 = 0.25;
 
-/// Returns the root mean square error over all pixels farther than 1.5 m from walls, shores and the border.
+/// Returns the root mean square error of heights, in metres, over all pixels farther than 1.5 m from walls, shores and
+/// the border.
 fn rmse(width: usize, heights: &[f32]) -> f64 {
     let rows = heights.len() / width;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -168,7 +169,7 @@ fn noise_and_birds_are_no_surface() {
     assert!(stats.lone == 0 && of_clean == heights);
 }
 
-/// Options that load every point.
+/// Returns conversion options that drop isolated points.
 fn drop_outliers() -> ConvertOptions {
     ConvertOptions { outliers: Some(Outliers::Drop), ..ConvertOptions::default() }
 }

@@ -1,4 +1,4 @@
-//! Exact surfaces, scans of them, and errors of surface models of these scans: ours, means, and a triangulation.
+//! Exact surfaces, scans of them, and errors of surface models of these scans: Surfel's, means, and a triangulation.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -71,7 +71,8 @@ pub(crate) fn numbers(path: &Path) -> (usize, Vec<f32>) {
     (width, numbers)
 }
 
-/// Draws points in the square, and returns their heights as a function of the position.
+/// Draws a surface model of points in the square. Returns its height as a function of x and y; `None` where it has
+/// none.
 pub(crate) fn heights_of(folder: &Folder, points: &[[f64; 3]]) -> impl Fn(f64, f64) -> Option<f64> {
     let files = folder.files("heights");
     let options = OrthoOptions::new(GSD).with_bounds(Some([0.0, 0.0, SIDE_M, SIDE_M]));
@@ -100,7 +101,8 @@ pub(crate) fn normal(i: u64) -> f64 {
     normal_from(12 * i)
 }
 
-/// Height at x and y, and true if that is the upper part of an edge.
+/// Exact surface: returns the height at x and y, and true if the place belongs to the upper of two parts that meet at
+/// an edge.
 pub(crate) type Exact = fn(f64, f64) -> (f64, bool);
 
 /// Returns terrain with a rotated gable roof.
@@ -155,8 +157,8 @@ impl Scan {
             .collect()
     }
 
-    /// Returns points of a complete ground at height 0, and points of equal density on the noisy surface above it; and
-    /// the subset that is visible from above.
+    /// Returns two sets of points: first, points of a complete ground at height 0 together with points of equal density
+    /// on the noisy surface above it; second, those of them that are visible from above.
     pub(crate) fn two_surfaces(self, above: Exact, stray_m: f64) -> [Vec<[f64; 3]>; 2] {
         let ground = self.points(|_, _| 0.0, NOISE_M);
         let is_above = |x: f64, y: f64| above(x, y).1;
@@ -172,7 +174,7 @@ impl Scan {
     }
 }
 
-/// Errors of a surface model.
+/// Errors of a surface model, in metres except the fraction `gaps`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Errors {
     /// Root mean square error over all pixels with a height.
@@ -217,7 +219,8 @@ pub(crate) fn errors_of(exact: Exact, middle: f64, height: impl Fn(f64, f64) -> 
     Errors { rmse: rms(all), flat_rmse: rms(flat), gaps: gaps / total, edge_m: wrong * GSD * GSD / length }
 }
 
-/// Points of the square in cells of `CELL_M`; a cell and its neighbours contain all points that the other methods need.
+/// Points of the square, sorted into square cells with sides of `CELL_M` metres. A cell and its neighbours contain all
+/// points from which the methods that Surfel is compared with compute a height.
 pub(crate) struct Cells {
     all: Vec<Vec<[f64; 3]>>,
     side: usize,
@@ -297,8 +300,8 @@ impl Cells {
     }
 }
 
-/// Returns the errors of our model, of means with the best radius, and of a triangulation. The triangulation gets only
-/// the points visible from above; ours and the means get all points.
+/// Returns the errors of Surfel's model, of means with the best radius, and of a triangulation. The triangulation gets
+/// only the points visible from above (`first`); the others get all points.
 pub(crate) fn compared(folder: &Folder, exact: Exact, middle: f64, [all, first]: [&[[f64; 3]]; 2]) -> [Errors; 3] {
     let ours = errors_of(exact, middle, heights_of(folder, all));
     let (of_all, of_first) = (Cells::new(all), Cells::new(first));

@@ -1,8 +1,8 @@
 //! Assignment of the points of a cloud to the levels of an octree.
 //!
-//! A node's cube is divided into 128³ cells. In each cell, the point nearest to the middle is selected for that level
-//! and represents all points of the cell. A cell that has a point of a level above gets none. Points that aren't
-//! selected go to the levels below. A node with few points contains all of them.
+//! A node's cube is divided into 128³ cells. In each cell, the point nearest to the middle is selected for the node's
+//! level and represents all points of the cell. A cell that contains a point selected at a coarser level gets no other.
+//! Points that aren't selected go to finer levels. A node with few points contains all of them.
 
 use super::octants::{VoxelKey, cell};
 use std::collections::HashSet;
@@ -18,7 +18,8 @@ const NONE: u8 = u8::MAX;
 /// A point's Morton code, of [`Part::bits`] bits per axis, and the point's index.
 pub(super) type Coded = (u64, u32);
 
-/// Part of a cloud whose points are assigned to levels at a time, and its position in the octree.
+/// Position in the octree of a part of the cloud. The points of a part are assigned to levels in one call of
+/// [`levels`].
 pub(super) struct Part {
     /// Bits per axis of a Morton code.
     pub(super) bits: u32,
@@ -29,9 +30,10 @@ pub(super) struct Part {
     pub(super) leaf_at: Option<u32>,
 }
 
-/// Assigns a level to each of the points, which are sorted by code, and returns the levels. `stands` receives the index
-/// of each selected point, and the range of points that it represents. `taken` contains the levels and Morton codes of
-/// occupied cells that are larger than the part. Selected points add theirs.
+/// Assigns a level to each of the points, which are sorted by Morton code, and returns the levels. `stands` receives
+/// the index of each selected point, and the range of points that it represents. `taken` contains the level and Morton
+/// code of each cell that is larger than the part and for which a point is already selected. This call adds the cells
+/// of its own selected points.
 pub(super) fn levels(
     points: &[Coded],
     part: &Part,

@@ -42,12 +42,13 @@ type Key = (Arc<FileState>, u64, Decoded);
 
 /// Least-recently-used cache of decoded nodes of COPC files ([`super::Copc::with_cache`]), with a limit in bytes.
 #[derive(Debug, Default)]
-pub struct NodeCache(Mutex<Kept>);
+pub struct NodeCache(Mutex<CacheState>);
 
 #[derive(Debug, Default)]
-struct Kept {
+struct CacheState {
     nodes: HashMap<Key, (Arc<[u8]>, u64)>,
-    /// Keys of the cached nodes by time of last use, which is a counter. The first one is removed first.
+    /// Keys of the cached nodes, by the value of the counter `now` at their last use. If the nodes exceed the limit,
+    /// they are removed in this order.
     order: BTreeMap<u64, Key>,
     now: u64,
     bytes: u64,
@@ -73,7 +74,7 @@ impl NodeCache {
         self.lock().read_bytes
     }
 
-    fn lock(&self) -> MutexGuard<'_, Kept> {
+    fn lock(&self) -> MutexGuard<'_, CacheState> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -88,7 +89,9 @@ impl NodeCache {
         Some(records.clone())
     }
 
-    /// Counts a node that was read from the file, and caches its decoded points (`records`) if they fit.
+    /// Adds a node that was read from the file. `at` is the byte offset of the node's chunk, and `read_bytes` the
+    /// compressed size, which is added to [`Self::read_bytes`]. The decoded points (`records`) are cached if they fit
+    /// the limit.
     pub(super) fn add(&self, file: &Arc<FileState>, at: u64, decoded: Decoded, (records, read_bytes): (&[u8], u64)) {
         let kept = &mut *self.lock();
         kept.read_bytes += read_bytes;
@@ -107,7 +110,7 @@ impl NodeCache {
     }
 }
 
-impl Kept {
+impl CacheState {
     fn shrink(&mut self) {
         while self.bytes > self.most_bytes
             && let Some((_, oldest)) = self.order.pop_first()

@@ -95,7 +95,7 @@ impl NodeColumns<'_> {
 
 /// Filter for points: returns true for a point that is read. Its arguments are the level of the point's node, the
 /// point's position, and its radius, in the file's units. The radius is 0 if the file states none.
-pub type Keeps<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
+pub type PointFilter<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 
 /// Points of a selection of nodes.
 #[derive(Clone, Debug)]
@@ -193,8 +193,9 @@ impl Copc {
         (corner + DVec3::from(node.cell.map(|c| 2.0 * f64::from(c) + 1.0)) * half, half)
     }
 
-    /// Returns the octant at the finest possible level that contains a point, in the file's coordinates. Points outside
-    /// the root's cube are assigned to the nearest octant. [`Self::cell_above`] returns the octants that enclose it.
+    /// Returns the octant at the finest possible level that contains a point in the file's coordinates, as its position
+    /// along x, y and z. Points outside the root's cube are assigned to the nearest octant. [`Self::cell_above`]
+    /// returns the octants that enclose an octant.
     pub fn cell_of(&self, point: DVec3) -> [u32; 3] {
         let cells = f64::from(1_u32 << MAX_LEVEL);
         let at = (point - (self.center - self.half)) / (2.0 * self.half) * cells;
@@ -206,7 +207,7 @@ impl Copc {
         cell.map(|c| c >> MAX_LEVEL.saturating_sub(level))
     }
 
-    /// Returns the row number of each node's first point: the number of points before it in the file.
+    /// Returns the row number of each node's first point, by node index: the number of points before it in the file.
     pub fn first_rows(&self) -> Vec<u64> {
         let mut order: Vec<usize> = (0..self.nodes.len()).collect();
         order.sort_by_key(|i| self.nodes[*i].at);
@@ -240,7 +241,7 @@ impl Copc {
     pub fn kept_points_of(
         &self,
         nodes: &[u32],
-        (columns, keeps): (NodeColumns<'_>, Option<Keeps<'_>>),
+        (columns, keeps): (NodeColumns<'_>, Option<PointFilter<'_>>),
         options: &LoadOptions,
     ) -> Result<NodePoints, IoError> {
         let mut ends = Vec::with_capacity(nodes.len());
@@ -276,7 +277,7 @@ impl Copc {
         source: &mut dyn Source,
         header: &mut Header,
         nodes: &[(&CopcNode, Decoded)],
-        (wanted, keeps): (NodeColumns<'_>, Option<Keeps<'_>>),
+        (wanted, keeps): (NodeColumns<'_>, Option<PointFilter<'_>>),
         ends: &mut Vec<usize>,
     ) -> Result<Columns, Problem> {
         let (vlr, _) = checked_vlr(header)?;
@@ -287,7 +288,8 @@ impl Copc {
             NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
         };
         let is_of_level = marked_bytes(header, [LEVEL_COLORS, LEVEL_NORMALS].as_flattened());
-        // The level's mean values replace a point's own values.
+        // With `LevelValues::Alone`, the level's mean values replace a point's own colours and normals, which aren't
+        // decoded.
         let [has_colors, has_normals] = [LEVEL_COLORS, LEVEL_NORMALS]
             .map(|names| names.iter().all(|name| header.extra.iter().any(|e| e.name == *name)));
         let is_own = marked_bytes(header, if has_normals { &NORMALS } else { &[] });
@@ -355,7 +357,7 @@ impl Copc {
 
 /// Appends the points of a node that pass the filter `keeps`. Appends all of them if none passes and no point was
 /// appended before.
-fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Keeps<'_>), records: &mut [u8]) {
+fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, PointFilter<'_>), records: &mut [u8]) {
     let stated = header.extra.iter().find(|extra| extra.name == RADIUS);
     let radius_at = stated.map(|extra| (POINT_BYTES[usize::from(header.format)] + extra.at, value_of(extra.kind)));
     let [scale, offset] = stated.and_then(|extra| extra.scaled).map_or([1.0, 0.0], |(scale, offset)| [scale, offset]);
@@ -372,7 +374,7 @@ fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Kee
     }
 }
 
-/// Returns for each extra byte of a point whether it belongs to a field with one of these names.
+/// Returns a flag for each extra byte of a point: true if the byte belongs to a field with one of `names`.
 fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
     let mut is_marked = vec![false; extra_bytes];

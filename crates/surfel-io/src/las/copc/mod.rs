@@ -12,7 +12,7 @@ mod write;
 
 pub use super::RADIUS;
 pub use cache::{FileState, NodeCache};
-pub use hierarchy::{Copc, CopcNode, Keeps, LevelValues, NodeColumns, NodePoints};
+pub use hierarchy::{Copc, CopcNode, LevelValues, NodeColumns, NodePoints, PointFilter};
 pub use write::{
     CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
 };
@@ -22,7 +22,8 @@ use std::path::Path;
 use surfel_model::{TableColumns, Up};
 
 /// Returns the format of a non-LAS file that can be converted to COPC, its up axis, and true if the file states the
-/// axis; `None` for other files. `columns` is as in [`crate::LoadOptions`].
+/// axis. Otherwise the axis is the format's default. Returns `None` for other files. `columns` is as in
+/// [`crate::LoadOptions`].
 pub fn up_of_columns(path: &Path, columns: Option<&TableColumns>) -> Option<(Format, Up, bool)> {
     let survey = crate::column_file::survey(path, columns)?;
     Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
@@ -38,7 +39,7 @@ const INFO_AT: usize = 375 + 54;
 
 /// Names of the extra bytes with a point's own normal.
 const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
-/// Names of the extra bytes with a mean colour: that of the points that a point represents at its level of the octree.
+/// Names of the extra bytes with the mean colour of the points that a point represents at its level of the octree.
 pub const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-/// Names of the extra bytes with a mean normal: that of the points that a point represents at its level of the octree.
+/// Names of the extra bytes with the mean normal of the points that a point represents at its level of the octree.
 pub const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];

@@ -14,7 +14,7 @@ pub(super) struct VoxelKey {
 }
 
 impl VoxelKey {
-    /// Returns the ancestor at `level`.
+    /// Returns the ancestor of this octant at `level`, which must not be finer than the octant's own level.
     pub(super) fn at_level(self, level: u32) -> Self {
         Self { level, code: self.code >> (3 * (self.level - level)) }
     }
@@ -51,7 +51,8 @@ fn compact(v: u64) -> u32 {
     ((v | v >> 32) & 0x1f_ffff) as u32
 }
 
-/// Returns the Morton code of a cell, given by its position along x, y and z. Bits of x come first, from the lowest.
+/// Returns the Morton code of a cell, given by its position along x, y and z. From the lowest bit on, the code has a
+/// bit of x, y and z in turn.
 pub(super) fn code([x, y, z]: [u32; 3]) -> u64 {
     spread(x.into()) | spread(y.into()) << 1 | spread(z.into()) << 2
 }

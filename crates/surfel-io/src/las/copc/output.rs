@@ -100,7 +100,7 @@ impl Summary {
         }
     }
 
-    /// Adds the statistics of other points.
+    /// Adds the statistics of other points to these.
     pub(super) fn add_all(&mut self, other: &Self) {
         self.count = self.count.saturating_add(other.count);
         for k in 0..3 {
@@ -153,7 +153,7 @@ impl Template {
         POINT_BYTES[usize::from(self.format)] + self.extra_bytes
     }
 
-    /// Returns the LASzip record, which describes the compression of the output.
+    /// Returns the LASzip variable length record, which describes the compression of the output.
     pub(super) fn laz(&self) -> io::Result<LazVlr> {
         let laz = LazVlrBuilder::default().with_point_format(self.format, self.extra_bytes as u16);
         Ok(laz.map_err(|e| io::Error::other(e.to_string()))?.with_variable_chunk_size().build())
@@ -254,7 +254,8 @@ fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     nodes.into_iter().map(|((level, code), chunk)| (level, code, chunk)).collect()
 }
 
-/// Numbers and position of the variable length records, which the header states.
+/// Number of variable length records, number of extended ones (EVLRs), and position of the latter, for the output's
+/// header.
 struct Records {
     count: usize,
     /// Byte offset in the file of the extended variable length records.
@@ -262,7 +263,8 @@ struct Records {
     extended: usize,
 }
 
-/// Converts the header of the first input, `h`, to that of the output.
+/// Converts `h`, the header of the first input, to that of the output. `start` is the byte offset of the output's point
+/// data.
 fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: Records) {
     let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
     let mut software = [0; 32];

@@ -22,7 +22,7 @@ pub(super) fn append(format: u8, r: &[u8], out: &mut Vec<u8>) {
     out.extend_from_slice(&r[..14]);
     let (returns, class) = (r[14], r[15]);
     out.push((returns & 7) | (returns >> 3 & 7) << 4);
-    // Synthetic, key point, withheld; then direction and edge.
+    // Flags synthetic, key point and withheld, then scan direction and edge of flight line.
     out.push((class >> 5) | returns & 0xc0);
     out.push(class & 31);
     out.push(r[17]);

@@ -8,9 +8,9 @@ use std::hash::Hash;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Number of bytes from which a list's records in memory are written to the file, as one block.
+/// Number of bytes in memory at which a list's records are written to the file, as one block.
 const BLOCK_BYTES: usize = 256 << 10;
-/// Number of bytes of all lists in memory from which all of them are written to the file.
+/// Number of bytes in memory of all lists together at which all of them are written to the file.
 const HELD_BYTES: usize = 32 << 20;
 
 /// Creates a temporary file without a name in `folder`.
@@ -53,10 +53,10 @@ pub(super) fn checksum(bytes: &[u8]) -> u32 {
     (sum ^ sum >> 32) as u32
 }
 
-/// Positions of the lists in a file. With them, writing can continue after an interruption.
+/// Positions of all lists in a file. From them, another run can open the lists after an interruption.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Index<K> {
-    /// Length of the file in bytes, as far as its blocks are valid.
+    /// Number of bytes at the start of the file that contain valid blocks. Later bytes are ignored.
     pub(super) end: u64,
     /// Keys in order of their first record, with the blocks of each key's list.
     pub(super) lists: Vec<(K, Blocks)>,
@@ -176,7 +176,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         list
     }
 
-    /// Returns the records of some lists.
+    /// Reads the records of `lists` into memory, one list after another.
     pub(super) fn bytes_of(&mut self, lists: &[List]) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(lists.iter().map(|list| list.bytes).sum::<u64>() as usize);
         for list in lists {
@@ -188,8 +188,8 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(bytes)
     }
 
-    /// Passes the blocks of a list, in order of writing, to `each`. Returns the error [`Changed`] if a block has
-    /// changed since it was written.
+    /// Passes the records of a list, block by block in order of writing, to `each`. Returns the error [`Changed`] if a
+    /// block has changed since it was written.
     pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let mut bytes = Vec::new();
         for (at, length, sum) in &list.blocks {

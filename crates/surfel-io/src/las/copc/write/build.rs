@@ -3,7 +3,7 @@
 //! A part is a subtree that is built in memory. Several parts are built at once as far as their points fit into memory.
 
 use super::conversion::Conversion;
-use super::grid::{Cells, Frame, Grid, in_reach};
+use super::grid::{Cells, Frame, Grid, each_near_cell};
 use super::inputs::{Input, Stop};
 use super::layout::Layout;
 use super::nodes::Nodes;
@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::hash::Hash;
 use std::io;
 
-/// An octree on disk.
+/// An octree whose nodes are in temporary files, with statistics of its points and notes for the user.
 pub(super) struct Octree {
     pub(super) cube: Cube,
     pub(super) nodes: Nodes,
@@ -38,7 +38,7 @@ pub(super) fn build(
     let (frame, parts) = frame(conversion, &sorted);
     let cube = cube(&conversion.layout, &sorted.grid, &frame);
     let counts = counts(conversion, inputs, &sorted, (&frame, &parts))?;
-    // From here on the parts use the memory.
+    // Moves the records of grid cells from memory to disk, because the parts need the memory.
     sorted.cells.flush()?;
     let viewpoint = if let [input] = inputs { input.viewpoint() } else { None };
     let Conversion { task, layout, first, .. } = conversion;
@@ -50,22 +50,22 @@ pub(super) fn build(
     drop(cells);
     let mut nodes = builder.nodes;
     // Other shards have points of the nodes above the parts, too.
-    if conversion.share.is_none() {
+    if conversion.shard_range.is_none() {
         nodes.compress_upper(&layout.laz)?;
     }
     Ok(Octree { cube, nodes, summary, notes })
 }
 
-/// Cells of each part, by the part's Morton code.
+/// Grid cells of each part of the octree, by the part's Morton code.
 type PartCells = BTreeMap<u64, Vec<[i64; 3]>>;
 
-/// Returns the octree over all cells, and the cells of each part, in order.
+/// Returns the octree over all grid cells, and the grid cells of each part.
 fn frame(conversion: &Conversion<'_>, sorted: &SortedPoints) -> (Frame, PartCells) {
     let SortedPoints { grid, summary, .. } = sorted;
     let mut found: Vec<[i64; 3]> = sorted.cells.points.sizes().map(|(cell, _)| cell).collect();
     found.sort_unstable();
-    let (frame, cells) = match &conversion.share {
-        Some(share) => (share.frame, share.cells),
+    let (frame, cells) = match &conversion.shard_range {
+        Some(range) => (range.frame, range.cells),
         None => {
             let end =
                 |fold: fn(i64, i64) -> i64| [0, 1, 2].map(|k| found.iter().map(|c| c[k]).reduce(fold).unwrap_or(0));
@@ -93,7 +93,8 @@ fn cube(layout: &Layout, grid: &Grid, frame: &Frame) -> Cube {
     Cube { center, half: 0.5 * side, spacing }
 }
 
-/// Counts the points of each octant from the root to the level of the parts.
+/// Counts the points of each octant from the root to the level of the parts. A shard counts points of other shards,
+/// too.
 fn counts(
     conversion: &Conversion<'_>,
     inputs: &[Input],
@@ -107,8 +108,8 @@ fn counts(
         let part = VoxelKey { level: frame.depth, code: *code };
         (0..=frame.depth).for_each(|level| *counts.entry(part.at_level(level)).or_default() += points);
     }
-    if let Some(share) = &conversion.share {
-        share.complete(&mut counts, inputs)?;
+    if let Some(range) = &conversion.shard_range {
+        range.complete(&mut counts, inputs)?;
     }
     Ok(counts)
 }
@@ -117,7 +118,7 @@ fn counts(
 /// children.
 struct Octant {
     key: VoxelKey,
-    /// Level of a leaf above the octant, if there is one.
+    /// Level of an enclosing octant that has so few points that it isn't divided; `None` if there is none.
     leaf_at: Option<u32>,
     lists: Lists,
 }
@@ -130,7 +131,8 @@ struct Builder<'a> {
     nodes: Nodes,
     /// Parts in memory that are built together with the next ones.
     waiting: Vec<Loaded>,
-    /// Occupied selection cells larger than the octants into which a part was divided.
+    /// Cells for which a point is already selected, and which are larger than the octants into which a part was
+    /// divided.
     taken: HashSet<VoxelKey>,
     /// Number of points of all parts.
     all: u64,
@@ -168,7 +170,7 @@ impl Builder<'_> {
         waiting + points <= self.conversion.task.limits.held_points
     }
 
-    /// Reads the points of an octant into memory; divides the octant into its children where it has too many points.
+    /// Reads the points of an octant into memory. An octant with too many points is divided into its children instead.
     fn read_part<K: Copy + Eq + Hash>(&mut self, spills: &mut Spills<K>, octant: Octant) -> Result<(), Stop> {
         let limits = &self.conversion.task.limits;
         let bytes = octant.lists.points.iter().map(|list| list.bytes).sum::<u64>();
@@ -242,13 +244,14 @@ impl Builder<'_> {
         self.frame.octant(self.maker.grid.units(position(record)), octant.level) == octant.code
     }
 
-    /// Adds a record to the margins of the children of `octant` that it is near to.
+    /// Appends a record to the margin of each child of `octant` that is near the record's point, but doesn't contain
+    /// it.
     fn add_beside(&self, margins: &mut Spill<u64>, octant: VoxelKey, record: &[u8]) -> io::Result<()> {
         let Frame { low, finest, bits, .. } = self.frame;
         let side = finest << (bits - octant.level - 1);
         let units = self.maker.grid.units(position(record));
         let from_root = [0, 1, 2].map(|k| units[k] - low[k]);
-        in_reach(from_root, side, &mut |cell| match octant.code == code(cell.map(|c| (c >> 1) as u32)) {
+        each_near_cell(from_root, side, &mut |cell| match octant.code == code(cell.map(|c| (c >> 1) as u32)) {
             true => margins.append(code(cell.map(|c| c as u32)), record),
             false => Ok(()),
         })
@@ -259,8 +262,8 @@ impl Builder<'_> {
     fn make_waiting(&mut self) -> Result<(), Stop> {
         let waiting = std::mem::take(&mut self.waiting);
         let Self { maker, frame, nodes, taken, .. } = self;
-        // Selection cells larger than the octants of a divided part are shared: the first part selects a point, and
-        // later parts don't. Such parts are therefore built one after another.
+        // If a part was divided, its octants share the cells that are larger than an octant: the first octant selects a
+        // point for such a cell, and later ones don't. These octants are therefore built one after another.
         let made: Vec<Made> = if waiting.iter().all(|part| part.part.depth <= CELL_BITS) {
             let made = waiting.into_par_iter().map(|part| maker.make(frame, &part, &mut HashSet::new()));
             made.collect::<io::Result<_>>()?

@@ -62,7 +62,7 @@ struct Measured {
     count: u64,
     /// Range of x, y and z over the points with finite coordinates.
     position: [Range; 3],
-    /// Exponent of the smallest power of two that occurs in a coordinate: its last significant bit.
+    /// Exponent of the last significant bit of all coordinates, as [`last_bit`] returns it; `i32::MAX` if all are 0.
     finest: i32,
     /// Range of each column over all points.
     columns: Vec<Range>,
@@ -74,7 +74,7 @@ impl Measured {
         Self { count: 0, position: [none; 3], finest: i32::MAX, columns: vec![none; columns] }
     }
 
-    /// Returns the minimum and the maximum corner of the coordinates.
+    /// Returns the minimum and the maximum corner of the points' bounds.
     fn ends(&self) -> [DVec3; 2] {
         [0, 1].map(|end| DVec3::from(self.position.map(|r| if end == 0 { r.least } else { r.most })))
     }
@@ -427,7 +427,8 @@ fn levels(colors: Colors, number: impl Fn(usize) -> f64) -> [u16; 3] {
     }
 }
 
-/// Returns the coordinate step and the offset.
+/// Returns the coordinate step and the offset of the written records, in units of the file. The step is a power of two,
+/// selected as the module's description says.
 fn steps(all: &Measured) -> (f64, DVec3) {
     let [low, high] = all.ends();
     let most = low.abs().max(high.abs()).max_element();

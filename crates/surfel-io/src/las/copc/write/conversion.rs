@@ -5,8 +5,8 @@ use super::inputs::{Gathered, Input, Sources, Stop, gather, invalid, open_all};
 use super::layout::Layout;
 use super::limits::Limits;
 use super::parts::Prepare;
-use super::resume::Kept;
-use super::share::Share;
+use super::resume::ResumeFolder;
+use super::shard_range::ShardRange;
 use crate::error::Problem;
 use crate::las::copc::spill::unnamed;
 use std::fs::File;
@@ -23,7 +23,7 @@ pub(super) struct Task<'a> {
     /// Folder of temporary files.
     pub(super) folder: &'a Path,
     /// Resume folder, if progress is saved.
-    pub(super) kept: Option<&'a Kept>,
+    pub(super) kept: Option<&'a ResumeFolder>,
     /// Index and count of the shard to write; `None` for a whole file.
     pub(super) shard: Option<[u32; 2]>,
     pub(super) prepare: Option<Prepare<'a>>,
@@ -33,13 +33,13 @@ pub(super) struct Task<'a> {
 
 /// A conversion whose inputs are checked.
 pub(super) struct Conversion<'a> {
-    /// Task, with limits for the size of its records.
+    /// The task, with limits that are scaled to the size of the records.
     pub(super) task: Task<'a>,
     pub(super) layout: Layout,
     /// Path of the first input, for error messages.
     pub(super) first: PathBuf,
     /// The shard that is written; `None` for a whole file.
-    pub(super) share: Option<Share>,
+    pub(super) shard_range: Option<ShardRange>,
 }
 
 /// Opened inputs of a conversion.
@@ -62,8 +62,8 @@ impl<'a> Conversion<'a> {
         let limits = task.limits.of_points(layout.sorted_bytes as u64);
         let Gathered { inputs, low, high, count, notes } = gather(opened, scale, offset)?;
         let grid = Grid::new(scale, [low, high], count, (limits.cell_points, limits.most_cells));
-        let share = task.shard.map(|shard| Share::new(shard, &inputs, grid, scale));
-        Ok((Self { task: Task { limits, ..task }, layout, first, share }, Opened { inputs, grid, notes }))
+        let shard_range = task.shard.map(|shard| ShardRange::new(shard, &inputs, grid, scale));
+        Ok((Self { task: Task { limits, ..task }, layout, first, shard_range }, Opened { inputs, grid, notes }))
     }
 
     /// Opens the file `name` of the resume folder and truncates it to its `bytes` valid bytes. If progress isn't saved,
@@ -75,7 +75,7 @@ impl<'a> Conversion<'a> {
         }
     }
 
-    /// Returns an error of the first input.
+    /// Returns an error that names the first input.
     pub(super) fn invalid(&self, problem: Problem) -> Stop {
         invalid(&self.first, problem)
     }

@@ -2,8 +2,10 @@
 
 use crate::las::copc::{LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
 
-/// Builds the extra-bytes record: the inputs' descriptions of the first `kept` extra bytes, then Surfel's own. Also
-/// returns the number of bytes of Surfel's values.
+/// Builds the data of the extra-bytes record: `given`, the inputs' descriptions, for the first `kept` extra bytes of a
+/// point, then descriptions of Surfel's own values. The flags state which values Surfel adds: radius and mean normal
+/// (`splats`), also the point's normal (`normals`), and mean colour (`colors`). Also returns the number of bytes of
+/// Surfel's values per point.
 pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: bool, colors: bool) -> (Vec<u8>, usize) {
     let mut out = Vec::new();
     let mut described = 0;
@@ -21,7 +23,7 @@ pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: boo
         described += bytes;
         out.extend_from_slice(record);
     }
-    // Covers copied bytes that have no description.
+    // Describes the other copied bytes as bytes of unknown meaning (type 0).
     while described < kept {
         let bytes = (kept - described).min(255);
         out.extend_from_slice(&description("", 0, "", false));
@@ -47,7 +49,8 @@ pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: boo
     (out, bytes)
 }
 
-/// Returns the 192-byte description of one extra-bytes value; a scaled value counts in units of 1/127.
+/// Returns the 192-byte description of one extra-bytes value. `kind` is the number of its type in the LAS standard, and
+/// `what` a text for readers. A scaled value is stored in units of 1/127.
 pub(super) fn description(name: &str, kind: u8, what: &str, scaled: bool) -> [u8; 192] {
     let mut d = [0; 192];
     d[2] = kind;

@@ -6,7 +6,7 @@ use super::{CopcReport, shards};
 use crate::las::copc::output::{self, Chunk};
 use std::io::{self, Write};
 
-/// Writes the COPC file of an octree.
+/// Writes the COPC file of an octree to `sink`, and returns the report on it.
 pub(super) fn finish(conversion: &Conversion<'_>, octree: Octree, sink: &mut dyn Write) -> io::Result<CopcReport> {
     let Octree { cube, nodes, summary, notes } = octree;
     let mut file = nodes.chunks;

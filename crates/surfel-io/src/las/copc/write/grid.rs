@@ -18,7 +18,7 @@ pub(super) struct Grid {
     pub(super) steps: DVec3,
     /// Length of a grid unit, in the files' coordinates; all axes have the same.
     pub(super) unit: f64,
-    /// Minimum corner, in units.
+    /// Minimum corner of the grid, in units.
     pub(super) low: [i64; 3],
     /// Side of the finest octree cell, in units.
     pub(super) finest: i64,
@@ -80,8 +80,13 @@ impl Grid {
     }
 }
 
-/// Calls `each` for every other grid cell that is nearer to a point than `side` / [`MARGIN`].
-pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]) -> io::Result<()>) -> io::Result<()> {
+/// Calls `each` for every cell that doesn't contain a point but is nearer to it than `side` / [`MARGIN`]. Cells are
+/// cubes of side `side`. The point's position `units` and `side` are in grid units.
+pub(super) fn each_near_cell(
+    units: [i64; 3],
+    side: i64,
+    each: &mut dyn FnMut([i64; 3]) -> io::Result<()>,
+) -> io::Result<()> {
     let reach = side / MARGIN;
     let ways = units.map(|u| match u.rem_euclid(side) {
         within if within < reach => -1,
@@ -102,8 +107,8 @@ pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]
     Ok(())
 }
 
-/// The range of grid cells that an octree covers, and their assignment to parts. Where a side has more than 128 cells,
-/// a part covers several of them.
+/// The range of grid cells that an octree covers, and their assignment to parts. If a side of the octree has more than
+/// 128 cells, a part covers several of them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cells {
     low: [i64; 3],
@@ -131,7 +136,8 @@ impl Cells {
         at.iter().all(|v| (0..1 << self.depth).contains(v)).then(|| code(at.map(|v| v as u32)))
     }
 
-    /// Returns the first cell and the number of cells of an octant along axis `k`.
+    /// Returns the first grid cell and the number of grid cells along axis `k` of the octant with index `octant` at
+    /// `level`.
     pub(super) fn stretch(&self, k: usize, octant: i64, level: u32) -> (i64, i64) {
         let side = 1 << (self.levels - level);
         (self.low[k] + octant * side, side)
@@ -147,7 +153,7 @@ pub(super) struct Frame {
     pub(super) bits: u32,
     /// Side of the finest cell, in units.
     pub(super) finest: i64,
-    /// Level of the parts that points are sorted into.
+    /// Octree level of the parts.
     pub(super) depth: u32,
 }
 
@@ -170,7 +176,7 @@ impl Frame {
         Self { low: cells.low.map(|l| l * side), bits, finest, depth: cells.depth }
     }
 
-    /// True if a position is inside the octree.
+    /// True if a position, in grid units, is inside the octree.
     pub(super) fn holds(&self, units: [i64; 3]) -> bool {
         (0..3).all(|k| (0..self.finest << self.bits).contains(&(units[k] - self.low[k])))
     }
@@ -179,7 +185,7 @@ impl Frame {
         code([0, 1, 2].map(|k| ((units[k] - self.low[k]) / self.finest) as u32))
     }
 
-    /// Returns the Morton code of the octant of `level` that contains a position.
+    /// Returns the Morton code of the octant of `level` that contains a position in grid units.
     pub(super) fn octant(&self, units: [i64; 3], level: u32) -> u64 {
         self.code(units) >> (3 * (self.bits - level))
     }

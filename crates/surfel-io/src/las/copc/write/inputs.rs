@@ -15,8 +15,9 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use surfel_model::TableColumns;
 
-/// Limits of the variable length records that are copied: bytes of one record, and number of records.
+/// Maximum number of bytes of a variable length record that is copied.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
+/// Maximum number of variable length records that are copied from an input.
 const MAX_RECORDS: usize = 256;
 
 /// Inputs that are written as one file, and the column names of the tables among them.
@@ -55,7 +56,8 @@ impl Input {
         Self { path, file_bytes, header, shift: [0; 3], low: [0.0; 3], high: [0.0; 3], columns: Some(columns) }
     }
 
-    /// Returns the variable length records that are copied.
+    /// Returns the variable length records that the output gets from this input. `raw` is the start of its header, of
+    /// 375 bytes.
     pub(super) fn records(&self, raw: &[u8]) -> Result<Vec<Record>, Stop> {
         if let Some(columns) = &self.columns {
             return Ok(columns.records());
@@ -69,7 +71,7 @@ impl Input {
         self.columns.as_ref()?.viewpoint()
     }
 
-    /// Passes the points to `sink`.
+    /// Passes the points to `sink` as LAS records.
     pub(super) fn read(&mut self, sink: &mut dyn Sink) -> Result<(), Stop> {
         if let Some(columns) = &self.columns {
             return columns.read(&self.path, sink);
@@ -89,7 +91,7 @@ pub(super) enum Stop {
 }
 
 impl Stop {
-    /// Converts to the output's I/O error, with an input's error inside.
+    /// Converts to an I/O error, as writers of the output return. An input's error is inside it.
     pub(super) fn into_io(self) -> io::Error {
         match self {
             Self::Input(error) => io::Error::other(error),
@@ -174,7 +176,8 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     Ok((Input { path, file_bytes, header, shift, low, high, columns: None }, raw, file))
 }
 
-/// Returns the number of whole steps from one offset to another; an error if the difference isn't whole.
+/// Returns the number of whole steps (`scale`) from the offset `first` to the offset `other`, per axis. Returns an
+/// error if the difference isn't whole.
 fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
     let steps = (other - first) / scale;
     let whole = steps.round();
@@ -197,7 +200,8 @@ pub(super) struct Gathered {
     pub(super) notes: Vec<String>,
 }
 
-/// Checks that the inputs are alike, and finds their shifts and extent.
+/// Checks that the inputs can be written as one file, and finds their shifts and extent. `scale` and `offset` are those
+/// of the first input.
 pub(super) fn gather(opened: Vec<(Input, Vec<u8>)>, scale: DVec3, offset: DVec3) -> Result<Gathered, Stop> {
     let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
     let (mut inputs, mut notes) = (Vec::<Input>::with_capacity(opened.len()), Vec::new());
@@ -254,8 +258,8 @@ fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Reads the variable length records that are copied. Extended records become ordinary ones where they are short
-/// enough.
+/// Reads the variable length records that the output gets from an input. `raw` is the start of the input's header.
+/// Extended records become ordinary ones if they are short enough.
 fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
     let u32_at = |at: usize| u32::from_le_bytes(field(raw, at));
     let start = u64::from(u32_at(96));

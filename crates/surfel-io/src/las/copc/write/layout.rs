@@ -12,19 +12,20 @@ use ::laz::LazVlr;
 /// Layout of the records that are sorted and written.
 pub(super) struct Layout {
     pub(super) template: Template,
-    /// LASzip record of the written points.
+    /// LASzip variable length record of the output, which describes the compression of its points.
     pub(super) laz: LazVlr,
-    /// Bytes of a sorted record: the standard's fields and the inputs' extra bytes.
+    /// Number of bytes of a sorted record: the standard's fields and the inputs' extra bytes.
     pub(super) sorted_bytes: usize,
-    /// Normal components in the inputs' extra bytes: byte offset, type, scale and offset of each.
+    /// Components of the normal in the inputs' extra bytes; `None` if there are none. Of each component: byte offset in
+    /// a record, number of the type in the LAS standard, factor, and number that is then added.
     pub(super) normals: Option<[(usize, u8, f64, f64); 3]>,
     /// True if Surfel's extra bytes include normals.
     pub(super) adds_normals: bool,
 }
 
 impl Layout {
-    /// Returns the layout for inputs like the first one, with the bytes `raw` of its header. With `prepares`, Surfel's
-    /// extra bytes are added.
+    /// Determines the layout from the first input and `raw`, the first 375 bytes of its header. With `prepares`, points
+    /// get Surfel's extra bytes for splats.
     pub(super) fn of(first: &Input, raw: &[u8], prepares: bool) -> Result<Self, Stop> {
         let records = first.records(raw)?;
         let format = records::target(first.header.format);

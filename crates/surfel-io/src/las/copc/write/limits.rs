@@ -1,8 +1,9 @@
 //! Limits of a conversion, which follow from the memory that it may use. A *grid cell* is the unit in which points are
 //! sorted on disk ([`Grid`](super::grid::Grid)). A *part* is a subtree of the octree that is built in memory.
 
-/// Memory per point of a part, in bytes, with its normal and radius; then the fixed memory beside the points.
+/// Memory per point of a part, in bytes, including the point's normal and radius.
 const HELD_POINT_BYTES: u64 = 160;
+/// Memory of a conversion apart from its points, in bytes.
 const OTHER_BYTES: u64 = 64 << 20;
 /// Record size, in bytes, that [`HELD_POINT_BYTES`] includes.
 const USUAL_POINT_BYTES: u64 = 64;
@@ -12,7 +13,8 @@ pub const LEAST_MEMORY: u64 = 200 << 20;
 /// Limits on the points per grid cell, per part, in memory, and between two saved states.
 #[derive(Clone, Copy)]
 pub(super) struct Limits {
-    /// Number of points of a surface that a grid cell is made for.
+    /// Approximate number of points in a grid cell if the points are on a surface. The size of cells is selected for
+    /// it.
     pub(super) cell_points: u64,
     /// Maximum number of grid cells.
     pub(super) most_cells: usize,
@@ -23,7 +25,7 @@ pub(super) struct Limits {
     /// Maximum number of points in about one place, which no subdivision separates; more are an error, as they wouldn't
     /// fit into memory.
     pub(super) most_in_place: u64,
-    /// Bytes of sorted points after which the state is synced to disk, with `resume`.
+    /// Number of bytes of sorted points after which the state is synced to disk, if the conversion can be resumed.
     pub(super) kept_bytes: u64,
 }
 

@@ -20,8 +20,8 @@ mod limits;
 mod nodes;
 mod parts;
 mod resume;
+mod shard_range;
 mod shards;
-mod share;
 mod sort;
 
 use crate::atomic::Temporary;
@@ -30,7 +30,7 @@ use conversion::{Conversion, Opened, Task};
 use inputs::{Sources, Stop};
 use limits::Limits;
 use nodes::{BuiltState, Nodes};
-use resume::{Kept, Manifest};
+use resume::{Manifest, ResumeFolder};
 use serde::{Deserialize, Serialize};
 use sort::{SortedState, Sorter};
 use std::io::{self, Write};
@@ -70,10 +70,10 @@ pub struct CopcOptions {
     pub columns: Option<TableColumns>,
 }
 
-/// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all fields of its record.
-/// Formats 0 to 5 become 6 or 7; waveforms are dropped. Inputs must agree in scale, format columns, extra bytes and
-/// coordinate reference system, and their offsets must differ by whole steps. Points of E57, PLY, PCD, NPY, NPZ, PTX
-/// and text become records whose step is a power of two, the same for all inputs.
+/// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all fields of its record. Point
+/// formats 0 to 5 become 6 or 7; waveforms are dropped. Inputs must agree in coordinate scale, fields of the converted
+/// point format, extra bytes and coordinate reference system, and their offsets must differ by whole steps. Points of
+/// E57, PLY, PCD, NPY, NPZ, PTX and text become records whose step is a power of two, the same for all inputs.
 ///
 /// Each point gets, as extra bytes, the mean colour of the points that it represents at its level. With `prepare`, each
 /// point also gets its radius, its normal and the mean normal. `prepare` runs for several parts of the cloud in
@@ -97,7 +97,8 @@ pub fn save_copc(
 ) -> Result<CopcReport, IoError> {
     if let Some(path) = inputs.iter().find(|path| shards::is_shard(path)) {
         if options.shard.is_some() {
-            let problem = Problem::new("is a share of a conversion, which can't be shared out").expected("its inputs");
+            let problem =
+                Problem::new("is a shard of a conversion, which can't be divided again").expected("its inputs");
             return Err(IoError::Invalid { path: path.clone(), problem: Box::new(problem) });
         }
         return shards::merge(inputs, output, options.overwrite, progress);
@@ -144,7 +145,7 @@ fn save(
                 None => Err(IoError::Exists { path: output.to_path_buf() }),
             };
         }
-        let opened = Kept::open(output, &Manifest::new(inputs, prepare.is_some(), options)?)?;
+        let opened = ResumeFolder::open(output, &Manifest::new(inputs, prepare.is_some(), options)?)?;
         if is_there {
             let Some(report) = opened.report_of(output)? else {
                 return Err(IoError::Exists { path: output.to_path_buf() });
@@ -167,7 +168,8 @@ fn save(
 /// A callback that writes a file's content.
 type Content<'a> = &'a mut dyn FnMut(&mut dyn Write) -> io::Result<()>;
 
-/// Passes the content to `write` and returns its result.
+/// Runs a conversion and writes its output by `write`, which gets a callback that writes the content. Returns the
+/// result of `write` and the report.
 fn write_by<T>(
     task: Task<'_>,
     write: impl FnOnce(Content<'_>) -> Result<T, IoError>,

@@ -13,10 +13,10 @@ use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 
-/// Bytes of upper nodes that are compressed at a time.
+/// Number of bytes of point records from which on a batch of nodes above the parts is compressed.
 const BATCH_BYTES: usize = 64 << 20;
 
-/// Compressed nodes in a file.
+/// Temporary file with the chunks of compressed nodes, and the position of each chunk.
 pub(super) struct ChunkFile {
     file: File,
     pub(super) chunks: Vec<Chunk>,
@@ -62,10 +62,10 @@ pub(super) struct BuiltState {
     upper: Index<VoxelKey>,
 }
 
-/// Nodes of the parts that are built.
+/// Nodes of the parts that are built so far, and points of nodes above the parts.
 pub(super) struct Nodes {
     pub(super) chunks: ChunkFile,
-    /// Records of nodes above the parts.
+    /// Point records of nodes above the parts, which are compressed when all parts are built.
     pub(super) upper: Spill<VoxelKey>,
     /// Number of parts that an earlier run built.
     pub(super) parts_built: usize,
@@ -82,7 +82,7 @@ impl Nodes {
         Ok(Self { chunks, upper, parts_built: parts, points })
     }
 
-    /// Saves the state after `parts` parts.
+    /// Saves the state after `parts` built parts, if the conversion saves progress.
     pub(super) fn keep(&mut self, conversion: &Conversion<'_>, parts: usize) -> Result<(), Stop> {
         let Some(kept) = conversion.task.kept else { return Ok(()) };
         self.chunks.file.sync_data()?;

@@ -22,11 +22,12 @@ use surfel_model::{Column3, PointCloud};
 pub struct PointSplat {
     /// Unit normal; zero if it couldn't be estimated.
     pub normal: [f32; 3],
-    /// Radius, in object units; 0 if it couldn't be estimated.
+    /// Radius, in the units of the file; 0 if it couldn't be estimated.
     pub radius: f32,
 }
 
-/// Callback that estimates a splat for each point of a connected region of the cloud.
+/// Callback that estimates a splat for each point of a region of the cloud, in the order of the points. An error is the
+/// reason, as text for a message.
 pub type Prepare<'a> = &'a (dyn Fn(&PointCloud) -> Result<Vec<PointSplat>, String> + Sync);
 
 /// A part of the cloud in memory.
@@ -42,7 +43,7 @@ pub(super) struct Made {
     pub(super) points: u64,
     /// Compressed nodes that are complete.
     pub(super) packed: Vec<Packed>,
-    /// Records of nodes above the part, which other parts have points of, too.
+    /// Point records of nodes above the part. Other parts have points of these nodes, too.
     pub(super) upper: Vec<(VoxelKey, Vec<u8>)>,
 }
 
@@ -72,7 +73,7 @@ impl Maker<'_> {
             .collect();
         coded.par_sort_unstable();
         let color_at = (template.format >= 7).then_some(30);
-        let mut filtered = Filtered { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
+        let mut filtered = LevelMeans { records, size, color_at, splats: splats.as_deref(), of: HashMap::new() };
         let level_of = levels(&coded, part, taken, &mut |i, group| {
             filtered.add(coded[i].1, coded[group].iter().map(|point| point.1));
         });
@@ -98,7 +99,8 @@ impl Maker<'_> {
         Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, laz)?, upper })
     }
 
-    /// Estimates the splats of points among the points around them; withheld points get zeros.
+    /// Estimates a splat for each point of `records`, with the points of `margin` as additional neighbours. Withheld
+    /// points get zeros. Returns `None` if the conversion estimates no splats.
     pub(super) fn splats(&self, records: &[u8], margin: &[u8]) -> io::Result<Option<Vec<PointSplat>>> {
         let Some(prepare) = self.prepare else { return Ok(None) };
         let Layout { template, sorted_bytes, normals, .. } = self.layout;
@@ -129,7 +131,7 @@ pub(super) fn is_withheld(record: &[u8]) -> bool {
     record[15] & 4 != 0
 }
 
-/// Compresses points to one LAZ chunk.
+/// Compresses point records to one LAZ chunk, and returns its bytes.
 pub(super) fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
     let other = |e: ::laz::LasZipError| io::Error::other(e.to_string());
     let mut compressor = LasZipCompressor::new(Cursor::new(Vec::new()), laz.clone()).map_err(other)?;
@@ -158,17 +160,17 @@ pub(super) fn packed(nodes: Vec<(VoxelKey, Vec<u8>)>, laz: &LazVlr) -> io::Resul
     packed.collect()
 }
 
-/// Mean colours and normals of the points that represent others at their level.
-pub(super) struct Filtered<'a> {
+/// Mean colours and normals of groups of points, each of which is represented by one point at its level.
+pub(super) struct LevelMeans<'a> {
     pub(super) records: &'a [u8],
     pub(super) size: usize,
     pub(super) color_at: Option<usize>,
     pub(super) splats: Option<&'a [PointSplat]>,
-    /// Mean colour and mean normal by point index.
+    /// Mean colour, in 16-bit sRGB levels, and mean normal, in units of 1/127, by the index of the representing point.
     pub(super) of: HashMap<u32, ([u16; 3], [i8; 3])>,
 }
 
-impl Filtered<'_> {
+impl LevelMeans<'_> {
     pub(super) fn record(&self, i: u32) -> &[u8] {
         &self.records[i as usize * self.size..][..self.size]
     }
@@ -182,7 +184,8 @@ impl Filtered<'_> {
         self.splats.map_or([0.0; 3], |splats| splats[i as usize].normal)
     }
 
-    /// Averages the colours and normals of `others`, which point `i` represents and is one of.
+    /// Stores the mean colour and mean normal of `others`: the points that point `i` represents, including `i` itself.
+    /// Stores none for a point that represents only itself.
     pub(super) fn add(&mut self, i: u32, others: impl Iterator<Item = u32>) {
         let own = glam::Vec3::from(self.normal(i));
         let (mut count, mut color, mut normal) = (0_u64, [0.0_f64; 3], glam::Vec3::ZERO);
@@ -203,13 +206,13 @@ impl Filtered<'_> {
         }
     }
 
-    /// Appends Surfel's extra bytes of point `i`.
+    /// Appends Surfel's extra bytes of point `i` to `out`.
     pub(super) fn write(&self, i: u32, adds_normals: bool, out: &mut Vec<u8>) {
         let filtered = self.of.get(&i);
         if let Some(splats) = self.splats {
             let splat = &splats[i as usize];
-            // The radius has eight bits after the binary point, because the zeros after them compress to nothing. It is
-            // rounded up so that no hole opens.
+            // The radius is stored with only eight bits of its mantissa, because the zeros after them compress to
+            // nothing. It is rounded up so that no hole opens.
             let bits = splat.radius.to_bits();
             out.extend_from_slice(&(bits.saturating_add(0x7fff) & 0xffff_8000).to_le_bytes());
             let own = eight_bits(splat.normal);

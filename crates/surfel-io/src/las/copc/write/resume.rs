@@ -61,7 +61,8 @@ impl Manifest {
         Ok(Self { version: env!("CARGO_PKG_VERSION").to_owned(), splats, shard: options.shard, columns, inputs })
     }
 
-    /// Describes the first difference between two manifests, if there is one.
+    /// Describes the first difference between two manifests: the value in `self`, then the value in `other`. Returns
+    /// `None` if they are equal.
     fn difference(&self, other: &Self) -> Option<[String; 2]> {
         if self == other {
             return None;
@@ -87,7 +88,7 @@ impl Manifest {
 
 /// A resume folder, locked for this run.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct ResumeFolder {
     folder: PathBuf,
     /// Lock file, locked as long as a run uses the folder.
     _lock: File,
@@ -100,7 +101,7 @@ pub(super) fn folder_of(output: &Path) -> PathBuf {
     output.with_file_name(name)
 }
 
-impl Kept {
+impl ResumeFolder {
     /// Opens an output's resume folder, or creates one that other users can't write to.
     pub(super) fn open(output: &Path, manifest: &Manifest) -> Result<Self, IoError> {
         let folder = folder_of(output);
@@ -181,7 +182,8 @@ impl Kept {
         Ok(())
     }
 
-    /// Opens a data file and cuts it off after its `bytes` valid bytes.
+    /// Opens a data file of the folder, or creates it, and cuts it off after its `bytes` valid bytes. Returns an error
+    /// if the file is shorter.
     pub(super) fn file(&self, name: &str, bytes: u64) -> Result<File, Stop> {
         let mut options = OpenOptions::new();
         let options = options.create(true).truncate(false).read(true).write(true);

@@ -2,8 +2,8 @@
 //! in memory.
 //!
 //! A part depends only on its own points and those in its margin. The octree follows from the bounds in the inputs'
-//! headers, and parts of a node above them are merged in order. The merged file therefore doesn't depend on where the
-//! ranges end.
+//! headers. If several shards have points of a node above the parts, these points are merged in order of the shards.
+//! The merged file therefore doesn't depend on where the ranges end.
 
 use super::grid::{Cells, Frame, Grid};
 use super::inputs::{Input, Stop};
@@ -24,19 +24,20 @@ type Bounds = [[i64; 3]; 2];
 
 /// A range of the parts, and the octree that they belong to.
 #[derive(Debug)]
-pub(super) struct Share {
+pub(super) struct ShardRange {
     pub(super) frame: Frame,
     pub(super) cells: Cells,
-    /// Bounds of all points by the headers, in steps of the first input.
+    /// Minimum and maximum corner of all points by the headers, in steps of the first input.
     pub(super) ends: [[i32; 3]; 2],
     grid: Grid,
     parts: Range<u64>,
-    /// Bounds of each input with points, by its header; `off` is the rounding error of a bound, in units.
+    /// Bounds of each input by its header; `None` for inputs without points.
     bounds: Vec<Option<Bounds>>,
-    off: [i64; 3],
+    /// Rounding error of a bound along each axis, in units of the grid.
+    bounds_error: [i64; 3],
 }
 
-impl Share {
+impl ShardRange {
     /// Selects shard `index` of `count`; all shards have about the same number of points.
     pub(super) fn new([index, count]: [u32; 2], inputs: &[Input], grid: Grid, scale: DVec3) -> Self {
         let steps = |input: &Input| {
@@ -61,22 +62,22 @@ impl Share {
         let ends = [all(0, i64::min), all(1, i64::max)];
         let cells = Cells::new(grid.cell(ends[0]), grid.cell(ends[1]));
         let frame = Frame::over(&grid, &cells, ends);
-        let off = grid.steps.abs().ceil().to_array().map(|v| v as i64);
-        let told = [of_all(0, i32::min), of_all(1, i32::max)];
-        let mut share = Self { frame, cells, ends: told, grid, parts: 0..0, bounds, off };
+        let bounds_error = grid.steps.abs().ceil().to_array().map(|v| v as i64);
+        let end_steps = [of_all(0, i32::min), of_all(1, i32::max)];
+        let mut range = Self { frame, cells, ends: end_steps, grid, parts: 0..0, bounds, bounds_error };
         let mut level = cells.depth;
         let octants = |level| {
-            let all = share.bounds.iter().flatten().map(|b| share.octants(b, level).map(long).iter().product());
+            let all = range.bounds.iter().flatten().map(|b| range.octants(b, level).map(long).iter().product());
             all.fold(0_i64, i64::saturating_add)
         };
         while level > 0 && octants(level) > MOST_OCTANTS {
             level -= 1;
         }
-        share.parts = share.stretch(level, [index, count], inputs);
-        share
+        range.parts = range.stretch(level, [index, count], inputs);
+        range
     }
 
-    /// Returns the range of octants of a level that `bounds` overlap, along each axis.
+    /// Returns the range of octants of `level` that `bounds` overlap, as their indices along each axis.
     fn octants(&self, bounds: &Bounds, level: u32) -> [RangeInclusive<i64>; 3] {
         let cells = bounds.map(|end| self.grid.cell(end));
         let last = (1 << level) - 1;
@@ -86,14 +87,15 @@ impl Share {
         })
     }
 
-    /// Returns the shard's range of parts, assuming that points are spread evenly over each input's bounds.
+    /// Returns the range of parts of shard `index` of `count`. Points are assumed to be spread evenly over each input's
+    /// bounds. The range ends at borders between octants of `level`.
     fn stretch(&self, level: u32, [index, count]: [u32; 2], inputs: &[Input]) -> Range<u64> {
         let side = self.grid.side();
         let mut points: BTreeMap<u64, f64> = BTreeMap::new();
         for (input, bounds) in inputs.iter().zip(&self.bounds) {
             let Some(bounds) = bounds else { continue };
             let [xs, ys, zs] = self.octants(bounds, level);
-            let share = |k: usize, octant: i64| {
+            let fraction = |k: usize, octant: i64| {
                 let (start, cells) = self.cells.stretch(k, octant, level);
                 let (start, end) = (start * side, (start + cells) * side);
                 let within = (bounds[1][k] + 1).min(end) - bounds[0][k].max(start);
@@ -102,7 +104,7 @@ impl Share {
             for z in zs {
                 for y in ys.clone() {
                     for x in xs.clone() {
-                        let of_box = share(0, x) * share(1, y) * share(2, z);
+                        let of_box = fraction(0, x) * fraction(1, y) * fraction(2, z);
                         let octant = code([x, y, z].map(|v| v as u32));
                         *points.entry(octant).or_default() += input.header.count as f64 * of_box;
                     }
@@ -118,9 +120,9 @@ impl Share {
         }
         let shift = 3 * (self.cells.depth - level);
         let end = 1 << (3 * self.cells.depth);
-        let edge = |share: u32| match starts.iter().find(|(_, of)| *of >= f64::from(share)) {
-            _ if share == 0 => 0,
-            Some((octant, _)) if share < count => octant << shift,
+        let edge = |shard: u32| match starts.iter().find(|(_, of)| *of >= f64::from(shard)) {
+            _ if shard == 0 => 0,
+            Some((octant, _)) if shard < count => octant << shift,
             _ => end,
         };
         edge(index)..edge(index + 1)
@@ -135,7 +137,10 @@ impl Share {
     pub(super) fn needs(&self, input: usize) -> bool {
         let Some(Some([low, high])) = self.bounds.get(input) else { return false };
         let reach = self.grid.reach() + 1;
-        let grown = [[0, 1, 2].map(|k| low[k] - self.off[k] - reach), [0, 1, 2].map(|k| high[k] + self.off[k] + reach)];
+        let grown = [
+            [0, 1, 2].map(|k| low[k] - self.bounds_error[k] - reach),
+            [0, 1, 2].map(|k| high[k] + self.bounds_error[k] + reach),
+        ];
         let depth = self.cells.depth;
         let [xs, ys, zs] = self.octants(&grown, depth);
         // Visits octants from the root down, and stops at octants entirely inside or outside the range.
@@ -162,7 +167,9 @@ impl Share {
 
     /// Returns an error for a point outside the bounds in its input's header: another shard may have missed it.
     pub(super) fn check(&self, input: usize, units: [i64; 3]) -> Result<(), Problem> {
-        let within = |b: &Bounds| (0..3).all(|k| (b[0][k] - self.off[k]..=b[1][k] + self.off[k]).contains(&units[k]));
+        let within = |b: &Bounds| {
+            (0..3).all(|k| (b[0][k] - self.bounds_error[k]..=b[1][k] + self.bounds_error[k]).contains(&units[k]))
+        };
         if self.frame.holds(units) && self.bounds.get(input).is_some_and(|b| b.as_ref().is_some_and(within)) {
             return Ok(());
         }
@@ -170,8 +177,8 @@ impl Share {
         Err(problem.help("convert without `shard`, which asks no header; or mend the header"))
     }
 
-    /// Completes the point counts of octants above the parts that other shards have parts of, too. Counts are exact up
-    /// to the maximum of an octant that isn't divided.
+    /// Completes the point counts of octants above the parts for which other shards have points, too. A count above
+    /// [`LEAF_POINTS`] may be too low, but stays above it, which suffices to decide that the octant is divided.
     pub(super) fn complete(&self, counts: &mut HashMap<VoxelKey, u64>, inputs: &[Input]) -> Result<(), Stop> {
         let depth = self.cells.depth;
         for level in (0..depth).rev() {
@@ -198,7 +205,8 @@ impl Share {
         let mut found = 0;
         for (input, bounds) in inputs.iter().zip(&self.bounds) {
             let Some([from, to]) = bounds else { continue };
-            if (0..3).any(|k| to[k] + self.off[k] < low[k] || from[k] - self.off[k] >= low[k] + side) {
+            if (0..3).any(|k| to[k] + self.bounds_error[k] < low[k] || from[k] - self.bounds_error[k] >= low[k] + side)
+            {
                 continue;
             }
             let mut again = input.again()?;
@@ -219,7 +227,7 @@ fn long(range: RangeInclusive<i64>) -> i64 {
     range.end() - range.start() + 1
 }
 
-/// A sink that counts the points in a cube.
+/// A sink that counts the points in a cube. It stops the reading by an error once there are more than [`LEAF_POINTS`].
 struct Counter {
     grid: Grid,
     low: [i64; 3],

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 
 const SIGNATURE: [u8; 8] = *b"SURFELS1";
 const HEAD_BYTES: u64 = 16;
-/// Bytes copied at a time.
+/// Number of bytes that are copied at a time.
 const COPIED_BYTES: u64 = 8 << 20;
 
 /// Properties that all shards of a conversion share.
@@ -34,7 +34,7 @@ struct Common {
     inputs: Vec<u64>,
     template: Template,
     cube: Cube,
-    /// Bounds of all points by the inputs' headers, in steps.
+    /// Minimum and maximum corner of all points by the inputs' headers, in steps of the coordinate scale.
     ends: [[i32; 3]; 2],
 }
 
@@ -56,7 +56,7 @@ pub(super) fn is_shard(path: &Path) -> bool {
     File::open(path).and_then(|mut file| file.read_exact(&mut found)).is_ok() && found == SIGNATURE
 }
 
-/// Writes a shard file.
+/// Writes a shard file of an octree to `sink`, and returns the report on it.
 pub(super) fn write(
     conversion: &Conversion<'_>,
     inputs: &[Input],
@@ -67,7 +67,7 @@ pub(super) fn write(
     let Octree { cube, nodes, summary, notes } = octree;
     let (mut file, mut records) = (nodes.chunks, nodes.upper);
     let inputs = inputs.iter().map(|input| input.file_bytes).collect();
-    let ends = conversion.share.as_ref().map(|share| share.ends).unwrap_or_default();
+    let ends = conversion.shard_range.as_ref().map(|range| range.ends).unwrap_or_default();
     let version = env!("CARGO_PKG_VERSION").to_owned();
     let common = Common { version, inputs, template: conversion.layout.template.clone(), cube, ends };
     let mut keys: Vec<(VoxelKey, u64)> = records.sizes().collect();
@@ -118,14 +118,14 @@ pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result
     let Head { shard: [index, count], common, summary, chunks, .. } = &found.head;
     let what = match inputs.iter().find(|(_, (_, changed))| *changed > written) {
         _ if common.version != env!("CARGO_PKG_VERSION") => format!("is of Surfel {}", common.version),
-        _ if [*index, *count] != shard => format!("is share {index} of {count}"),
+        _ if [*index, *count] != shard => format!("is shard {index} of {count}"),
         _ if !common.inputs.iter().eq(inputs.iter().map(|(_, (bytes, _))| bytes)) => {
-            "is a share of other inputs".into()
+            "is a shard of other inputs".into()
         }
         Some((path, _)) => format!("is older than {}", path.shown()),
         None => return Ok(report(summary, chunks, Vec::new())),
     };
-    let problem = Problem::new(what).expected(format!("share {} of {} of these inputs", shard[0], shard[1]));
+    let problem = Problem::new(what).expected(format!("shard {} of {} of these inputs", shard[0], shard[1]));
     let help = "delete it, or give `force`, to write it again";
     Err(IoError::Invalid { path: output.to_path_buf(), problem: Box::new(problem.help(help)) })
 }
@@ -147,13 +147,13 @@ impl Shard {
     fn open(path: &Path) -> Result<Self, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         let invalid = |problem| IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) };
-        let damaged = |what: String| invalid(Problem::new(what).help("copy the file again, or write this share again"));
+        let damaged = |what: String| invalid(Problem::new(what).help("copy the file again, or write this shard again"));
         let mut file = File::open(path).map_err(system)?;
         let file_bytes = file.metadata().map_err(system)?.len();
         let mut begin = Vec::new();
         (&mut file).take(HEAD_BYTES).read_to_end(&mut begin).map_err(system)?;
         if !begin.starts_with(&SIGNATURE) {
-            let problem = Problem::new("is no share of a conversion").expected("shares only, as others of the inputs");
+            let problem = Problem::new("is no shard of a conversion").expected("shards only, as others of the inputs");
             return Err(invalid(problem.help("put all that `shard` wrote together, and nothing else")));
         }
         let head_bytes = if begin.len() < 16 { u64::MAX } else { u64::from_le_bytes(field(&begin, 8)) };
@@ -174,7 +174,7 @@ impl Shard {
         }
     }
 
-    /// Reads bytes at an offset `at` from the end of the head.
+    /// Fills `bytes` from byte `at` on, counted from the end of the head.
     fn read(&self, file: &mut File, at: u64, bytes: &mut [u8]) -> io::Result<()> {
         file.seek(SeekFrom::Start(self.start + at))?;
         file.read_exact(bytes)
@@ -226,7 +226,8 @@ impl Head {
     }
 }
 
-/// Opens all shards of one conversion and returns them in order; an error if one is missing or doesn't match.
+/// Opens all shards of one conversion and returns them in order of their index. Returns an error if a shard is missing
+/// or belongs to another conversion.
 fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
     let mut shards = paths.iter().map(|path| Shard::open(path)).collect::<Result<Vec<_>, _>>()?;
     shards.sort_by_key(|shard| shard.head.shard[0]);
@@ -239,15 +240,15 @@ fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
         let ([index, of], first) = (shard.head.shard, &shards[0]);
         if of != count || shard.head.common != first.head.common {
             let expected = format!("one of the {count} of the same inputs, as {}", first.path.shown());
-            return Err(unlike(format!("is share {index} of {of} of another conversion"), expected, "write it again"));
+            return Err(unlike(format!("is shard {index} of {of} of another conversion"), expected, "write it again"));
         }
         if index as usize != i {
-            let what = format!("is share {index} of {count}, and {i} is not there once");
+            let what = format!("is shard {index} of {count}, and {i} is not there once");
             return Err(unlike(what, format!("each of 0 to {} once", count - 1), "write those that are missing"));
         }
     }
     if let Some(last) = shards.last().filter(|_| shards.len() < count as usize) {
-        let what = format!("is the last of {} shares, expected {count}", shards.len());
+        let what = format!("is the last of {} shards, expected {count}", shards.len());
         let problem = Problem::new(what).help("write those that are missing");
         return Err(IoError::Invalid { path: last.path.clone(), problem: Box::new(problem) });
     }
@@ -267,7 +268,7 @@ pub(super) fn merge(
         return Err(unreadable(output, io::Error::other("no input is given")));
     };
     let (mut summary, mut chunks) = (Summary::default(), Vec::new());
-    // Shards that have records of each node above the parts.
+    // For each node above the parts, the indices of the shards with records of it, and the blocks of these records.
     let mut upper: BTreeMap<VoxelKey, Vec<(usize, &Blocks)>> = BTreeMap::new();
     for (i, shard) in shards.iter().enumerate() {
         summary.add_all(&shard.head.summary);
@@ -278,7 +279,7 @@ pub(super) fn merge(
     }
     let twice = |path: &Path| {
         let problem =
-            Problem::new("has a node that another share has, too").help("the file is damaged: write it again");
+            Problem::new("has a node that another shard has, too").help("the file is damaged: write it again");
         IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) }
     };
     let mut keys: Vec<(u32, u64, usize)> = chunks.iter().map(|c| (c.level, c.code, c.file)).collect();
@@ -288,7 +289,7 @@ pub(super) fn merge(
         return Err(twice(&shards[same[1].2].path));
     }
     if summary.count == 0 {
-        let problem = Problem::new("holds no point, and no other share does").expected("at least one");
+        let problem = Problem::new("holds no point, and no other shard does").expected("at least one");
         return Err(IoError::Invalid { path: shards[0].path.clone(), problem: Box::new(problem) });
     }
     let written = crate::atomic::write(output, overwrite, |sink| {
@@ -342,9 +343,9 @@ pub(super) fn merge(
     })
 }
 
-/// Returns the error of a shard whose bytes at offset `at` have changed.
+/// Returns the error of a shard whose bytes have changed. `at` is the byte offset from the end of the shard's head.
 fn changed_shard(path: &Path, at: u64) -> io::Error {
     let problem = Problem::new(format!("is damaged: bytes from {at} behind its head have changed"));
-    let problem = Box::new(problem.help("copy the file again, or write this share again"));
+    let problem = Box::new(problem.help("copy the file again, or write this shard again"));
     io::Error::other(IoError::Invalid { path: path.to_path_buf(), problem })
 }

@@ -1,7 +1,7 @@
 //! First step of a conversion: sorts the points of all inputs into grid cells on disk.
 
 use super::conversion::Conversion;
-use super::grid::{Grid, in_reach};
+use super::grid::{Grid, each_near_cell};
 use super::inputs::{Input, Stop};
 use super::parts::{is_withheld, position};
 use super::resume;
@@ -17,14 +17,14 @@ use std::hash::Hash;
 use std::io;
 use std::path::Path;
 
-/// Records on disk, by grid cell or octant.
+/// Lists of point records on disk. The key of a list is a grid cell or an octant.
 pub(super) struct Spills<K> {
     pub(super) points: Spill<K>,
     /// Records of points near a border, by the neighbouring cell or octant; empty without `prepare`.
     pub(super) margins: Spill<K>,
 }
 
-/// Lists of the records of an octant, and of those in its margin.
+/// Lists of the records of points in an octant, and lists of those in its margin.
 pub(super) struct Lists {
     pub(super) points: Vec<List>,
     pub(super) margin: Vec<List>,
@@ -47,7 +47,7 @@ impl<K: Copy + Eq + Hash> Spills<K> {
         self.margins.flush()
     }
 
-    /// Renames the lists; joins lists that get the same key.
+    /// Changes the key of each list to `key(old key)`. Lists that get the same key are joined.
     fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
         self.points.merge(&key)?;
         self.margins.merge(key)
@@ -79,13 +79,14 @@ pub(super) struct Sorter<'a> {
     sorted: SortedPoints,
     /// Number of inputs whose points were sorted by an earlier run.
     inputs_sorted: usize,
-    /// Number of points read, and the number to read.
+    /// Number of points read so far, for reports of progress.
     read: u64,
+    /// Number of points to read.
     all: u64,
 }
 
 impl<'a> Sorter<'a> {
-    /// Opens the cells on disk, with the points of an earlier run if `state` is given.
+    /// Opens the lists of grid cells on disk. They contain the points of an earlier run if `state` is given.
     pub(super) fn open(
         conversion: &'a Conversion<'a>,
         mut grid: Grid,
@@ -105,11 +106,12 @@ impl<'a> Sorter<'a> {
 
     /// Sorts the points of all inputs that this shard needs.
     pub(super) fn sort(mut self, inputs: &mut [Input]) -> Result<SortedPoints, Stop> {
-        let Conversion { task, layout, share, .. } = self.conversion;
-        let needed: Vec<bool> = (0..inputs.len()).map(|i| share.as_ref().is_none_or(|share| share.needs(i))).collect();
-        let add = |sum: u64, input: &Input| sum.saturating_add(input.header.count);
-        self.all = inputs.iter().zip(&needed).filter(|(_, needed)| **needed).map(|(input, _)| input).fold(0, add);
-        self.read = inputs.iter().take(self.inputs_sorted).fold(0, add);
+        let Conversion { task, layout, shard_range, .. } = self.conversion;
+        let needed: Vec<bool> =
+            (0..inputs.len()).map(|i| shard_range.as_ref().is_none_or(|range| range.needs(i))).collect();
+        let counts = inputs.iter().zip(&needed).map(|(input, needed)| if *needed { input.header.count } else { 0 });
+        self.all = counts.clone().fold(0, u64::saturating_add);
+        self.read = counts.take(self.inputs_sorted).fold(0, u64::saturating_add);
         let (mut stored, count) = (self.sorted.summary.count, inputs.len());
         for (i, input) in inputs.iter_mut().enumerate().skip(self.inputs_sorted) {
             if needed[i] {
@@ -121,7 +123,7 @@ impl<'a> Sorter<'a> {
                 stored = self.sorted.summary.count;
             }
         }
-        if self.sorted.summary.count == 0 && share.is_none() {
+        if self.sorted.summary.count == 0 && shard_range.is_none() {
             let others = if count > 1 { ", and no other input does" } else { "" };
             let problem = Problem::new(format!("holds no point{others}")).expected("at least one");
             return Err(self.conversion.invalid(problem));
@@ -143,7 +145,7 @@ impl<'a> Sorter<'a> {
         Ok(())
     }
 
-    /// Saves the state after `inputs` inputs.
+    /// Saves the state after `inputs` sorted inputs, if the conversion saves progress.
     fn keep(&mut self, inputs: usize) -> Result<(), Stop> {
         let Some(kept) = self.conversion.task.kept else { return Ok(()) };
         let SortedPoints { grid, cells, summary, notes } = &mut self.sorted;
@@ -152,11 +154,12 @@ impl<'a> Sorter<'a> {
         Ok(kept.save(resume::SORTED, &SortedState { inputs, finest: grid.finest, points, margins, summary, notes })?)
     }
 
-    /// Adds a record at `position` steps and `units` units to the cells of this shard.
+    /// Adds a point record to its grid cell, and to the margins of the cells near it. Cells of other shards get
+    /// nothing. `position` is in steps of the coordinate scale, and `units` in grid units.
     fn add(&mut self, record: &[u8], position: [i32; 3], units: [i64; 3]) -> io::Result<()> {
-        let Conversion { task, share, .. } = self.conversion;
+        let Conversion { task, shard_range, .. } = self.conversion;
         let SortedPoints { grid, cells, summary, .. } = &mut self.sorted;
-        let owns = |cell| share.as_ref().is_none_or(|share| share.owns(cell));
+        let owns = |cell| shard_range.as_ref().is_none_or(|range| range.owns(cell));
         let cell = grid.cell(units);
         if owns(cell) {
             summary.add(record, position);
@@ -164,9 +167,9 @@ impl<'a> Sorter<'a> {
         }
         if task.prepare.is_some() && !is_withheld(record) {
             let mut add = |cell| if owns(cell) { cells.margins.append(cell, record) } else { Ok(()) };
-            in_reach(units, grid.side(), &mut add)?;
+            each_near_cell(units, grid.side(), &mut add)?;
         }
-        if share.is_none() && cells.points.count() > task.limits.most_cells {
+        if shard_range.is_none() && cells.points.count() > task.limits.most_cells {
             // Points are outside the bounds in their headers, which a shard refuses: double the cells' side.
             grid.finest *= 2;
             cells.merge(|cell| cell.map(|c| c.div_euclid(2)))?;
@@ -183,7 +186,7 @@ struct InputSink<'w, 'a> {
     format: u8,
     input_bytes: usize,
     shift: [i64; 3],
-    /// The record that is converted.
+    /// Buffer for the converted record.
     record: Vec<u8>,
     /// Error of the temporary files, if writing to them failed.
     failed: Option<io::Error>,
@@ -220,8 +223,8 @@ impl Sink for InputSink<'_, '_> {
         for record in records.chunks_exact(self.input_bytes) {
             let position = self.convert(record)?;
             let units = self.sorter.sorted.grid.units(position);
-            if let Some(share) = &self.sorter.conversion.share {
-                share.check(self.input, units)?;
+            if let Some(range) = &self.sorter.conversion.shard_range {
+                range.check(self.input, units)?;
             }
             if let Err(error) = self.sorter.add(&self.record, position, units) {
                 self.failed = Some(error);

@@ -30,7 +30,7 @@ fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
     bytes
 }
 
-/// Converts to format 7; each point has a colour of its own.
+/// Converts a LAS file of [`las_of`] to point format 7. Each point gets a colour of its own.
 fn colored(las: &[u8]) -> Vec<u8> {
     let mut bytes = las[..375].to_vec();
     bytes[104] = 7;
@@ -50,7 +50,7 @@ fn random(seed: u64) -> impl FnMut() -> u64 {
     }
 }
 
-/// Builds a sheet of points; half of them are in one hundredth of its area.
+/// Builds a LAS file of a sheet of `count` points. Half of the points are in one hundredth of the sheet's area.
 fn las(count: u64) -> Vec<u8> {
     let mut next = random(3);
     let point = |i: u64| {
@@ -148,9 +148,10 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
             most_in_place: u64::MAX,
         },
     );
-    // Cells of 128² points, and one of 512², divided once and twice; margins are at least two points wide, those of
-    // real files eight. Two are enough for normals and for 99 % of radii, four for all. Radii are selected in f32
-    // within a run of points, and parts have other runs: two of 262,144 differed by 4 %.
+    // The grid has cells of 128² points, or a single cell of 512² points that is divided once or twice. Margins are at
+    // least two points wide; those of real files are at least eight. Two are enough for all normals and 99 % of radii,
+    // four for all radii. Radii are selected in f32 within a run of points, and runs differ between parts: two of
+    // 262,144 radii differed by 4 %.
     for (cell_points, most_points, most_grown_share) in
         [(16_384, 100_000, 0.01), (262_144, 100_000, 1e-5), (262_144, 20_000, 0.01)]
     {
@@ -202,14 +203,16 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     };
     let at_once = nodes(1_000_000);
     assert!(at_once.len() > 8 && at_once.iter().map(|n| n.2).sum::<u64>() == 300_000);
-    // 60,000 divides cells, 45,000 divides their octants again; a leaf must fit.
+    // A limit of 60,000 points divides cells, and one of 45,000 also divides their octants. The limit must exceed
+    // `LEAF_POINTS`.
     assert_eq!(nodes(60_000), at_once);
     assert_eq!(nodes(45_000), at_once);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Writes `count` tiles side by side, each 2048 steps wide, with correct bounds in their headers. For 12 tiles, cells
-/// of the grid are 512 steps wide. Tiles end 3 steps before a cell does, so that margins reach into the next tile.
+/// Writes `count` LAS files of tiles side by side, each 2048 steps wide, with correct bounds in their headers. For 12
+/// tiles, cells of the grid are 512 steps wide. Tiles end 3 steps before a cell does, so that margins reach into the
+/// next tile.
 fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     let mut next = random(11);
     let tile = |tile: u64| {
@@ -239,7 +242,8 @@ fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     (0..count).map(tile).collect()
 }
 
-/// Makes splats that depend on all points that a part is made with, and on their order.
+/// Returns splats that depend on all points of `cloud` and on their order, so that a test detects any difference in
+/// them.
 fn of_neighbours(cloud: &PointCloud) -> Result<Vec<PointSplat>, String> {
     let middle = (0..cloud.len()).map(|i| cloud.positions.get(i)).sum::<DVec3>() / cloud.len() as f64;
     let splat = |i: usize| PointSplat { normal: [0.6, 0.0, 0.8], radius: (middle.length() + i as f64) as f32 };
@@ -271,7 +275,7 @@ fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn shares_put_together_are_the_file_whatever_their_number() {
-    let folder = folder_of_test("shares");
+    let folder = folder_of_test("shards");
     let inputs = tiles(&folder, 12, 50_000);
     let make = |output: &Path, shard: Option<[u32; 2]>, prepare: Prepare<'_>| {
         let options = CopcOptions { shard, ..OVER };
@@ -298,7 +302,7 @@ fn shares_put_together_are_the_file_whatever_their_number() {
             let merged = folder.join("merged.copc.laz");
             let made = save_copc(&paths, &merged, &OVER, None, &|_, _, _| ()).unwrap();
             assert_eq!((made.points, made.nodes, made.levels), (report.points, report.nodes, report.levels));
-            assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap(), "{kind}, {count} shares");
+            assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap(), "{kind}, {count} shards");
         }
     }
     std::fs::remove_dir_all(&folder).unwrap();
@@ -357,9 +361,9 @@ fn share_that_is_there_is_left_as_it_is_if_it_is_of_these_inputs() {
     let bytes = std::fs::read(&path).unwrap();
     assert_eq!(run(&inputs, [1, 2], false).unwrap(), report);
     for (inputs, shard, says) in [
-        (&inputs[..], [0, 2], "is share 1 of 2\n  expected: share 0 of 2"),
-        (&inputs[..], [1, 3], "is share 1 of 2\n  expected: share 1 of 3"),
-        (&inputs[1..], [1, 2], "is a share of other inputs"),
+        (&inputs[..], [0, 2], "is shard 1 of 2\n  expected: shard 0 of 2"),
+        (&inputs[..], [1, 3], "is shard 1 of 2\n  expected: shard 1 of 3"),
+        (&inputs[1..], [1, 2], "is a shard of other inputs"),
     ] {
         let told = run(inputs, shard, false).unwrap_err();
         assert!(told.contains(says) && told.contains("delete it"), "{told}");
@@ -371,7 +375,7 @@ fn share_that_is_there_is_left_as_it_is_if_it_is_of_these_inputs() {
     assert!(std::fs::read(&path).unwrap() == bytes);
     assert_eq!(run(&inputs, [1, 2], true).unwrap(), report);
     std::fs::write(&path, "x").unwrap();
-    assert!(run(&inputs, [1, 2], false).unwrap_err().contains("is no share of a conversion"));
+    assert!(run(&inputs, [1, 2], false).unwrap_err().contains("is no shard of a conversion"));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
@@ -394,10 +398,10 @@ fn shares_that_are_not_one_conversion_are_refused() {
         told
     };
     assert!(refused(&[&a]).contains("expected 2"));
-    assert!(refused(&[&a, &a]).contains("is share 0 of 2, and 1 is not there once"));
+    assert!(refused(&[&a, &a]).contains("is shard 0 of 2, and 1 is not there once"));
     assert!(refused(&[&a, &c]).contains("of another conversion"));
     assert!(refused(&[&a, &d]).contains("of another conversion"));
-    assert!(refused(&[&a, &inputs[0]]).contains("is no share of a conversion"));
+    assert!(refused(&[&a, &inputs[0]]).contains("is no shard of a conversion"));
     // Cut off or changed anywhere: an error, or the points of all shards.
     let whole = std::fs::read(&b).unwrap();
     for at in [8, 12, 20, 300, whole.len() / 2, whole.len() - 1] {
@@ -453,7 +457,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
             save(&inputs, &output, &options, Some(&prepare), progress, TILE_LIMITS)
         };
         let counted = std::cell::Cell::new(0);
-        // Two moments of the last stage are enough.
+        // Counts the progress reports of all stages but the last, for which two interruptions are enough.
         let count = |name: &'static str, _: u64, _: u64| {
             counted.set(counted.get() + if name == "writing the file" { 0 } else { 1 });
         };
@@ -490,7 +494,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
             std::fs::remove_file(&output).unwrap();
             assert_eq!(names(&folder), before);
         }
-        // All parts are made again after the first moment, some in the middle, none at the end.
+        // After the first moment all parts are made again, after some later ones only some parts, after the last none.
         assert!(after.first().is_some_and(|made| *made >= parts) && after.last() == Some(&0), "{after:?} of {parts}");
         assert!(after.iter().any(|made| (1..parts).contains(made)), "{after:?} of {parts}");
     }
@@ -616,7 +620,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     std::fs::write(resume_folder(&output).join("thesis.txt"), "x").unwrap();
     assert!(refused(&inputs, &resume).contains("holds thesis.txt"));
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
-    let held = Kept::open(&output, &Manifest::new(&inputs, false, &CopcOptions::default()).unwrap()).unwrap();
+    let held = ResumeFolder::open(&output, &Manifest::new(&inputs, false, &CopcOptions::default()).unwrap()).unwrap();
     assert!(refused(&inputs, &resume).contains("another run with `resume` is writing it"));
     // A run that was killed after the output appeared but before its folder was removed counts as done.
     let report = run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();

@@ -6,7 +6,7 @@ use crate::{Content, LoadOptions};
 use std::path::PathBuf;
 use surfel_model::PointCloud;
 
-/// x y z, red green blue, nx ny nz, and the index of a point of a bumpy sheet.
+/// A point of a bumpy sheet: x y z, red green blue, nx ny nz, and its index.
 type Row = ([f32; 3], [u8; 3], [f32; 3], u32);
 
 fn rows(count: u32) -> Vec<Row> {
@@ -240,15 +240,15 @@ fn inputs_share_their_steps() {
     save(&inputs, &output, &OVER, None, &|_, _, _| (), LARGE).unwrap();
     assert!(std::fs::read(&output).unwrap() == written(&whole, LARGE).unwrap().0);
     // Shards use the same steps, too.
-    let share = |index: u32| {
+    let shard = |index: u32| {
         let output = folder.join(format!("{index}.shard"));
         let options = CopcOptions { shard: Some([index, 2]), ..OVER };
         save(&inputs, &output, &options, None, &|_, _, _| (), LARGE).unwrap();
         output
     };
-    let shares = [share(0), share(1)];
+    let shards = [shard(0), shard(1)];
     let merged = folder.join("merged.copc.laz");
-    super::super::save_copc(&shares, &merged, &OVER, None, &|_, _, _| ()).unwrap();
+    super::super::save_copc(&shards, &merged, &OVER, None, &|_, _, _| ()).unwrap();
     assert!(std::fs::read(&merged).unwrap() == std::fs::read(&output).unwrap());
     std::fs::remove_dir_all(&folder).unwrap();
 }
