@@ -1,13 +1,15 @@
-//! Generates the fragment entry points: one for each layer, set of sums and clip variant. They differ only in a few
-//! names, so they are generated from one template. Their names are `VARIANT_LAYER_WHAT_fragment`; without a variant for
-//! splats without clips.
+//! Generates the fragment entry points that draw splats: one for each layer, result and clip variant. A layer is a set
+//! of fragments that are drawn together, such as those of the nearest surface (`front`). The entry points differ only
+//! in a few names, so they are generated from one template. Their names are `VARIANT_LAYER_RESULT_fragment`, and
+//! `LAYER_RESULT_fragment` for splats without clips.
 
 use std::fmt::Write as _;
 
 /// Layers that have a depth threshold, and therefore a visibility pass.
 const THRESHOLD_LAYERS: [&str; 4] = ["front", "shown", "edge_background", "peeled"];
 
-/// Layer, and the sets of sums that attribute passes over it accumulate.
+/// Layer with the sets of sums that attribute passes over it accumulate, such as `color` for sums of colour and weight.
+/// The functions `SUMS_sums_of` of the WGSL modules compute the sums.
 struct LayerSums {
     layer: &'static str,
     sums: &'static [&'static str],
@@ -25,14 +27,16 @@ const LAYERS: [LayerSums; 8] = [
     LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
 ];
 
-/// Layers for which the plane of nearest splats may be requested. The flag is true if the layer includes polygons.
+/// Layers whose fragments are drawn to find the nearest splat of each pixel. The flag is true if polygons may hide
+/// fragments of the layer.
 const NEAREST_LAYERS: [(&str, bool); 5] =
     [("front", false), ("mesh_blend", true), ("shown", false), ("shown_mesh_blend", true), ("remaining", false)];
 
-/// Clip variants of splats: the prefix of the entry points' names, and an additional parameter of the entry points.
+/// Variants for splats without and with clips: prefix of the entry points' names, and an additional parameter of the
+/// entry points.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
 
-/// Returns the WGSL type of a set of sums.
+/// Returns the WGSL type that an entry point returns for a set of sums.
 fn sums_type(sums: &str) -> &'static str {
     match sums {
         "surface" => "SurfaceSums",
@@ -55,7 +59,8 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
             writeln!(text, "    if !({layer}_is_visible(in, z){visible}) {{\n        discard;\n    }}")?;
             writeln!(text, "    return {value};\n}}\n")
         };
-        // The front and back sides of oriented splats have different depth thresholds.
+        // Depth to which a fragment limits blending in its pixel. In the layer `shown`, fragments of the front and back
+        // side of oriented splats have different limits.
         let limit = |layer: &str| if layer == "shown" { "shown_limit(in, z)" } else { "z + in.anchor.w" };
         for layer in ["front", "shown", "peeled"] {
             let value = format!("threshold_output(in, z, {})", limit(layer));

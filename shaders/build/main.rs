@@ -1,6 +1,6 @@
 //! Concatenates the WGSL modules, parses and validates them with naga, and writes the files that the crate includes:
-//! the texts and, by reflection, the names of formulas, offsets of struct members, constants, and bindings of entry
-//! points. An invalid shader fails the build with naga's own message, which points at the line.
+//! the WGSL texts, the SPIR-V and, by reflection, the names of formulas, offsets of struct members, constants, and
+//! bindings of entry points. An invalid shader fails the build with naga's own message, which points at the line.
 
 mod fragment_variants;
 mod reflect;
@@ -71,7 +71,7 @@ fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     Ok((module, info))
 }
 
-/// Prints an error in a form that cargo displays.
+/// Prints the message of an error in a form that cargo displays, and returns the error in short.
 fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     result.map_err(|message| {
         // Cargo displays one line per message of a build script.
@@ -82,7 +82,8 @@ fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     })
 }
 
-/// Returns the file and line of a module for line `line` of the concatenated text, counted from 1.
+/// Returns a text that names the module's file, and the line in it, of line `line` of the concatenated text. Both lines
+/// are counted from 1. Empty if the line is unknown.
 fn place(text: &str, line: Option<u32>) -> String {
     let Some(line) = line else { return String::new() };
     let before = text.lines().take(line as usize).enumerate();

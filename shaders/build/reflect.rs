@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use naga::valid::{GlobalUse, ModuleInfo};
 use naga::{AddressSpace, Expression, Literal, Module, ShaderStage, StorageAccess, TypeInner};
 
-/// Returns a sorted list of the functions' names.
+/// Returns the Rust text of a sorted slice of the functions' names.
 pub(crate) fn functions(module: &Module) -> String {
     let mut names: Vec<&str> = module.functions.iter().filter_map(|(_, f)| f.name.as_deref()).collect();
     names.sort_unstable();

@@ -49,8 +49,8 @@ pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
     Ok(format!("&[\n{}]", all?))
 }
 
-/// Returns the words of a SPIR-V module with one entry point and the code that it uses. Some drivers expect a
-/// descriptor for every binding that a module declares.
+/// Returns the words of a SPIR-V module with one entry point and only the code and bindings that it uses, since some
+/// drivers expect a descriptor for every binding that a module declares.
 pub(crate) fn words(module: &Module, entry: &str, checks: AddedChecks) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);

@@ -2,11 +2,12 @@
 // cell. If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in
 // their order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
 
-// Number of edge pixels in a cell, and a copy of this number for uniform control flow.
+// Number of edge pixels in the workgroup's cell, and a copy of this number for uniform control flow.
 var<workgroup> counted_edges: atomic<u32>;
 var<workgroup> edges_of_cell: u32;
 
-// True if a neighbouring surface lies farther than the end of a pixel's nearest surface.
+// True if the surface of a neighbour of a pixel lies farther than the depth at which the pixel's nearest surface ends.
+// `own` is the pixel's z + ε and ε, see `edge_threshold_of`.
 fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
     let reach = own.x + own.y;
     let last = vec2i(frame.size_px) - 1;
@@ -24,13 +25,14 @@ fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
 
 // A pixel of the targets in the edge pass.
 struct EdgePixel {
-    // True if the pixel is an edge: the surface behind is visible in part.
+    // True if the pixel is an edge pixel: what lies behind its nearest surface is visible in part.
     is_edge: bool,
-    // Reversed depth of the nearest surface; 0 if the pixel is no edge, or if nothing lies behind the surface.
+    // Reversed depth threshold of the nearest surface; 0 if the pixel is no edge pixel, or if it has no threshold and
+    // only the background lies behind.
     nearest: f32,
 }
 
-// Returns the edge at a pixel of the targets. Pixels outside of the shaded region have none.
+// Returns the EdgePixel of a pixel of the targets. Pixels outside of the shaded region are no edge pixels.
 fn edge_at(own: vec2u) -> EdgePixel {
     let shaded = own - frame.shade_origin_px;
     if any(own < frame.shade_origin_px) || any(shaded >= frame.shade_size_px) {
@@ -44,7 +46,8 @@ fn edge_at(own: vec2u) -> EdgePixel {
     return EdgePixel(is_edge, select(0.0, reversed_depth(threshold.x), is_edge));
 }
 
-// True if any pixel of a cell is an edge. All invocations of the workgroup have to call it.
+// True if any pixel of the workgroup's cell is an edge pixel; `is_edge` is that of invocation i. All invocations of the
+// workgroup have to call it.
 fn cell_has_edges(i: u32, is_edge: bool) -> bool {
     if i == 0u {
         atomicStore(&counted_edges, 0u);
@@ -60,7 +63,8 @@ fn cell_has_edges(i: u32, is_edge: bool) -> bool {
     return workgroupUniformLoad(&edges_of_cell) > 0u;
 }
 
-// Blends the colour of an edge pixel over the surface behind it.
+// Blends the colour of the edge pixel `own` over what lies behind it: the surface of the given sums, or the background.
+// With `full` that surface is shaded with all effects (see `shade`).
 fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
     let point = point_of(sums.color, sums.surface, sums.material);
     var behind = frame.background;
@@ -79,7 +83,8 @@ fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
     write_color(at, front * q + behind * (1.0 - q));
 }
 
-// Draws the edges of a cell, unless it is dense.
+// Draws what lies behind the edge pixels of a cell (column, row), and blends their colours over it, unless the cell is
+// dense.
 fn draw_edges(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
     if range.y - range.x > DENSE_PAIRS {
@@ -105,19 +110,20 @@ fn cell_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_inde
     draw_edges(cell.xy, i, CellPass(true, false, false, false, true, false));
 }
 
-// Draws the edges of an image with shadows or the shader `toon`.
+// Draws the edge pixels of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_edges(cell.xy, i, CellPass(true, true, false, false, true, false));
 }
 
-// Draws the edges of an image of any kind with clipped splats.
+// Draws the edge pixels of an image with clipped splats, with or without shadows and `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_edges(cell.xy, i, CellPass(true, true, false, false, true, true));
 }
 
-// Finds the depth thresholds of parts of dense cells behind their edges.
+// Finds the depth thresholds of parts of dense cells, among the fragments behind the nearest surface of edge pixels.
+// `cell_part_edges` then sums these fragments. The two entry points after it do the same in frames with clipped splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true, false));
@@ -138,7 +144,7 @@ fn cell_part_clipped_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_i
     sum_part(workgroup_number(group), i, CellPass(true, true, false, false, true, true));
 }
 
-// Draws the edges of a dense cell from its parts.
+// Blends the edge pixels of a dense cell (column, row) over what lies behind them, from the sums of the cell's parts.
 fn combine_edges(cell: vec2u, i: u32, full: bool) {
     let range = pairs_of(cell);
     let own = cell * CELL_SIDE + pixel_in_cell(i);

@@ -1,33 +1,37 @@
-// Data of the compute path's pixels that passes over neighbours read, and the first of these passes: outlines and
-// eye-dome lighting. `front_depth`, which shading and host targets use, reads textures: another buffer would exceed
-// WebGPU's core limits there.
+// Data of the compute path's pixels that passes over neighbouring pixels read, and the first of these passes: outlines
+// and eye-dome lighting. Shading and host targets use `front_depth` instead, which reads textures. There, another
+// buffer would exceed WebGPU's core limits.
 
-// Returns the size of the targets of pixels, also in a tile of samples.
+// Returns the size of the targets of the tile of pixels, also in a frame of its samples.
 fn pixel_targets_px() -> vec2u {
     return select(frame.size_px, frame.pixels_size_px, frame.is_of_samples != 0u);
 }
 
-// Returns the depth of the surface at a pixel of the targets.
+// Returns the depth of the nearest surface at a pixel of the targets of pixels; +∞ without one.
 fn cell_depth(pixel: vec2i) -> f32 {
     return planes[frame.surfaces_at + 4u * (u32(pixel.y) * pixel_targets_px().x + u32(pixel.x)) + 3u];
 }
 
-// Offsets of the words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the
-// depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface. For samples, the last word is 1 if
-// the pixel is sampled.
+// Numbers of the words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the
+// pixel's depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface (Σw isn't 0). In frames
+// whose edges are sampled, the last word is 1 if the pixel is sampled.
 const EDGE_THRESHOLD: u32 = 0u;
 const EDGE_EPSILON: u32 = 1u;
 const EDGE_COVERAGE: u32 = 2u;
 const EDGE_SURFACE: u32 = 3u;
 const EDGE_SAMPLED: u32 = 4u;
+// Number of words of a pixel's edge data.
 const EDGE_WORDS: u32 = 5u;
 
-// Returns the index of a word of a pixel's edge data. The data is stored word by word.
+// Returns the index in `planes` of a word of a pixel's edge data. The first word of all pixels, row by row, is stored
+// before the second.
 fn edge_word(word: u32, pixel: vec2u) -> u32 {
     let size = pixel_targets_px();
     return frame.edges_at + word * (size.x * size.y) + pixel.y * size.x + pixel.x;
 }
 
+// Writes the edge data of a pixel. `writer` is the z + ε and the ε of the splat that defines the pixel's depth
+// threshold.
 fn write_edge_data(pixel: vec2u, writer: vec2f, coverage: f32, has_surface: bool) {
     planes[edge_word(EDGE_THRESHOLD, pixel)] = writer.x;
     planes[edge_word(EDGE_EPSILON, pixel)] = writer.y;
@@ -35,16 +39,17 @@ fn write_edge_data(pixel: vec2u, writer: vec2f, coverage: f32, has_surface: bool
     planes[edge_word(EDGE_SURFACE, pixel)] = select(0.0, 1.0, has_surface);
 }
 
-// Returns the z + ε and the ε of the splat that defines a pixel's threshold; 0 without one.
+// Returns the z + ε and the ε of the splat that defines a pixel's depth threshold; zeros without one.
 fn edge_threshold_of(pixel: vec2u) -> vec2f {
     return vec2f(planes[edge_word(EDGE_THRESHOLD, pixel)], planes[edge_word(EDGE_EPSILON, pixel)]);
 }
 
+// True if a pixel has a surface, which means that Σw isn't 0.
 fn has_cell_surface(pixel: vec2u) -> bool {
     return planes[edge_word(EDGE_SURFACE, pixel)] > 0.0;
 }
 
-// True if a neighbour of a pixel lies beyond an outline limit.
+// True if the surface of a pixel's neighbour lies beyond the depth `limit`, so that `toon` draws an outline.
 fn has_cell_outline(pixel: vec2i, limit: f32) -> bool {
     let last = vec2i(pixel_targets_px()) - 1;
     var line = false;
@@ -57,7 +62,8 @@ fn has_cell_outline(pixel: vec2i, limit: f32) -> bool {
     return line;
 }
 
-// Returns the brightness of a surface at depth z in a pixel, from the nearest surfaces of the pixel's neighbours.
+// Returns the brightness, 0 to 1, of a surface at depth z in a pixel, from the nearest surfaces of the pixel's
+// neighbours.
 fn cell_eye_dome_shading(pixel: vec2i, z: f32, projection: Projection) -> f32 {
     let last = vec2i(pixel_targets_px()) - 1;
     var rise = 0.0;

@@ -1,40 +1,45 @@
 // The last pass of the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records pass
-// through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
-// to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records are defined in
-// cells.wgsl.
+// through workgroup memory in batches, twice. The first loop finds the depth threshold of each pixel, the second sums
+// attributes up to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records are
+// defined in cells.wgsl.
 
 // Number of records of a batch, which a workgroup reads at a time.
 const BATCH: u32 = 92u;
-// Number of words with one bit for each record of a batch.
+// Number of 32-bit words that have one bit for each record of a batch.
 const BATCH_WORDS: u32 = 3u;
-// Blocks of 8×4 pixels of a cell. For each block the records of a batch that touch it are found once for all of its
+// Size of a block, 8×4 pixels of a cell. The records of a batch that touch a block are found once for all of its
 // pixels.
 const BLOCK_COLUMNS: u32 = 8u;
 const BLOCK_ROWS: u32 = 4u;
 // Number of blocks of a cell.
 const CELL_BLOCKS: u32 = 8u;
-// Largest number of pixels of the cell that a small splat touches. Two invocations visit the pixels of a small splat.
-// Larger ones are visited by the pixels of each block that they touch.
+// Largest number of pixels in the cell of a small splat's box. Two invocations visit the pixels of a small splat.
+// Larger splats are visited by the pixels of each block that they touch.
 const SMALL_SPLAT_PX: u32 = 64u;
 // Bit of `staged_boxes` that marks a small splat.
 const IS_SMALL: u32 = 0x80000000u;
 
-// Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
+// Records of the batch: part k of record r is at k·BATCH + r. The seven parts are those that `stage` copies, in another
+// order than in `cell_records`.
 var<workgroup> staged: array<vec4u, 644>;
-// Intersection of each record's box and the cell, with IS_SMALL: first column and row, end column and row, five bits
-// each. 0 if it is empty.
+// Intersection of each record's box and the cell, relative to the cell: first column and row, end column and row, five
+// bits each from bit 0 on. IS_SMALL marks small splats. 0 if the intersection is empty.
 var<workgroup> staged_boxes: array<u32, BATCH>;
-// One bit for each larger record that touches a block, by block and word; twice, for the current batch and the next.
+// One bit for each larger record of the batch that touches a block: word w of block b is at b·BATCH_WORDS + w. The
+// memory exists twice, for the current batch and the next.
 var<workgroup> block_bits: array<atomic<u32>, 48>;
-// One bit for each small record that contributes to a pixel, by word and pixel.
+// One bit for each small record of the batch that contributes to a pixel: word w of the pixel of invocation i is at
+// w·CELL_WORKGROUP + i.
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
-// Depth threshold of each pixel as the bits of its reversed depth. The bits of positive floats compare like the floats.
+// Depth threshold of each pixel as the bits of its reversed depth, by invocation. The bits of positive floats compare
+// like the floats.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
-// Sides of oriented splats, if sides are separated: in the first loop the nearness of back-facing splats, afterwards
-// the side that each pixel shows. In the edge pass: the reversed depth of each pixel's nearest surface, or 0.
+// By invocation, if the sides of oriented splats are separated: in the first loop the nearness of back-facing splats as
+// the bits of a reversed depth, afterwards the side that each pixel shows (RECORD_FRONT, RECORD_BACK or 0). In the edge
+// pass: the bits of the reversed depth of each pixel's nearest surface, or 0.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
-// Parts of the loops that a pass needs. All are compile-time constants.
+// What a pass draws. All fields are compile-time constants of its entry point.
 struct CellPass {
     // True to sum normals and depths.
     surface: bool,
@@ -50,11 +55,12 @@ struct CellPass {
     clipped: bool,
 }
 
+// Returns a part of record r of the batch.
 fn staged_part(part: u32, r: u32) -> vec4u {
     return staged[part * BATCH + r];
 }
 
-// Returns the pixel of invocation i in a cell. The pixels of a block have consecutive invocations.
+// Returns the pixel of invocation i, relative to its cell. The pixels of a block have consecutive invocations.
 fn pixel_in_cell(i: u32) -> vec2u {
     let block = i / 32u;
     let in_block = i % 32u;
@@ -64,13 +70,14 @@ fn pixel_in_cell(i: u32) -> vec2u {
     );
 }
 
-// Returns the invocation of a pixel.
+// Returns the invocation of the pixel in column x and row y of its cell.
 fn invocation_of(x: u32, y: u32) -> u32 {
     let block = (y / BLOCK_ROWS) * 2u + x / BLOCK_COLUMNS;
     return block * 32u + (y % BLOCK_ROWS) * BLOCK_COLUMNS + x % BLOCK_COLUMNS;
 }
 
-// Returns the intersection of a record's box and a cell, in the format of `staged_boxes`.
+// Returns the intersection of a record's box and the cell whose first pixel is `corner`, in the format of
+// `staged_boxes`. `pixels` is the box in the format of Record.visible_box.
 fn box_in_cell(corner: vec2u, pixels: vec2u) -> u32 {
     let first_px = max(vec2u(pixels.x & 0xffffu, pixels.x >> 16u), corner);
     let end_px = min(vec2u(pixels.y & 0xffffu, pixels.y >> 16u), corner + CELL_SIDE);
@@ -84,15 +91,18 @@ fn box_in_cell(corner: vec2u, pixels: vec2u) -> u32 {
     return first.x | (first.y << 5u) | (end.x << 10u) | (end.y << 15u) | small;
 }
 
+// Returns the first column and row of a box in the format of `staged_boxes`.
 fn first_of(box: u32) -> vec2u {
     return vec2u(box & 31u, (box >> 5u) & 31u);
 }
 
+// Returns the column and row after the last ones of a box in the format of `staged_boxes`.
 fn end_of(box: u32) -> vec2u {
     return vec2u((box >> 10u) & 31u, (box >> 15u) & 31u);
 }
 
-// Sets the bits of the blocks that a box touches.
+// Sets the bit of record r in each block that its box touches. `bits_at` is the index of the batch's first word in
+// `block_bits`.
 fn mark_blocks(box: u32, r: u32, bits_at: u32) {
     let size = vec2u(BLOCK_COLUMNS, BLOCK_ROWS);
     let first_block = first_of(box) / size;
@@ -104,14 +114,15 @@ fn mark_blocks(box: u32, r: u32, bits_at: u32) {
     }
 }
 
-// True if the box of record r contains the pixel of the cell.
+// True if the box of record r of the batch contains the pixel `in_cell`, relative to the cell.
 fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
     let box = staged_boxes[r];
     return all(first_of(box) <= in_cell) && all(in_cell < end_of(box));
 }
 
-// Copies a batch into workgroup memory, two invocations per record. `visible` selects the data of the first loop or of
-// the second.
+// Copies a batch, the records of `count` pairs from index `first` on, into workgroup memory. Two invocations copy a
+// record. `visible` is true for the unfiltered footprints of the first loop, false for the filtered ones of the second.
+// `attributes` is true to copy normals and coverage in the second loop.
 fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, attributes: bool) {
     let r = i / 2u;
     if r >= count {
@@ -138,11 +149,11 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
     }
 }
 
-// A staged record in registers. Its gradients are those of the unfiltered (u·w, v·w) in the first loop and of the
-// filtered one in the second.
+// A record of the batch in registers; see Record for the fields. `uv` and `w` are the gradients of the unfiltered (u·w,
+// v·w) in the first loop, and of the filtered (u·w, v·w) and w in the second.
 struct CellRecord {
     base: vec2i,
-    // Offset from the anchor to the centre of its pixel.
+    // Offset, in pixels, from the anchor to the centre of the pixel `base`.
     to_center: vec2f,
     // Gradient and range of the depth form.
     depth: vec4f,
@@ -157,7 +168,7 @@ struct CellRecord {
     clipped: u32,
 }
 
-// Returns record r of the batch that begins with the pair `batch`.
+// Returns record r of the batch whose first pair has the index `batch`.
 fn staged_record(batch: u32, r: u32, drawn: CellPass) -> CellRecord {
     let anchor = staged_part(0u, r);
     let plane = bitcast<vec4f>(staged_part(1u, r));
@@ -182,12 +193,13 @@ fn staged_record(batch: u32, r: u32, drawn: CellPass) -> CellRecord {
     );
 }
 
-// Returns the offset from a record's anchor to the centre of a pixel.
+// Returns the offset, in pixels, from a record's anchor to the centre of a pixel of the targets.
 fn offset_in(record: CellRecord, pixel: vec2i) -> vec2f {
     return vec2f(pixel + frame.origin_px - record.base) + record.to_center;
 }
 
-// Sums of a pixel.
+// Sums of a pixel, as in the attribute pass: w·(colour, 1), w·(normal, z), w·(material factors), and number of
+// fragments.
 struct CellSums {
     color: vec4f,
     surface: vec4f,
@@ -195,17 +207,19 @@ struct CellSums {
     fragments: f32,
     // Sum of coverage, only for edges.
     coverage: f32,
-    // Depth and record of the nearest fragment; only found if a plane of indices is requested.
+    // Depth and record of the nearest fragment. They are only found if the plane of nearest splats is requested; +∞ and
+    // 0 otherwise.
     nearest_z: f32,
     nearest: u32,
 }
 
+// Returns the first three words of a part as a form.
 fn cell_clip_form(words: vec4u) -> Linear {
     let form = bitcast<vec4f>(words);
     return Linear(form.x, form.y, form.z);
 }
 
-// Reads a clip that `write_clip` wrote.
+// Reads the clip of a record that `write_clip` wrote into its parts from number `part` on.
 fn cell_clip(record: u32, part: u32) -> Clip {
     let chord = cell_records[part_at(part, record)];
     let side1 = cell_records[part_at(part + 1u, record)];
@@ -229,12 +243,13 @@ fn cell_clip(record: u32, part: u32) -> Clip {
     );
 }
 
-// True if the clip of a record keeps the unfiltered footprint at an offset from the anchor.
+// True if the clip of a record keeps its unfiltered footprint at pixel offset d from the anchor.
 fn cell_clip_keeps_visible(record: CellRecord, d: vec2f) -> bool {
     return record.clipped == ABSENT || clip_keeps(cell_clip(record.clipped, CLIP_PART), d);
 }
 
-// True if the clips of a record keep its filtered footprint at an offset from the anchor, like `clip_keeps_filtered`.
+// True if the clips of a record keep its filtered footprint at pixel offset d from the anchor, like
+// `clip_keeps_filtered`.
 fn cell_clip_keeps_filtered(record: CellRecord, d: vec2f) -> bool {
     if record.clipped == ABSENT {
         return true;
@@ -252,7 +267,7 @@ fn cell_clip_keeps_filtered(record: CellRecord, d: vec2f) -> bool {
         && clip_keeps(cell_clip(record.clipped, CLIP_PART), d);
 }
 
-// Returns the depth of a record's unfiltered splat at a pixel; 0 if it has no fragment there.
+// Returns the depth of a record's unfiltered splat at a pixel of the targets; 0 if it has no fragment there.
 fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     let d = offset_in(record, pixel);
     let z = fragment_depth(d, record.depth, record.scale, record.at_anchor.z, record.flags);
@@ -260,9 +275,9 @@ fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     return select(0.0, z, is_inside && exists(z) && cell_clip_keeps_visible(record, d));
 }
 
-// Maxima of a pixel in the first loop, all reversed depths (rendering model §5): thresholds of splats without a side,
-// of front-facing and of back-facing ones, and the nearness of the two sides. If sides aren't separated, only the first
-// is used.
+// Maxima over the fragments of a pixel in the first loop (rendering model §5): thresholds of splats without a side, of
+// front-facing and of back-facing ones, and the nearness of the two sides. All are reversed depths, so that a maximum
+// is the nearest depth; 0 without a fragment. If sides aren't separated, only `threshold` is used.
 struct Maxima {
     threshold: f32,
     front: f32,
@@ -271,7 +286,7 @@ struct Maxima {
     back_nearness: f32,
 }
 
-// Returns the maxima of a record's fragment at depth z.
+// Returns the maxima of a single fragment, a record's at depth z. `sided` is true if sides are separated.
 fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
     let threshold = reversed_depth(z + record.epsilon);
     let facing = record.flags & RECORD_FACING;
@@ -286,8 +301,8 @@ fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
     return Maxima(0.0, threshold, 0.0, nearest, 0.0);
 }
 
-// Raises the maxima of a pixel in workgroup memory. The maxima of sides use memory that otherwise only the second loop
-// needs.
+// Raises the maxima of the pixel of invocation `at` in workgroup memory to those of a fragment. The maxima of sides use
+// memory that otherwise only the second loop needs.
 fn raise(at: u32, m: Maxima, sided: bool) {
     if m.threshold > 0.0 {
         atomicMax(&thresholds[at], bitcast<u32>(m.threshold));
@@ -302,6 +317,7 @@ fn raise(at: u32, m: Maxima, sided: bool) {
     }
 }
 
+// Returns the larger of each of two maxima.
 fn greatest(a: Maxima, b: Maxima) -> Maxima {
     return Maxima(
         max(a.threshold, b.threshold),
@@ -312,13 +328,14 @@ fn greatest(a: Maxima, b: Maxima) -> Maxima {
     );
 }
 
-// True if a pixel that shows the side `shown` shows the record, too. 0 is no side.
+// True if a pixel that shows the side `shown` (RECORD_FRONT or RECORD_BACK, 0 for no side) also shows splats with these
+// record flags.
 fn shows_side(shown: u32, flags: u32) -> bool {
     let own = flags & RECORD_FACING;
     return own == 0u || shown == 0u || own == shown;
 }
 
-// Returns the contribution of a record to a pixel.
+// Returns the contribution of a record to a pixel of the targets.
 fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
     let d = offset_in(record, pixel);
     var found = contribution_at(
@@ -335,25 +352,27 @@ fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
     return found;
 }
 
-// True if a fragment is no deeper than the threshold.
+// True if a contribution exists and is no deeper than a threshold, given as a reversed depth.
 fn is_within(threshold: f32, c: Contribution) -> bool {
     return c.is_there && threshold <= reversed_depth(c.z);
 }
 
-// Limit of the fragments that the second loop sums at a pixel: a reversed depth and, if sides are separated, a side.
+// Limit of the fragments that the second loop sums at a pixel: a depth threshold, as a reversed depth, and the side
+// that the pixel shows (RECORD_FRONT, RECORD_BACK or 0) if sides are separated.
 struct CellLimit {
     threshold: f32,
     side: u32,
-    // The z + ε and the ε of the splat that defines the threshold, or 0. It is only found for edges.
+    // The z + ε and the ε of the splat that defines the threshold, or zeros. They are only found for edges.
     writer: vec2f,
 }
 
-// True if a depth lies behind the nearest surface of the pixel of an invocation.
+// True if a depth lies behind the nearest surface of the pixel of invocation `at`, whose reversed depth is in `sides`.
 fn is_behind(at: u32, z: f32) -> bool {
     return reversed_depth(z) < bitcast<f32>(atomicLoad(&sides[at]));
 }
 
-// Adds the contribution of record r of the batch that begins with the pair `first` to the pixel of invocation i.
+// Adds the contribution of record r of the batch whose first pair has the index `first` to the sums of a pixel, that of
+// invocation i, if the contribution is within the pixel's limit.
 fn add_contribution(
     first: u32,
     r: u32,
@@ -389,8 +408,8 @@ fn add_contribution(
     }
 }
 
-// Raises the thresholds of the pixels of a small splat, record r of the batch that begins with the pair `batch`. Two
-// invocations share the splat's rows.
+// Raises the maxima of the pixels of a small splat, record r of the batch whose first pair has the index `batch`.
+// `corner` is the first pixel of the cell. Two invocations share the splat's rows: `half` is 0 or 1.
 fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -410,10 +429,11 @@ fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPas
     }
 }
 
-// Sets the bits of the pixels whose threshold a small splat may define: pixels at which it is visible and, unless sides
-// are separated, raises the threshold. Whatever the order of execution, splats that define the final threshold have
-// their bits set. Bits of other splats depend on the order, and change no result: the pixel finds that they don't
-// define its threshold.
+// Sets the bit of a small splat at the pixels whose threshold the splat may define. These are the pixels at which it is
+// visible and, unless sides are separated, raises the threshold. Parameters are those of `raise_thresholds`.
+//
+// Whatever the order of execution, splats that define the final threshold have their bits set. Bits of other splats
+// depend on the order, and change no result: the pixel finds that those splats don't define its threshold.
 fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -440,7 +460,7 @@ fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellP
     }
 }
 
-// Sets the bits of the pixels that a small splat contributes to.
+// Sets the bit of a small splat at the pixels that it contributes to. Parameters are those of `raise_thresholds`.
 fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -465,7 +485,8 @@ fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     }
 }
 
-// Clears the memory that the loops over batches write. A barrier has to follow before any of it is read.
+// Clears the workgroup memory that the loops over batches write; i is the invocation. A barrier has to follow before
+// any of the memory is read.
 fn clear_cell(i: u32) {
     if i < 2u * CELL_BLOCKS * BATCH_WORDS {
         atomicStore(&block_bits[i], 0u);
@@ -476,15 +497,16 @@ fn clear_cell(i: u32) {
     }
 }
 
-// The first loop: returns the limit of the invocation's pixel among the pairs of a range, and stores it in `thresholds`
-// and `sides`. All bits are clear before and after.
+// Runs the first loop: returns the limit of the pixel of invocation i among the pairs whose indices are in `range`, and
+// stores it in `thresholds` and `sides`. All bits of records are clear before and after.
 fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
     let sided = drawn.sided;
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
     let of_batch = CELL_BLOCKS * BATCH_WORDS;
-    // Offset of the batch's bits. The bits of the next batch are in the other half, which is cleared meanwhile.
+    // Index of the batch's first word in `block_bits`. The bits of the next batch are in the other half, which is
+    // cleared meanwhile.
     var bits_at = 0u;
     var maxima = Maxima(0.0, 0.0, 0.0, 0.0, 0.0);
     if sided {
@@ -537,7 +559,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit
     return limit;
 }
 
-// Returns the limit that the maxima of a pixel's sides give, without its writer.
+// Returns the limit that the maxima of a pixel give. Its writer isn't found.
 fn limit_of(m: Maxima) -> CellLimit {
     var limit = CellLimit(m.threshold, 0u, vec2f(0.0, 0.0));
     if m.front_nearness > 0.0 && m.back_nearness <= m.front_nearness {
@@ -555,7 +577,7 @@ fn limit_of(m: Maxima) -> CellLimit {
     return limit;
 }
 
-// The z + ε and the ε of the splats that define a pixel's maxima.
+// The z + ε and the ε of the splats that define the fields of a pixel's Maxima.
 struct Writers {
     threshold: vec2f,
     front: vec2f,
@@ -564,7 +586,8 @@ struct Writers {
     back_nearest: vec2f,
 }
 
-// Returns the z + ε and the ε of the splat that defines the threshold of a limit.
+// Returns the z + ε and the ε of the splat that defines the threshold of a limit, which `limit_of` computed from the
+// maxima.
 fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
     if limit.threshold == m.threshold || limit.side == 0u {
         return writers.threshold;
@@ -576,8 +599,8 @@ fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
     return select(writers.front_nearest, writers.back_nearest, is_front);
 }
 
-// Finds the limit like `find_limit`, and also the splat that defines the threshold. Of several such splats, the first
-// is found, because a pixel visits candidates in order.
+// Runs the first loop like `find_limit`, and also finds the splat that defines the threshold. Of several such splats it
+// is the first, because a pixel visits candidates in order.
 fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
     let sided = drawn.sided;
     let in_cell = pixel_in_cell(i);
@@ -640,7 +663,7 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -
     return limit;
 }
 
-// Returns the limit of the invocation's pixel.
+// Returns the limit of the pixel of invocation i, with its writer if the pass needs it.
 fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
     if drawn.edges {
         return find_limit_and_writer(range, corner, i, drawn);
@@ -648,12 +671,14 @@ fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
     return find_limit(range, corner, i, drawn);
 }
 
+// Returns the sums of a pixel without fragments.
 fn no_cell_sums() -> CellSums {
     let none = vec4f(0.0, 0.0, 0.0, 0.0);
     return CellSums(none, none, none, 0.0, 0.0, frame.empty_depth, 0u);
 }
 
-// The second loop: returns the sums of the invocation's pixel up to its limit, among the pairs of a range.
+// Runs the second loop: returns the sums of the pixel of invocation i up to its limit, among the pairs whose indices
+// are in `range`.
 fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellPass) -> CellSums {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
@@ -689,13 +714,13 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellP
     return sums;
 }
 
-// Returns the first pair of a cell, and one past its last.
+// Returns the index of the first pair of a cell (column, row), and one past that of its last.
 fn pairs_of(cell: vec2u) -> vec2u {
     let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
     return vec2u(pairs.cell, pairs.record);
 }
 
-// Draws a cell, unless it is dense and sides aren't separated: dense cells are drawn in parts.
+// Draws a cell (column, row), unless it is dense and sides aren't separated: dense cells are drawn in parts.
 fn draw_cell(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
     if !drawn.sided && range.y - range.x > DENSE_PAIRS {
@@ -708,7 +733,8 @@ fn draw_cell(cell: vec2u, i: u32, drawn: CellPass) {
     write_cell_pixel(corner + pixel_in_cell(i), sums, limit.writer, drawn);
 }
 
-// Divides a pixel's sums by Σw, lights it, and writes its planes.
+// Divides the sums of the pixel `own` of the targets by Σw, lights it, and writes its planes. `writer` is the z + ε and
+// the ε of the splat that defines its depth threshold.
 fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) {
     if own.x >= frame.size_px.x || own.y >= frame.size_px.y {
         return;
@@ -749,7 +775,8 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) 
     }
 }
 
-// Writes the normal and depth of a pixel of the targets, for the pass that reads its neighbours.
+// Writes the normal and depth of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for the
+// passes that read neighbours.
 fn write_surface(own: vec2u, point: Point) {
     let to = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
     planes[to] = point.normal.x;
@@ -758,13 +785,13 @@ fn write_surface(own: vec2u, point: Point) {
     planes[to + 3u] = select(frame.empty_depth, point.z, point.is_there);
 }
 
-// Draws cells of an image without normals and depths.
+// Draws cells of an image that needs neither normals nor depths, for planes or shading. Sums colours and weights alone.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(false, false, false, false, false, false));
 }
 
-// Draws cells of an image with normals or depths.
+// Draws cells of an image that needs normals or depths, for planes or shading.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, false, false, false, false, false));
@@ -788,8 +815,9 @@ fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(loc
     draw_cell(cell.xy, i, CellPass(true, true, true, false, false, false));
 }
 
-// The next four entry points draw cells in frames with clipped splats: with one side of oriented splats shown (sided)
-// or not, and with antialiased edges (edged) or not. They sum and shade all that the entry points above do.
+// Draws cells in frames with clipped splats. This entry point and the next three differ in whether pixels show one side
+// of oriented splats (sided), and in whether edges are antialiased (edged). They sum and shade all that the entry
+// points above do, shadows included.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, true, false, false, false, true));
@@ -810,7 +838,8 @@ fn cell_clipped_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builti
     draw_cell(cell.xy, i, CellPass(true, true, true, true, false, true));
 }
 
-// The next four entry points draw cells of images with antialiased edges, in frames without clipped splats.
+// Draws cells of images with antialiased edges, in frames without clipped splats. This entry point and the next three
+// differ in whether pixels show one side of oriented splats (sided), and in shadows or the shader `toon` (shadowed).
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
@@ -834,25 +863,28 @@ fn cell_sided_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @built
 // Largest number of pairs of a cell that isn't dense. Dense cells are drawn in parts, each by its own workgroup, so
 // that no workgroup's work grows with the number of splats. The parts are combined in order.
 const DENSE_PAIRS: u32 = 4096u;
-// Maximum number of pairs of a part. Within this many pairs two parts may begin: the last of one dense cell and the
-// first of the next.
+// Length of a run of sorted pairs, which limits a part's number of pairs. Two parts may begin in a run: the last of one
+// dense cell and the first of the next.
 const PART_PAIRS: u32 = 2048u;
-// Number of words of a part per pixel: its threshold and the splat that defines it, sums of colours, surface, material,
-// fragments and coverage, and its nearest fragment.
+// Number of words of a part per pixel: its depth threshold (a reversed depth); the z + ε and the ε of the splat that
+// defines it; four sums each of colours, surface and material; sums of fragments and coverage; depth and record of its
+// nearest fragment.
 const PART_WORDS: u32 = 19u;
 
-// Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
+// Results of the parts: word k of the pixel of invocation i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
+// The second binding is the same buffer for passes that only read it.
 @group(1) @binding(54) var<storage, read_write> cell_parts_out: array<u32>;
 @group(1) @binding(55) var<storage, read> cell_parts: array<u32>;
 
-// A part: its cell and its range of pairs, which is empty if the part doesn't exist.
+// A part of a dense cell: the cell's number, and the indices of the part's first pair and one past its last. They are
+// equal if the part doesn't exist.
 struct CellPart {
     cell: u32,
     range: vec2u,
 }
 
-// Returns the part with this number. Sorted pairs are divided into runs of PART_PAIRS. Part 2k + 1 is of the dense cell
-// whose pairs begin in run k, part 2k of one whose pairs begin before the run.
+// Returns the part with this number. Sorted pairs are divided into runs of PART_PAIRS. Part 2k + 1 belongs to the dense
+// cell whose pairs begin in run k, part 2k to a dense cell whose pairs begin before the run.
 fn part_of(number: u32) -> CellPart {
     let count = pair_count();
     let begin = (number / 2u) * PART_PAIRS;
@@ -871,33 +903,39 @@ fn part_of(number: u32) -> CellPart {
     return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
 }
 
-// Returns the number of the k-th part of a dense cell with the pairs `range`.
+// Returns the number of the k-th part, from 0, of a dense cell with the pairs `range`.
 fn part_number(range: vec2u, k: u32) -> u32 {
     let block = (range.x - frame.cell_header) / PART_PAIRS;
     return 2u * (block + k) + select(0u, 1u, k == 0u);
 }
 
+// Returns the number of parts of a dense cell with the pairs `range`.
 fn parts_of(range: vec2u) -> u32 {
     return (range.y - 1u - frame.cell_header) / PART_PAIRS - (range.x - frame.cell_header) / PART_PAIRS + 1u;
 }
 
+// Returns the index in `cell_parts` of word k of the pixel of invocation i of a part.
 fn part_word(part: u32, k: u32, i: u32) -> u32 {
     return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
 }
 
+// Writes word k of the pixel of invocation i of a part.
 fn put_part_f32(part: u32, k: u32, i: u32, value: f32) {
     cell_parts_out[part_word(part, k, i)] = bitcast<u32>(value);
 }
 
+// Returns word k of the pixel of invocation i of a part.
 fn part_f32(part: u32, k: u32, i: u32) -> f32 {
     return bitcast<f32>(cell_parts[part_word(part, k, i)]);
 }
 
+// Returns the first pixel, in the targets, of the cell with this number.
 fn corner_of_cell(cell: u32) -> vec2u {
     return vec2u(cell % frame.cell_columns, cell / frame.cell_columns) * CELL_SIDE;
 }
 
-// Finds the depth thresholds of parts.
+// Finds the depth thresholds of the pixels of part `number`, among the part's pairs alone. The entry points below call
+// it for frames without antialiased edges or with them (edged), and with clipped splats (clipped).
 fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
     let part = part_of(number);
     if part.range.x == part.range.y {
@@ -943,7 +981,9 @@ fn cell_part_clipped_edged_thresholds(@builtin(workgroup_id) group: vec3u, @buil
     find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
 }
 
-// Sums the contributions of a part, up to the threshold of all parts of its cell.
+// Sums the contributions of part `number` to its pixels, up to the smallest depth threshold of all parts of its cell.
+// The entry points below call it for images without normals and depths (colors) or with them (surfaces), with
+// antialiased edges (edged), and with clipped splats (clipped).
 fn sum_part(number: u32, i: u32, drawn: CellPass) {
     let part = part_of(number);
     if part.range.x == part.range.y {
@@ -1006,7 +1046,7 @@ fn cell_part_clipped_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builti
     sum_part(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
 }
 
-// Returns the sums of all parts of a dense cell with the pairs `range`.
+// Returns the sums, over all parts of a dense cell with the pairs `range`, of the pixel of invocation i.
 fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
     var sums = no_cell_sums();
     for (var k = 0u; k < parts_of(range); k++) {
@@ -1031,7 +1071,7 @@ fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
     return sums;
 }
 
-// Draws a dense cell from its parts.
+// Draws a dense cell (column, row) from the sums of its parts. Does nothing for other cells.
 fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
     if range.y - range.x <= DENSE_PAIRS {
@@ -1063,7 +1103,8 @@ fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invo
     combine_cell(cell.xy, i, CellPass(true, true, false, false, false, false));
 }
 
-// The same passes for images with antialiased edges.
+// Draws dense cells from their parts, in an image with antialiased edges. The next entry point does so in an image with
+// shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     combine_cell(cell.xy, i, CellPass(true, false, false, true, false, false));

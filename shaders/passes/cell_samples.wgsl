@@ -8,16 +8,18 @@ const SAMPLED_SIDE: u32 = 4u;
 // Number of cells along the side of a workgroup of `cell_steps`.
 const STEP_CELLS: u32 = 2u;
 
+// 1 for each active cell of the grid, else 0, row by row; then a 0. A scan makes `cell_active` of it.
 @group(1) @binding(57) var<storage, read_write> cell_active_out: array<u32>;
 
-// Number of sampled pixels of the cells of a workgroup of `cell_steps`.
+// Number of sampled pixels of each of the 2×2 cells of a workgroup of `cell_steps`, row by row.
 var<workgroup> sampled_in_cell: array<atomic<u32>, 4>;
 
-// Returns the depth interval that contains a pixel's nearest surface.
+// Returns the depth interval that contains the nearest surface of a pixel of the targets of pixels.
 fn cell_reach(pixel: vec2u) -> Reach {
     let threshold = edge_threshold_of(pixel);
     var reach = reach_of(threshold);
-    // If only one of the two footprints has a fragment here, the surface ends: every neighbour is then a step.
+    // If only one of the filtered and the unfiltered footprints has a fragment here, the surface ends: every neighbour
+    // is then a step.
     if has_cell_surface(pixel) != (threshold.x > 0.0) {
         reach.end = -frame.empty_depth;
     }
@@ -69,7 +71,7 @@ fn cell_steps(
     }
 }
 
-// Lists the active cells.
+// Writes the list of active cells after the header of the pairs (see CellPair).
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_list_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
@@ -82,7 +84,8 @@ fn cell_list_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     }
 }
 
-// Applies the effects of neighbours like `among_neighbours`, from the depths in `planes`.
+// Returns the colour of the sample `at`, which belongs to `pixel`, with the effects of neighbours like
+// `among_neighbours`, from the depths in `planes`.
 fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) -> vec3f {
     let is_toon = frame.shader_kind == SHADER_TOON;
     if !is_toon && frame.shader_kind != SHADER_EDL {
@@ -99,7 +102,7 @@ fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) ->
     return color * cell_eye_dome_shading(pixel, point.z, projection);
 }
 
-// Draws the samples of an active cell.
+// Draws the samples of the active cell with this number, and writes their means to the colours of its sampled pixels.
 fn draw_samples(number: u32, i: u32, drawn: CellPass) {
     if number >= frame.cell_active_room {
         return;
@@ -122,8 +125,8 @@ fn draw_samples(number: u32, i: u32, drawn: CellPass) {
         let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
         color = vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0);
     }
-    // The memory of the batches is free now. Each colour is scaled before it is added, because colours may be as large
-    // as the largest f32.
+    // The memory of the batches is free after the loops. Each colour is scaled before it is added, because colours may
+    // be as large as the largest f32.
     workgroupBarrier();
     staged[in_cell.y * CELL_SIDE + in_cell.x] = bitcast<vec4u>(color * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE)));
     workgroupBarrier();
@@ -165,7 +168,7 @@ fn cell_sided_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(loc
     draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false, false));
 }
 
-// Draws the samples of an image of any kind with clipped splats.
+// Draws the samples of an image with clipped splats, with or without shadows and `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false, true));

@@ -1,36 +1,38 @@
 // The compute path: draws opaque splats without raster hardware. The targets are cut into cells of 16×16 pixels.
 //
-// Setup writes the records of the splats that are drawn, without gaps. Each record becomes a pair with every cell that
-// it may touch. The pairs are sorted by cell, and one workgroup draws each cell (cell_raster.wgsl). The sort is stable,
-// and pairs are emitted in the order of splats, so a pixel's sums have one order whatever the device does in parallel.
+// Setup writes the records of the splats that are drawn, without gaps. Each record and each cell that it may touch
+// become a pair. The pairs are sorted by cell, and one workgroup draws each cell (cell_raster.wgsl). The sort is
+// stable, and pairs are emitted in the order of splats. So a pixel's sums are added in one order, whatever the device
+// does in parallel.
 //
-// No pass sorts by depth: visibility is a maximum, and attributes are sums.
+// No pass sorts by depth: the visibility loop finds a minimum of depths, and attributes are sums.
 //
 // Samples of edge pixels are drawn by the same passes, as pixels of a view four times as fine (cell_samples.wgsl). Few
-// of its cells contain a sampled pixel: only these active cells are numbered, and only they have pairs.
+// cells of that view contain a sampled pixel. Only these active cells are numbered, and only they have pairs.
 
 // Side of a cell in pixels.
 const CELL_SIDE: u32 = 16u;
-// Invocations of the workgroups of all passes here; also the number of splats of a chunk, and of digits of the sort.
+// Number of invocations of each workgroup of the passes in this file. It is also the largest number of splats of a
+// chunk, and of values of a digit of the sort.
 const CELL_WORKGROUP: u32 = 256u;
 // Workgroups in a row of a dispatch: a device allows at most 65535 along an axis.
 const CELL_ROW: u32 = 32768u;
 // Number of elements that a workgroup scans or sorts.
 const CELL_BLOCK: u32 = 2048u;
-// Size of a record in vec4u, and the part that follows if a plane of indices is requested: the splat's place among the
-// invocations of all groups.
+// Size of a record in parts of type vec4u. RECORD_PLACE is the number of the part that follows if the plane of nearest
+// splats is requested: its first word is the splat's group times CELL_WORKGROUP, plus the splat's index in the group.
 const RECORD_PARTS: u32 = 9u;
 const RECORD_PLACE: u32 = 9u;
-// First part of the clips of a record's unfiltered and filtered footprint in a frame with clipped splats, and number of
-// parts of a clip.
+// Number of the part of a record at which its clips begin in a frame with clipped splats, and number of parts of a
+// clip. The clip of the unfiltered footprint precedes that of the filtered one.
 const CLIP_PART: u32 = 10u;
 const CLIP_PARTS: u32 = 6u;
-// Number of words that `cell_groups` stores for each group (the records of one workgroup of setup) after the counts of
-// pairs: the group's first record, and its number of records.
+// Number of words that `cell_groups` stores for each group, the records of one workgroup of setup, after the counts of
+// pairs: the index of the group's first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
-// Kinds of elements to scan (CellRound.scanned): counts of pairs per group, counts of digits per block, or a number per
-// cell that is 1 if the cell is active.
+// Values of CellRound.scanned, the numbers whose prefix sums a scan computes: counts of pairs per group, counts of
+// pairs per digit and block, or a number per cell that is 1 if the cell is active.
 const SCANNED_GROUPS: u32 = 0u;
 const SCANNED_DIGITS: u32 = 1u;
 const SCANNED_ACTIVE: u32 = 2u;
@@ -39,9 +41,9 @@ const SCANNED_ACTIVE: u32 = 2u;
 struct CellChunk {
     // View position of the chunk's origin.
     center: vec3f,
-    // CHUNK_ORDINARY, or the position of its splats' bits in `near_bits`.
+    // CHUNK_ORDINARY, or the index in `near_bits` of the first word with the bits of the chunk's splats.
     state: u32,
-    // First splat of the chunk in the segment, and number of splats.
+    // Index in the segment of the chunk's first splat, and number of its splats.
     first: u32,
     count: u32,
     // Index of the chunk among the segment's chunks, and of its group among all groups.
@@ -49,9 +51,9 @@ struct CellChunk {
     group: u32,
 }
 
-// Counts of a tile.
+// Counts of a tile, or of a frame of samples, which the host reads back.
 struct CellCounters {
-    // Number of records that the tile needs: splats that were set up and touch it.
+    // Number of records that the tile needs: one for each splat that was set up and has a pair.
     records: atomic<u32>,
     // Number of pairs that the records need, saturated at the largest u32.
     pairs: atomic<u32>,
@@ -66,49 +68,61 @@ struct CellCounts {
     active_cells: u32,
 }
 
-// A record and a cell that it may touch. A buffer of pairs has a header of one element per cell. Its fields `cell` and
-// `record` store the begin and the end of the cell's sorted pairs. For samples, the header has elements for active
-// cells alone, and then a second list: the number of each active cell in the grid, and 1 to mark the element as used.
+// A record and a cell that it may touch. A buffer of pairs begins with a header of one element per cell, whose fields
+// `cell` and `record` store the index of the first of the cell's sorted pairs, and one past that of the last. In a
+// frame of samples the header has elements for active cells alone. A second list follows them: per active cell, its
+// number in the grid (`cell`), and 1 (`record`) to mark the element as used.
 struct CellPair {
     cell: u32,
     record: u32,
 }
 
-// Parameters of a pass that runs several times: the elements to scan, and the digit of the cell's number to sort by.
+// Parameters of a pass that runs several times: the kind of numbers to scan, SCANNED_…, and the digit of the cell's
+// number to sort by. The digit is the bits from `shift` on; it has `digits` values, a power of two.
 struct CellRound {
     scanned: u32,
     shift: u32,
     digits: u32,
 }
 
+// Records of all splats, part by part (see `part_at`).
 @group(1) @binding(40) var<storage, read_write> cell_records_out: array<vec4u>;
-// One word per group: its number of pairs and, after a scan, the index of its first pair. Then the first record and the
-// number of records of each group.
+// One word per group: its number of pairs and, after a scan, the index of its first pair, without the header.
+// GROUP_WORDS words per group follow: the index of its first record, and its number of records.
 @group(1) @binding(41) var<storage, read_write> cell_groups: array<u32>;
+// Counts of the tile of pixels, then of the frames of its samples.
 @group(1) @binding(42) var<storage, read_write> cell_counters: array<CellCounters>;
+// Chunks of the segment that may touch the tile.
 @group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
+// Records that the host has set up, of splats at the near plane, one after another: RECORD_PARTS elements each, in a
+// frame with clipped splats followed by the two clips.
 @group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
 @group(1) @binding(45) var<uniform> cell_round: CellRound;
+// Numbers to scan. Counts of digits are stored digit by digit, and for each digit block by block.
 @group(1) @binding(46) var<storage, read_write> scanned: array<u32>;
+// Sum of each block of `scanned`.
 @group(1) @binding(47) var<storage, read_write> scan_sums: array<u32>;
+// Pairs that a pass reads and, in the next binding, pairs that it writes: a header, then the pairs.
 @group(1) @binding(48) var<storage, read> pairs_in: array<CellPair>;
 @group(1) @binding(49) var<storage, read_write> pairs_out: array<CellPair>;
+// The buffers `cell_records_out` and `cell_counters`, for passes that only read them.
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
 @group(1) @binding(53) var<storage, read> cell_counts: array<CellCounts>;
-// Number of active cells before each cell of the grid, and in all. Only read for samples.
+// Number of active cells before each cell of the grid, row by row, and then that of all. Only read in frames of
+// samples.
 @group(1) @binding(56) var<storage, read> cell_active: array<u32>;
 
-// Partial sum of each invocation.
+// Sum of the values of all invocations up to each one, its own included.
 var<workgroup> scan_partial: array<u32, CELL_WORKGROUP>;
 
-// Sums saturate at the largest u32: no buffer has room for so many pairs.
+// Returns a + b, or the largest u32 if the sum is larger. No buffer has room for so many pairs.
 fn saturating_sum(a: u32, b: u32) -> u32 {
     let sum = a + b;
     return select(sum, 0xffffffffu, sum < a);
 }
 
-// Returns the sum of the values of all invocations before this one. All invocations of the workgroup have to call it.
-// After a barrier, `scan_partial[CELL_WORKGROUP - 1u]` is the sum of all values.
+// Returns the sum of the values of all invocations of the workgroup before this one, number i. All invocations of the
+// workgroup have to call it. After a barrier, `scan_partial[CELL_WORKGROUP - 1u]` is the sum of all values.
 fn workgroup_scan(i: u32, value: u32) -> u32 {
     scan_partial[i] = value;
     workgroupBarrier();
@@ -127,12 +141,13 @@ fn workgroup_scan(i: u32, value: u32) -> u32 {
     return scan_partial[i - 1u];
 }
 
-// Returns the index of part k of a record. Records are stored part by part, so that neighbouring invocations that
-// access neighbouring records share memory transactions.
+// Returns the index of part k of a record in `cell_records`. Records are stored part by part, so that neighbouring
+// invocations that access neighbouring records share memory transactions.
 fn part_at(k: u32, record: u32) -> u32 {
     return k * frame.cell_record_room + record;
 }
 
+// Returns the number of a workgroup in its dispatch, whose rows have CELL_ROW workgroups.
 fn workgroup_number(group: vec3u) -> u32 {
     return group.y * CELL_ROW + group.x;
 }
@@ -145,11 +160,12 @@ fn drawn_pairs(counts: CellCounts) -> u32 {
     return select(0u, counts.pairs, fits);
 }
 
+// Returns the number of pairs to draw in this frame.
 fn pair_count() -> u32 {
     return drawn_pairs(cell_counts[frame.cell_part]);
 }
 
-// Starts a tile without records and pairs.
+// Starts a tile: clears its counts and the header of its pairs.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
@@ -164,6 +180,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
 }
 
 // Returns the cells that a record's footprints may touch: first column and row, then numbers of columns and rows.
+// `boxes` are the record's visible_box and filtered_box, of which at most one is empty.
 fn cells_of(boxes: vec4u) -> vec4u {
     let empty = vec2<bool>(boxes.y == 0u, boxes.w == 0u);
     let first = vec4u(boxes.x & 0xffffu, boxes.x >> 16u, boxes.z & 0xffffu, boxes.z >> 16u);
@@ -182,13 +199,14 @@ fn cells_of(boxes: vec4u) -> vec4u {
     return vec4u(from_cell, (most + (CELL_SIDE - 1u)) / CELL_SIDE - from_cell);
 }
 
-// Returns the number of active cells among the cells of a record in a row of the grid.
+// Returns the number of active cells in a row of the grid among the cells of a record, as `cells_of` returns them.
 fn active_in_row(cells: vec4u, row: u32) -> u32 {
     let first = row * frame.cell_columns + cells.x;
     return cell_active[first + cells.z] - cell_active[first];
 }
 
-// Returns the number of pairs of a record with these cells.
+// Returns the number of pairs of a record with these cells, as `cells_of` returns them: all cells, or the active ones
+// in a frame of samples.
 fn pairs_of_cells(cells: vec4u) -> u32 {
     if frame.is_of_samples == 0u {
         return cells.z * cells.w;
@@ -200,7 +218,8 @@ fn pairs_of_cells(cells: vec4u) -> u32 {
     return count;
 }
 
-// Returns the number of the k-th cell of a record. Active cells of a row have consecutive numbers.
+// Returns the number of the k-th cell, from 0, that has a pair with a record with these cells. In a frame of samples it
+// is the number among active cells; those of a row have consecutive numbers.
 fn nth_cell(cells: vec4u, k: u32) -> u32 {
     if frame.is_of_samples == 0u {
         return (cells.y + k / cells.z) * frame.cell_columns + cells.x + k % cells.z;
@@ -217,12 +236,14 @@ fn nth_cell(cells: vec4u, k: u32) -> u32 {
     return cell_active[row * frame.cell_columns + cells.x] + left;
 }
 
+// Index of the first record of the workgroup's group.
 var<workgroup> group_first_record: u32;
+// Number of pairs of the workgroup's group.
 var<workgroup> group_pairs: atomic<u32>;
 
-// Writes a group's records without gaps and counts its pairs. Records without pairs are left out. All invocations of
-// the workgroup have to call it, with `may_be_there` false if they have no record. Returns the index of the
-// invocation's record, or ABSENT if it wasn't written.
+// Writes a group's records without gaps and counts its pairs. Invocation i of the workgroup passes one record. Records
+// without pairs are left out. All invocations of the workgroup have to call it, with `may_be_there` false if they have
+// no record. Returns the index of the invocation's record, or ABSENT if it wasn't written.
 fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) -> u32 {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
@@ -273,7 +294,8 @@ fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) -> u32 {
     return ABSENT;
 }
 
-// Writes a clip of a record into the parts from `part` on.
+// Writes a clip of a record into its parts from number `part` on. The fourth words of the parts are the curve's sign,
+// the lines' sign, and the c, x and y of the fourth line.
 fn write_clip(record: u32, part: u32, clip: Clip) {
     let lines = clip.lines;
     cell_records_out[part_at(part, record)] =
@@ -294,7 +316,7 @@ fn setup_workgroups(count: u32) -> u32 {
     return (count + (CELL_WORKGROUP - 1u)) / CELL_WORKGROUP;
 }
 
-// A splat of a chunk after setup, and its place.
+// The splat of an invocation after setup, and its place.
 struct CellSplat {
     splat: SetUpSplat,
     // Index of the splat in its segment.
@@ -303,7 +325,8 @@ struct CellSplat {
     group: u32,
 }
 
-// Sets up the splat of an invocation.
+// Sets up the splat of invocation i of workgroup `number`. A workgroup sets up a chunk or, if the application places
+// the splats, up to CELL_WORKGROUP splats of the segment's single chunk.
 fn set_up_in_chunk(number: u32, i: u32) -> CellSplat {
     let is_placed = segment.is_placed != 0u;
     let groups = select(arrayLength(&cell_chunks), setup_workgroups(segment.count), is_placed);
@@ -356,11 +379,12 @@ fn cell_clipped_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invoca
     }
 }
 
+// Returns two words as f32 numbers.
 fn near_vec2(bits: vec2u) -> vec2f {
     return bitcast<vec2f>(bits);
 }
 
-// Returns the record that begins at an element of `near_records`.
+// Returns the record that begins at element `at` of `near_records`.
 fn near_record(at: u32) -> Record {
     return Record(
         bitcast<vec2i>(near_records[at].xy), near_vec2(near_records[at].zw),
@@ -376,8 +400,8 @@ fn near_record(at: u32) -> Record {
     );
 }
 
-// Copies a record of a splat at the near plane into its group. The record has `parts` parts. Returns the index of the
-// copy, or ABSENT.
+// Copies a record of a splat at the near plane into its group: the record of invocation i of workgroup `number`. The
+// record has `parts` parts. Returns the index of the copy, or ABSENT if there is none.
 fn copy_near_record(number: u32, i: u32, parts: u32) -> u32 {
     let index = number * CELL_WORKGROUP + i;
     var record: Record;
@@ -416,12 +440,12 @@ fn cell_clipped_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
     }
 }
 
-// Returns the number of blocks of `count` elements.
+// Returns the number of blocks, of up to CELL_BLOCK elements, that `count` elements fill.
 fn blocks_of(count: u32) -> u32 {
     return (count + (CELL_BLOCK - 1u)) / CELL_BLOCK;
 }
 
-// Returns the number of elements to scan.
+// Returns the number of elements to scan in this round, if the tile has this number of pairs.
 fn scan_length(pairs: u32) -> u32 {
     if cell_round.scanned == SCANNED_GROUPS {
         return frame.cell_group_count;
@@ -432,10 +456,11 @@ fn scan_length(pairs: u32) -> u32 {
     return cell_round.digits * blocks_of(pairs);
 }
 
+// Number of elements that an invocation scans: CELL_BLOCK/CELL_WORKGROUP.
 const SCAN_PER_INVOCATION: u32 = 8u;
 
-// First pass of a scan: sums each block. The second, cell_scan_add, scans each block from the sum of all blocks before
-// it.
+// First pass of a scan, which replaces each element of `scanned` by the sum of all elements before it. This pass sums
+// each block. The second, cell_scan_add, scans each block from the sum of all blocks before it.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -456,7 +481,8 @@ fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     }
 }
 
-// Second pass of a scan. A scan of groups also counts the pairs of the tile, and a scan of active cells these cells.
+// Second pass of a scan. A scan of groups also writes the number of pairs of the tile to its counters, and a scan of
+// active cells the number of these.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -499,8 +525,8 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     }
 }
 
-// Emits the pairs of a group. Each invocation emits every 256th pair, so that the pairs of large splats are spread over
-// all invocations.
+// Writes the pairs of a group, in the order of its records. Each invocation writes every 256th pair, so that the pairs
+// of large splats are spread over all invocations.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
@@ -539,13 +565,15 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     }
 }
 
+// Returns the digit of a pair's cell by which this round sorts.
 fn digit_of(pair: CellPair) -> u32 {
     return (pair.cell >> cell_round.shift) & (cell_round.digits - 1u);
 }
 
+// Number of pairs of the block per value of the digit.
 var<workgroup> digit_counts: array<atomic<u32>, CELL_WORKGROUP>;
 
-// Counts the digits of a block of pairs.
+// Counts the pairs of a block per value of the digit.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -567,15 +595,17 @@ fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
     }
 }
 
+// Number of words with one bit for each of 256 pairs.
 const ROUND_WORDS: u32 = 8u;
 
-// One bit for each of 256 pairs, by digit and by word of 32 pairs.
+// One bit for each of the 256 pairs that are moved at a time, per value of the digit: word w, for pairs 32·w to 32·w +
+// 31, of value v is at w·CELL_WORKGROUP + v.
 var<workgroup> round_bits: array<atomic<u32>, 2048>;
-// Output position of the next pair of each digit.
+// Position, without the header, to which the next pair with each value of the digit moves.
 var<workgroup> digit_ends: array<u32, CELL_WORKGROUP>;
 
-// Moves the pairs of a block to their positions by one digit, in stable order. The bits of 256 pairs at a time give
-// each pair the number of earlier pairs with the same digit.
+// Moves the pairs of a block to their positions in the order of one digit; pairs with equal digits stay in their order.
+// The bits of 256 pairs at a time give each pair the number of earlier pairs with the same digit.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -619,7 +649,7 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
     }
 }
 
-// Finds the begin and end of the pairs of each cell.
+// Writes the header of the sorted pairs: the begin and end of the pairs of each cell.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let index = workgroup_number(group) * CELL_WORKGROUP + i;

@@ -1,9 +1,11 @@
 // Entry points of raster hardware for clipped splats (rendering model §7); the compute path has its own in cells.wgsl
-// and cell_raster.wgsl. Their vertices also pass the index of the record whose clip the
-// fragments evaluate. Splats without a clip have separate entry points, so that drawing them doesn't cost more.
+// and cell_raster.wgsl. The vertices of clipped splats also pass the index of the record whose clip the fragments
+// evaluate. Splats without a clip have separate entry points, so that drawing them doesn't cost more.
 
+// Clips of the records, in the order of `records`.
 @group(1) @binding(1) var<storage, read> record_clips: array<RecordClip>;
 
+// VisibilityVertex with the index of the record.
 struct ClippedVisibilityVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) base: vec2i,
@@ -15,6 +17,7 @@ struct ClippedVisibilityVertex {
     @location(9) @interpolate(flat, either) record: u32,
 }
 
+// AttributeVertex with the index of the record.
 struct ClippedAttributeVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) base: vec2i,
@@ -38,6 +41,7 @@ fn clipped_visibility_vertex(
     return ClippedVisibilityVertex(v.position, v.base, v.anchor, v.uv, v.depth, v.at_anchor, v.flags, instance);
 }
 
+// Returns a vertex with the index of its record.
 fn clipped_attribute_corner(v: AttributeVertex, record: u32) -> ClippedAttributeVertex {
     return ClippedAttributeVertex(
         v.position, v.base, v.anchor, v.uv, v.depth, v.at_anchor, v.w, v.color, v.normal, v.flags, record,
@@ -52,12 +56,14 @@ fn clipped_attribute_vertex(
     return clipped_attribute_corner(attribute_corner(vertex, instance), instance);
 }
 
+// True if the clip of a record keeps a fragment of its unfiltered footprint.
 fn clip_keeps_visible(in: VisibilityVertex, record: u32) -> bool {
     return clip_keeps(record_clips[record].visible, offset_of(in.position, in.base, in.anchor.xy));
 }
 
-// The visible part of an oriented clipped splat also belongs to its filtered footprint. The footprint's own clip
-// follows the stretched axes, and alone could remove every fragment of a pixel.
+// True if the clips of a record keep a fragment of its filtered footprint. In oriented clouds they also keep what the
+// unfiltered footprint and its clip keep. The filtered footprint's own clip follows the stretched half-axes, and alone
+// could remove every fragment of a pixel.
 fn clip_keeps_filtered(in: AttributeVertex, record: u32) -> bool {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     // If w ≤ 0, which only happens with `clamp`, the clip is evaluated at the centre.

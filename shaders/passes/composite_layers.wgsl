@@ -1,17 +1,20 @@
 // Compositing of transparent layers (rendering model §8), once per pixel and layer: shades a layer's sums and
 // composites them under the layers before it.
 
+// Composited layers of each pixel of the targets, row by row.
 @group(1) @binding(14) var<storage, read_write> layer_composites: array<LayerComposite>;
+// Sums of the current layer, like `color_sums`, `surface_sums` and `material_sums`.
 @group(1) @binding(16) var layer_color: texture_2d<f32>;
 @group(1) @binding(17) var layer_surface: texture_2d<f32>;
 @group(1) @binding(18) var layer_material: texture_2d<f32>;
-// Number of fragments, and Σw·alpha.
+// Number of fragments, and Σw·alpha, of a peeled layer or the layer `remaining`.
 @group(1) @binding(19) var layer_counts: texture_2d<f32>;
-// Number of fragments, Σw·alpha and coverage of an A-buffer's layer.
+// Number of fragments, Σw·alpha and coverage of a layer of an A-buffer.
 @group(1) @binding(30) var layer_coverage: texture_2d<f32>;
+// Depth buffer of the layer's visibility pass: its reversed depth threshold, 0 without one.
 @group(1) @binding(20) var layer_threshold: texture_depth_2d;
 
-// Arguments of an indirect draw of transparent splats.
+// Arguments of an indirect draw of transparent splats, in the layout of the graphics API.
 struct DrawArguments {
     vertices: u32,
     instances: u32,
@@ -19,9 +22,11 @@ struct DrawArguments {
     first_instance: u32,
 }
 
-// Indirect draws of the layers. Their instance counts become 0 after the last layer with fragments.
+// Indirect draws of transparent splats, which all layers use. Their instance counts become 0 after the last layer with
+// fragments.
 struct LayerDraws {
-    // 1 if a pixel has a depth threshold in the current layer. Without one, no fragment can lie behind the layer.
+    // 1 if any pixel has a depth threshold in the current layer. Where a pixel has none, no fragment can lie behind the
+    // layer.
     any_remaining: atomic<u32>,
     // Number of layers drawn, including the current one.
     drawn: u32,
@@ -30,10 +35,12 @@ struct LayerDraws {
 
 @group(1) @binding(22) var<storage, read_write> layer_draws: LayerDraws;
 
+// True if an invocation has a pixel of the targets.
 fn is_in_targets(id: vec3u) -> bool {
     return id.x < frame.size_px.x && id.y < frame.size_px.y;
 }
 
+// Starts the layers of each pixel, behind no layer and before the pixel's opaque surface.
 @compute @workgroup_size(8, 8)
 fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
     if is_in_targets(id) {
@@ -44,7 +51,7 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
 // Depth buffer of the embedding application, of the size of the shaded region.
 @group(1) @binding(23) var host_depths: texture_depth_2d;
 
-// Returns 1/z of the application's geometry at a pixel, or z itself in an orthographic projection.
+// Returns 1/z of the application's geometry at a pixel of the shaded region, or z itself in an orthographic projection.
 fn host_depth_along(at: vec2i) -> f32 {
     return (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
 }
@@ -67,7 +74,8 @@ fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     begin_pixel_layers(id, occluder_depth);
 }
 
-// Starts a pixel's layers. Fragments behind the reversed depth `occluder_depth` aren't drawn.
+// Starts the layers of an invocation's pixel. Fragments behind the reversed depth `occluder_depth`, or behind the
+// opaque surface, aren't drawn.
 fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     let pixel = vec2i(id.xy);
     var layers: LayerComposite;
@@ -92,8 +100,8 @@ fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     layer_composites[id.y * frame.size_px.x + id.x] = layers;
 }
 
-// Composites a layer behind the layers before it (Porter and Duff's "under"). Front-to-back compositing gives the same
-// result as "over" from back to front.
+// Composites a layer, with its surface point, lit colour and alpha, behind the layers before it (Porter and Duff's
+// "under"). Front-to-back compositing gives the same result as "over" from back to front.
 fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f32) -> LayerComposite {
     var more = layers;
     let through = 1.0 - layers.opacity;
@@ -108,11 +116,13 @@ fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f3
     return more;
 }
 
+// Returns the surface point of the current layer at a pixel.
 fn layer_point(pixel: vec2i) -> Point {
     let material = textureLoad(layer_material, pixel, 0);
     return point_of(textureLoad(layer_color, pixel, 0), textureLoad(layer_surface, pixel, 0), material);
 }
 
+// Composites a layer of depth peeling.
 @compute @workgroup_size(8, 8)
 fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     if is_in_targets(id) {
@@ -120,7 +130,7 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Composites a surface of an A-buffer: a peeled layer, weighted by its coverage.
+// Composites a layer of an A-buffer: one surface, whose alpha is multiplied by its coverage.
 @compute @workgroup_size(8, 8)
 fn gathered_layer(@builtin(global_invocation_id) id: vec3u) {
     if is_in_targets(id) {
@@ -129,7 +139,8 @@ fn gathered_layer(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Composites a layer with the given number of fragments and Σw·alpha (`counts`). It covers `share` of the pixel.
+// Composites the current layer of an invocation's pixel. `counts` are its number of fragments and Σw·alpha. The layer
+// covers the fraction `share` of the pixel.
 fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     let pixel = vec2i(id.xy);
     let at = id.y * frame.size_px.x + id.x;
@@ -148,7 +159,8 @@ fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     }
 }
 
-// Runs once between two layers. If no fragments remain, it sets the instance counts of all further draws to 0.
+// Runs between two layers. If no fragments remain, sets the instance counts of all further draws to 0; otherwise counts
+// the layer.
 @compute @workgroup_size(8, 8)
 fn next_layer(@builtin(global_invocation_id) id: vec3u) {
     if id.x + id.y > 0u {
@@ -163,6 +175,7 @@ fn next_layer(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
+// Composites the layer `remaining`, whose splats were lit one by one.
 @compute @workgroup_size(8, 8)
 fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
     if !is_in_targets(id) {
@@ -174,7 +187,7 @@ fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
     let counts = textureLoad(layer_counts, pixel, 0).xy;
     let point = layer_point(pixel);
     if point.is_there {
-        // The splats were lit separately before they were summed.
+        // The splats were lit before they were summed, so the sum of colours is that of lit colours.
         let color = limit_rgb(textureLoad(layer_color, pixel, 0).rgb / point.weight);
         layers = composite_under(balls_under(layers, pixel, point.z), point, color, counts.y / point.weight);
     }

@@ -1,6 +1,7 @@
-// Edge detection (rendering model §5): a pixel is an edge if the depth steps back to a neighbour by more than both
-// tolerances.
+// Edge detection (rendering model §5): a pixel is an edge pixel if the surface of a neighbour lies behind its own by
+// more than the depth tolerances of both.
 
+// The z + ε and the ε of the splat that defines each pixel's depth threshold; zeros without one.
 @group(1) @binding(1) var edge_pass_tolerance: texture_2d<f32>;
 
 // Draws a triangle that covers the whole target.
@@ -10,11 +11,12 @@ fn fullscreen_vertex(@builtin(vertex_index) vertex: u32) -> @builtin(position) v
     return vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
 }
 
+// Depth of each pixel's nearest polygon, and the polygon's index plus one; zeros without one.
 @group(1) @binding(2) var edge_pass_polygons: texture_2d<f32>;
 
-// True if a neighbour's surface lies beyond `reach`, the end of a pixel's own surface. This tests both the neighbour's
-// splats (a threshold of 0 is infinitely far) and its nearest polygon. A polygon behind splats lies beyond their
-// threshold, so it makes no difference.
+// True if the surface of the neighbouring pixel `at` lies beyond `reach`, the depth at which a pixel's own surface
+// ends. This tests both the neighbour's splats (a threshold of 0 is infinitely far) and its nearest polygon. A polygon
+// behind splats lies beyond their threshold, so it makes no difference.
 fn steps_back(reach: f32, at: vec2i) -> bool {
     let neighbour = textureLoad(edge_pass_tolerance, at, 0).xy;
     if neighbour.x > 0.0 && neighbour.x - neighbour.y <= reach {
@@ -27,7 +29,8 @@ fn steps_back(reach: f32, at: vec2i) -> bool {
     return polygon <= 0.0 || reach < polygon;
 }
 
-// Writes `edge_threshold` for the passes of the edge background. A pixel without splats has no threshold, edge or not.
+// Writes `edge_threshold` for the passes of the edge background: the reversed depth threshold of an edge pixel, 0 for
+// others. A pixel without splats has no threshold, edge or not.
 @fragment
 fn edges_fragment(@builtin(position) position: vec4f) -> @location(0) f32 {
     let pixel = vec2i(floor(position.xy));

@@ -1,12 +1,14 @@
 // Eye-dome lighting, the shader `edl` (rendering model §5): a pixel is darker the farther it lies behind its
 // neighbours.
 
-// Returns the contribution of a neighbour at an offset to the rise of the surface around depth z.
+// Returns what a neighbour adds to the rise of the surface around a pixel of depth z. `offset` is the neighbour's in
+// pixels, and `neighbour` its depth.
 fn eye_dome_rise(offset: vec2i, z: f32, neighbour: f32) -> f32 {
     return eye_dome_rise_weight(vec2f(offset), frame.projection) * select(0.0, z - neighbour, neighbour < z);
 }
 
-// Returns the brightness of a pixel with depth z, from the nearest surfaces of its neighbours.
+// Returns the brightness, 0 to 1, of a surface at depth z in a pixel, from the nearest surfaces of the pixel's
+// neighbours.
 fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     let last = vec2i(frame.size_px) - 1;
     var rise = 0.0;

@@ -1,4 +1,5 @@
-// Fill-rate probes: full-screen triangles whose fragments compute nothing, to measure a device's upper bounds.
+// Fill-rate probes: full-screen triangles whose fragments compute nothing. They measure upper bounds of a device's
+// speed.
 
 @vertex
 fn probe_vertex(

@@ -1,5 +1,6 @@
-// Trained Gaussians (docs/gaussians.md), blended once per pixel. The host has projected and sorted them, and listed
-// them by cells of 16×16 pixels.
+// Trained Gaussians (docs/gaussians.md). One invocation blends all Gaussians of a pixel. The host has projected and
+// sorted them, and listed them by cells of 16×16 pixels. A record is a projected Gaussian; an entry of a list is the
+// index of a record.
 //
 // A dispatch runs a bounded number of steps, because drivers stop shaders that run for long. Some software drivers
 // silently stop after 65,535 iterations of all loops together. The progress of a pixel is stored in its state, and the
@@ -7,20 +8,22 @@
 
 // A Gaussian projected into the view.
 struct GaussianRecord {
-    // The pixel that contains its centre, and the position within that pixel.
+    // The image's pixel (column, row) that contains the projected centre, and the centre's position within the pixel, 0
+    // to 1.
     base: vec2i,
     fraction: vec2f,
     forms: GaussianForms,
+    // Colour in the Gaussians' colour space.
     color: vec3f,
     opacity: f32,
-    // World-space normal.
+    // Unit normal in world axes, toward the eye.
     normal: vec3f,
-    // Factor by which the filter reduces α.
+    // Factor by which the filter `principal` multiplies α; 1 with other filters.
     weight: f32,
-    // Smallest depth at which the Gaussian has fragments. In lists for sorting by pixel, records are in ascending order
-    // of this depth.
+    // Smallest depth at which the Gaussian has fragments, in world units. If each pixel sorts its own fragments,
+    // records are in ascending order of this depth.
     nearest: f32,
-    // Index of the Gaussian in the scene.
+    // Index of the Gaussian among all Gaussians of the scene.
     number: u32,
 }
 
@@ -28,41 +31,48 @@ struct GaussianRecord {
 const GAUSSIAN_CELL: u32 = 16u;
 // Largest α of a fragment; larger values are reduced to it.
 const MAX_ALPHA: f32 = 0.99;
-// Smallest α of a fragment that is drawn, before the filter's factor: 1/255.
+// Smallest α of a fragment that is drawn, before α is multiplied by the filter's factor: 1/255.
 const MIN_ALPHA: f32 = 0.003921569;
-// Smallest transmittance of a pixel after a fragment; a fragment that would make it smaller ends the blending.
+// Smallest transmittance, the fraction of the light from behind that passes a pixel's fragments. A fragment that would
+// make it smaller ends the blending.
 const MIN_TRANSMITTANCE: f32 = 1e-4;
-// Sum of weights up to which a pixel counts as empty; sums are divided only by larger ones.
+// Largest sum of weights of a pixel that counts as empty. Sums are divided only by larger ones.
 const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
+// Gaussians that may touch the tile, in the order in which pixels read them.
 @group(1) @binding(28) var<storage, read> gaussian_records: array<GaussianRecord>;
-// Lists of the cells: the begin of each cell's entries, and the end of the last cell's; then the entries, which are
-// ascending indices of records.
+// Lists of the cells, row by row: the index of the first of each cell's entries, and the end of the last cell's; then
+// the entries, which are ascending indices of records.
 //
-// If pixels have states, the words of the states begin at `frame.gaussian_states_at`, and the waiting fragments follow.
-// Word k of all pixels is stored before word k + 1.
+// If pixels have states, the words of the states begin at `frame.gaussian_states_at`, and the fragments that wait to be
+// blended follow. Word k of all pixels is stored before word k + 1.
 @group(1) @binding(29) var<storage, read_write> gaussian_lists: array<u32>;
 
-// Number of words of a pixel's state: its sums, then its progress.
+// Number of words of a pixel's state. Words 0 to 14 are its GaussianSums, word 15 is GAUSSIAN_DISPATCHES, and word 16
+// is the index of the next entry to read. The further words are those of gaussians_by_pixel.wgsl.
 const GAUSSIAN_STATE_WORDS: u32 = 24u;
 // Number of words of a fragment that waits to be blended (see gaussians_by_pixel.wgsl).
 const GAUSSIAN_ROOM_WORDS: u32 = 3u;
-// Offset in the planes of the number of the last dispatch that left a pixel unfinished.
+// Index in `planes` of the number of the last dispatch that left a pixel unfinished. The planes themselves follow.
 const GAUSSIANS_UNFINISHED_AT: u32 = 0u;
-// Maximum number of entries that a dispatch reads in the order of the list.
+// Maximum number of entries that a dispatch reads per pixel, if the pixel blends in the order of the list.
 const GAUSSIAN_READS: u32 = 32768u;
 
 // Sums of the fragments blended at a pixel.
 struct GaussianSums {
     // Colour in the Gaussians' colour space.
     color: vec3f,
+    // Product of 1 − α over the fragments: the fraction of the light from behind that passes.
     transmittance: f32,
+    // Sums Σw·normal, Σw and Σw·z, with the weight w = α times the transmittance before the fragment.
     normal: vec3f,
     weight: f32,
     depth: f32,
+    // Depth of the last fragment before which the transmittance was above ½.
     median_depth: f32,
+    // Value of the plane `distortion` so far.
     distortion: f32,
-    // Σw·m and Σw·m², where m is the depth that the plane `distortion` compares.
+    // Σw·m and Σw·m², where m is the depth that the plane `distortion` compares (`distortion_depth`).
     moments: vec2f,
     fragments: u32,
     // True until a fragment would make the transmittance smaller than MIN_TRANSMITTANCE. While it is true, fragments
@@ -70,13 +80,14 @@ struct GaussianSums {
     is_open: bool,
 }
 
-// A fragment of a Gaussian. α is negative if there is no fragment. α can be 0, since a filter may reduce a tiny value
-// to 0.
+// A fragment of a Gaussian: α, the fraction of the pixel that it covers, and its depth. α is negative if there is no
+// fragment. α can be 0, since a filter may reduce a tiny value to 0.
 struct GaussianFragment {
     alpha: f32,
     z: f32,
 }
 
+// Returns the fragment of a record at a pixel of the image.
 fn gaussian_fragment(record: u32, pixel: vec2i) -> GaussianFragment {
     // The difference of integers is exact: only the fraction rounds.
     let offset = vec2f(pixel - gaussian_records[record].base) - (gaussian_records[record].fraction - 0.5);
@@ -87,7 +98,7 @@ fn gaussian_fragment(record: u32, pixel: vec2i) -> GaussianFragment {
     return GaussianFragment(select(-1.0, alpha * gaussian_records[record].weight, shows), at.y);
 }
 
-// Blends a fragment behind those already blended.
+// Blends a fragment behind the fragments in the sums, or ends the blending.
 fn blend_gaussian(sums: ptr<function, GaussianSums>, record: u32, fragment: GaussianFragment) {
     let before = (*sums).transmittance;
     let left = before * (1.0 - fragment.alpha);
@@ -111,7 +122,7 @@ fn blend_gaussian(sums: ptr<function, GaussianSums>, record: u32, fragment: Gaus
     (*sums).transmittance = left;
 }
 
-// Returns the linear premultiplied colour over the background.
+// Returns the linear premultiplied colour of a pixel, blended over the background.
 fn resolved_gaussians(sums: GaussianSums) -> vec4f {
     let behind = frame.gaussian_background;
     let alpha = 1.0 - sums.transmittance + sums.transmittance * behind.a;
@@ -124,6 +135,7 @@ fn resolved_gaussians(sums: GaussianSums) -> vec4f {
     return vec4f(limit_rgb(linear * alpha), alpha);
 }
 
+// Writes the planes of a pixel. `at` is the pixel's number in the shaded region, row by row.
 fn write_gaussians(at: u32, sums: GaussianSums) {
     if frame.color_at != ABSENT {
         write_color(at, resolved_gaussians(sums));
@@ -155,12 +167,14 @@ fn write_gaussians(at: u32, sums: GaussianSums) {
     }
 }
 
-// Returns the first entry of a pixel's cell, and one past its last.
+// Returns the index in `gaussian_lists` of the first entry of a pixel's cell, and one past that of its last. `id` is
+// the pixel in the shaded region.
 fn gaussian_list(id: vec3u) -> vec2u {
     let cell = id.y / GAUSSIAN_CELL * frame.gaussian_columns + id.x / GAUSSIAN_CELL;
     return vec2u(gaussian_lists[cell], gaussian_lists[cell + 1u]);
 }
 
+// Returns the sums of a pixel before its first fragment.
 fn no_gaussian_sums() -> GaussianSums {
     var sums: GaussianSums;
     sums.transmittance = 1.0;
@@ -168,23 +182,28 @@ fn no_gaussian_sums() -> GaussianSums {
     return sums;
 }
 
-// Returns the index of a word of a pixel's state.
+// Returns the index in `gaussian_lists` of a word of a pixel's state. `pixel` is the pixel's number in the shaded
+// region, row by row, here and below.
 fn gaussian_state_at(pixel: u32, word: u32) -> u32 {
     return frame.gaussian_states_at + word * (frame.shade_size_px.x * frame.shade_size_px.y) + pixel;
 }
 
+// Returns a word of a pixel's state.
 fn gaussian_state(pixel: u32, word: u32) -> u32 {
     return gaussian_lists[gaussian_state_at(pixel, word)];
 }
 
+// Returns a word of a pixel's state as an f32 number.
 fn gaussian_number(pixel: u32, word: u32) -> f32 {
     return bitcast<f32>(gaussian_state(pixel, word));
 }
 
+// Writes a word of a pixel's state.
 fn set_gaussian_state(pixel: u32, word: u32, value: u32) {
     gaussian_lists[gaussian_state_at(pixel, word)] = value;
 }
 
+// Writes an f32 number to a word of a pixel's state.
 fn set_gaussian_number(pixel: u32, word: u32, value: f32) {
     set_gaussian_state(pixel, word, bitcast<u32>(value));
 }
@@ -205,6 +224,7 @@ fn load_gaussian_sums(pixel: u32) -> GaussianSums {
     return sums;
 }
 
+// Writes words 0 to 14 of a pixel's state.
 fn store_gaussian_sums(pixel: u32, sums: GaussianSums) {
     set_gaussian_number(pixel, 0u, sums.color.x);
     set_gaussian_number(pixel, 1u, sums.color.y);
@@ -223,12 +243,13 @@ fn store_gaussian_sums(pixel: u32, sums: GaussianSums) {
     set_gaussian_state(pixel, 14u, select(0u, 1u, sums.is_open));
 }
 
-// Word of a pixel's state that counts its dispatches.
+// Number of the word of a pixel's state that counts the dispatches which left the pixel unfinished.
 const GAUSSIAN_DISPATCHES: u32 = 15u;
 // Value of the word GAUSSIAN_DISPATCHES once the pixel is finished.
 const GAUSSIANS_FINISHED: u32 = 0xffffffffu;
 
-// Ends a pixel's dispatch: writes the pixel if it is finished, otherwise stores its sums for the next dispatch.
+// Ends a pixel's dispatch: writes the pixel's planes if it is finished, otherwise stores its sums for the next
+// dispatch.
 fn end_gaussian_dispatch(pixel: u32, sums: GaussianSums, is_finished: bool) {
     if is_finished {
         write_gaussians(pixel, sums);

@@ -1,48 +1,54 @@
 // Trained Gaussians sorted in each pixel (docs/gaussians.md). The fragments of a pixel wait in a heap, which is a part
-// of `gaussian_lists`, until no nearer fragment can follow. Identifiers call the heap's memory the pixel's room.
+// of `gaussian_lists`, until no nearer fragment can follow. The heap's memory is called the pixel's room; its places
+// are numbered from the root, 0, level by level.
 
 // A fragment in a pixel's heap.
 struct WaitingGaussian {
-    // Sort key of fragments: the depth step, then the index among the scene's Gaussians.
+    // Sort key of fragments: depth_step_f32 of the depth, then the index of the Gaussian among the scene's Gaussians.
     key: vec2u,
     // Index of the record's entry in the lists.
     at: u32,
 }
 
-// Maximum number of steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of
-// a loop.
+// Maximum number of steps per pixel of a dispatch. A step reads, sorts or blends one fragment. It may traverse a
+// pixel's heap three times, in at most 18 iterations of a loop each.
 const GAUSSIAN_STEPS: u32 = 1024u;
-// Both words of the limit of a turn that accepts fragments of any key.
+// Value of both words of a turn's limit, a sort key, if the turn accepts fragments of any key.
 const NO_LIMIT: u32 = 0xffffffffu;
-// Number of fragments that may wait in a pixel's first turn. Each further turn quadruples the number, up to the size of
-// the heap.
+// Number of fragments that may wait in a pixel's first turn (see `gaussians_by_pixel`). Each further turn quadruples
+// the number, up to the size of the heap.
 const FIRST_WAITING: u32 = 32u;
 
-// State of a pixel: reading the list, sorting the waiting fragments, blending them, or finished.
+// What a pixel does next: read the list, sort the waiting fragments, blend them, or nothing, because it is finished.
 const GAUSSIANS_READ: u32 = 0u;
 const GAUSSIANS_SORT: u32 = 1u;
 const GAUSSIANS_BLEND: u32 = 2u;
 const GAUSSIANS_END: u32 = 3u;
 
+// True if sort key a precedes sort key b.
 fn is_before(a: vec2u, b: vec2u) -> bool {
     return a.x < b.x || (a.x == b.x && a.y < b.y);
 }
 
+// Returns the index in `gaussian_lists` of the first word of a place of a pixel's heap.
 fn gaussian_room_at(pixel: u32, place: u32) -> u32 {
     return gaussian_state_at(pixel, GAUSSIAN_STATE_WORDS + GAUSSIAN_ROOM_WORDS * place);
 }
 
+// Returns the sort key of the fragment at a place of a pixel's heap.
 fn waiting_key(pixel: u32, place: u32) -> vec2u {
     let at = gaussian_room_at(pixel, place);
     return vec2u(gaussian_lists[at], gaussian_lists[at + frame.shade_size_px.x * frame.shade_size_px.y]);
 }
 
+// Returns the fragment at a place of a pixel's heap.
 fn waiting_gaussian(pixel: u32, place: u32) -> WaitingGaussian {
     let at = gaussian_room_at(pixel, place);
     let pixels = frame.shade_size_px.x * frame.shade_size_px.y;
     return WaitingGaussian(vec2u(gaussian_lists[at], gaussian_lists[at + pixels]), gaussian_lists[at + 2u * pixels]);
 }
 
+// Writes a fragment to a place of a pixel's heap.
 fn set_waiting_gaussian(pixel: u32, place: u32, waiting: WaitingGaussian) {
     let at = gaussian_room_at(pixel, place);
     let pixels = frame.shade_size_px.x * frame.shade_size_px.y;
@@ -51,8 +57,8 @@ fn set_waiting_gaussian(pixel: u32, place: u32, waiting: WaitingGaussian) {
     gaussian_lists[at + 2u * pixels] = waiting.at;
 }
 
-// The heap has the farthest fragment at its root. `rise_gaussian` inserts a fragment at the free last place,
-// `sink_gaussian` at the free root of `count` places.
+// Inserts a fragment into a pixel's heap at the free place `last`, the one after all others, and moves it toward the
+// root. The heap has the farthest fragment at its root.
 fn rise_gaussian(pixel: u32, last: u32, waiting: WaitingGaussian) {
     var place = last;
     while place > 0u {
@@ -67,6 +73,7 @@ fn rise_gaussian(pixel: u32, last: u32, waiting: WaitingGaussian) {
     set_waiting_gaussian(pixel, place, waiting);
 }
 
+// Inserts a fragment into a pixel's heap of `count` places at the free root, and moves it away from the root.
 fn sink_gaussian(pixel: u32, count: u32, waiting: WaitingGaussian) {
     var place = 0u;
     while 2u * place + 1u < count {
@@ -84,11 +91,12 @@ fn sink_gaussian(pixel: u32, count: u32, waiting: WaitingGaussian) {
     set_waiting_gaussian(pixel, place, waiting);
 }
 
-// Blends Gaussians exactly in the order of each pixel, in turns. A turn reads the list as long as an entry may be among
-// the nearest remaining fragments that fit the heap. It then sorts the fragments in the heap and blends them.
+// Blends Gaussians exactly in the order of depths in each pixel, in turns. A turn reads the list as long as an entry
+// may be among the nearest remaining fragments that fit the heap. Then it sorts the fragments in the heap and blends
+// them.
 //
-// The next turn begins at the first entry that this turn skipped. Records are sorted by the depth at which they begin,
-// so the first record beyond the limit ends a turn.
+// The next turn begins at the first entry that this turn skipped. Records are sorted by their smallest depth
+// (GaussianRecord.nearest), so the first record beyond the turn's limit ends the turn.
 @compute @workgroup_size(8, 8)
 fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
@@ -103,13 +111,14 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     let list = gaussian_list(id);
     var sums = no_gaussian_sums();
     var at = list.x;
-    // Range of keys whose fragments this turn accepts: from `first` on, before `limit`.
+    // Range of sort keys whose fragments this turn accepts: from `first` on, before `limit`.
     var first = vec2u(0u, 0u);
     var limit = vec2u(NO_LIMIT, NO_LIMIT);
     // Entry of the list at which the next turn begins.
     var next = list.y;
     var state = GAUSSIANS_READ;
-    // Numbers of fragments: waiting, allowed to wait, and already sorted or blended.
+    // Numbers of fragments: in the heap (`count`), allowed in the heap (`room`), and already sorted or blended in this
+    // turn (`done`).
     var count = 0u;
     var room = min(FIRST_WAITING, frame.gaussian_room);
     var done = 0u;
@@ -135,7 +144,8 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
                 is_over = !is_before(vec2u(depth_step_f32(nearest), number), limit);
                 if !is_over {
                     let fragment = gaussian_fragment(record, place);
-                    // Despite rounding, a fragment is never nearer than the depth at which its record begins.
+                    // A fragment is never nearer than the smallest depth of its record. The maximum ensures this
+                    // despite rounding.
                     let key = vec2u(depth_step_f32(max(fragment.z, nearest)), number);
                     if fragment.alpha >= 0.0 && !is_before(key, first) {
                         let waiting = WaitingGaussian(key, at);

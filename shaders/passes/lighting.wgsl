@@ -1,4 +1,5 @@
-// Terms of Phong's model (rendering model §5), in world axes, relative to the eye.
+// Terms of Phong's model (rendering model §5). Positions and directions are in world axes, positions relative to the
+// eye.
 
 // Unit vector to a light, and the light's colour at the lit point.
 struct Incident {
@@ -6,22 +7,23 @@ struct Incident {
     color: vec3f,
 }
 
-// Returns the angle between unit vectors, accurate at both ends: 2·atan(|a − b|/|a + b|). The built-in arctangents may
-// be off by 4096 ulp; this polynomial (Cephes, atanf) is accurate to 2 ulp.
+// Returns the angle between unit vectors in radians, accurate for small angles and for those near π: 2·atan(|a − b|/|a
+// + b|). The built-in arctangents may be off by 4096 ulp; this polynomial (Cephes, atanf) is accurate to 2 ulp.
 fn angle_between(a: vec3f, b: vec3f) -> f32 {
     let y = v3_length(a - b);
     let x = v3_length(a + b);
     let t = min(x, y) / max(max(x, y), 1e-30);
-    // atan t = π/4 + atan((t − 1)/(t + 1)) beyond tan(π/8).
-    let peeled_depth = t > 0.41421356;
-    let r = select(t, (t - 1.0) / (t + 1.0), peeled_depth);
+    // Beyond t = tan(π/8), atan t is computed as π/4 + atan((t − 1)/(t + 1)).
+    let is_beyond = t > 0.41421356;
+    let r = select(t, (t - 1.0) / (t + 1.0), is_beyond);
     let q = r * r;
     let series = fma(fma(fma(0.080537446, q, -0.13877685), q, 0.19977710), q, -0.33332949);
-    let angle = fma(series * q, r, r) + select(0.0, 0.78539816, peeled_depth);
+    let angle = fma(series * q, r, r) + select(0.0, 0.78539816, is_beyond);
     return 2.0 * select(angle, 1.57079633 - angle, y > x);
 }
 
 // Returns a spot's strength at an angle from its axis: 1 up to `inner`, 0 from `outer` on, smoothstep in between.
+// Angles are in radians.
 fn spot_strength(angle: f32, inner: f32, outer: f32) -> f32 {
     if angle <= inner {
         return 1.0;
@@ -33,6 +35,7 @@ fn spot_strength(angle: f32, inner: f32, outer: f32) -> f32 {
     return x * x * (3.0 - 2.0 * x);
 }
 
+// Returns the direction to a light from a position, and the light that arrives there, shadows ignored.
 fn incident(light: Light, position: vec3f) -> Incident {
     if light.kind == LIGHT_DIRECTIONAL {
         return Incident(-light.direction, light.color);
@@ -53,8 +56,9 @@ fn highlight(base: f32, exponent: f32) -> f32 {
     return select(0.0, exp2(exponent * log2(max(base, 1e-37))), base > 0.0);
 }
 
-// Returns the sum of ambient, diffuse and specular light. With `full` (see `shade`) it includes shadows and the steps
-// of `toon`.
+// Returns the colour of a surface: the sum of ambient, diffuse and specular light by Phong's model. `material` is
+// ambient, diffuse and specular factor and shininess. With `full` (see `shade`) the colour includes shadows and the
+// steps of `toon`.
 fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f, full: bool) -> vec3f {
     let is_toon = full && frame.shader_kind == SHADER_TOON;
     var matte = frame.ambient * material.x;

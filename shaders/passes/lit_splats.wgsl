@@ -1,5 +1,6 @@
-// Per-splat lighting of the remaining layer (rendering model §8). Each splat is lit at its centre, and its lit colour,
-// weighted by alpha, replaces the albedo. Records of transparent splats store alpha in place of the coverage.
+// Per-splat lighting of the layer `remaining`, the last one of depth peeling (rendering model §8). Each splat is lit at
+// its centre. Its lit colour replaces the albedo, and its weight is multiplied by alpha, which records of transparent
+// splats store in place of the coverage.
 
 // Returns the view position of a splat's centre.
 fn center_of(r: Record) -> vec3f {
@@ -10,6 +11,7 @@ fn center_of(r: Record) -> vec3f {
     return vec3f(slope * select(1.0, r.scale, frame.projection.kind == PERSPECTIVE), r.scale);
 }
 
+// Returns a corner of a splat's quad like `attribute_corner`, with the lit colour and the weight's factor times alpha.
 fn lit_corner(vertex: u32, instance: u32) -> AttributeVertex {
     let r = records[instance];
     var v = attribute_corner(vertex, instance);

@@ -1,7 +1,8 @@
-// The nearest splat in each pixel (rendering model §5, planes): fragments that add their attributes are drawn once more
-// with a depth buffer, and write the numbers of their draw and record. A record is a splat as set up for a tile
-// (types.wgsl).
+// Finds the nearest splat in each pixel (rendering model §5, planes). Fragments that add their attributes to sums are
+// drawn once more with a depth buffer, and write the numbers of their draw and record. A draw is a call that draws a
+// segment's records. A record is a splat as set up for a tile (types.wgsl).
 
+// AttributeVertex with the index of the record and the number of the draw.
 struct NearestVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) base: vec2i,
@@ -14,10 +15,11 @@ struct NearestVertex {
     @location(7) @interpolate(flat, either) normal: vec3f,
     @location(8) @interpolate(flat, either) flags: u32,
     @location(9) @interpolate(flat, either) record: u32,
-    // Number of the draw: its vertices begin at four times this number.
+    // Number of the draw. The vertices of a draw begin at four times this number, so that the shader can compute it.
     @location(10) @interpolate(flat, either) source: u32,
 }
 
+// Returns corner 0 … 3 of a record's quad. `vertex` is the corner plus four times the number of the draw.
 fn nearest_corner(vertex: u32, instance: u32) -> NearestVertex {
     let v = attribute_corner(vertex, instance);
     return NearestVertex(
@@ -39,17 +41,20 @@ fn clipped_nearest_vertex(
     return nearest_corner(vertex, instance);
 }
 
+// Nearest splat of a pixel.
 struct NearestOutput {
     @builtin(frag_depth) depth: f32,
     // Number of the draw plus one, and number of the record; both are exact as floats.
     @location(0) source: vec2f,
 }
 
+// Returns the output of a fragment at depth z.
 fn nearest_output(z: f32, source: u32, record: u32) -> NearestOutput {
     return NearestOutput(reversed_depth(z), vec2f(f32(source + 1u), f32(record)));
 }
 
-// True for fragments no deeper than a polygon that no splat occludes.
+// True if a fragment at depth z isn't hidden by a polygon: it is no deeper than its pixel's nearest polygon, or splats
+// occlude that polygon.
 fn is_before_polygon(position: vec4f, z: f32) -> bool {
     let pixel = vec2i(floor(position.xy));
     let polygon = textureLoad(polygon_limit, pixel, 0).r;
@@ -57,10 +62,12 @@ fn is_before_polygon(position: vec4f, z: f32) -> bool {
     return !shows || z <= polygon;
 }
 
+// Nearest splat of the opaque image: number of the draw plus one, and number of the record; zeros without one.
 @group(1) @binding(26) var nearest_front: texture_2d<f32>;
+// Nearest splat among the transparent layers, in the same format.
 @group(1) @binding(27) var nearest_layer: texture_2d<f32>;
 
-// Returns the depth that a pixel shows if balls are ignored; +∞ without any surface.
+// Returns the depth of a pixel's nearest surface or transparent layer, balls ignored; +∞ without any.
 fn nearest_depth(pixel: vec2i) -> f32 {
     var z = front_depth(pixel);
     if frame.has_layers != 0u {
@@ -70,13 +77,14 @@ fn nearest_depth(pixel: vec2i) -> f32 {
     return z;
 }
 
-// Draw number that marks a polygon. The record number is then the polygon's.
+// Value of the draw number plus one that marks a polygon. The record number is then the polygon's.
 const NEAREST_POLYGON: f32 = -1.0;
 
-// Draw number that marks a ball. The record number is then the ball's.
+// Value of the draw number plus one that marks a ball. The record number is then the ball's.
 const NEAREST_BALL: f32 = -2.0;
 
-// Writes the nearest splat, polygon or ball of each pixel.
+// Writes the plane of nearest surfaces: for each pixel the draw number plus one and the record number of the nearest
+// splat, polygon or ball; zeros for an empty pixel.
 @compute @workgroup_size(8, 8)
 fn nearest(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

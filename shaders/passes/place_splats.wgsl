@@ -1,22 +1,24 @@
-// Writes positions, normals and colours from a buffer of the embedding application into stored f32 splats. One
-// invocation places one splat.
+// Writes positions, normals and colours from a buffer of the embedding application into the segment's stored f32
+// splats. One invocation places one splat.
 //
 // A splat keeps its radius, clip and alpha. A disk's half-axes follow from its normal and radius wherever it is set up;
 // an ellipse keeps its half-axes and can't be given a normal.
 
-// Layout of the application's buffer. Offsets and the stride are in words.
+// Layout of the application's buffer `host_words`, and the box of valid positions. `stride` is the distance from one
+// splat to the next, and the fields …_at are offsets within a splat, all in words.
 struct HostSplats {
-    // Box of the centres in object space.
+    // Smallest and largest coordinates, in object space, of a valid centre. A splat whose centre is outside isn't
+    // drawn.
     box_low: vec3f,
     stride: u32,
     box_high: vec3f,
     // Number of splats in the buffer.
     count: u32,
     position_at: u32,
-    // ABSENT if the splats keep their normals, or colours.
+    // Each is ABSENT if the splats keep that attribute as it was uploaded.
     normal_at: u32,
     color_at: u32,
-    // One of HOST_….
+    // Format of normals and of colours: one of HOST_….
     normal_format: u32,
     color_format: u32,
 }
@@ -29,11 +31,14 @@ const HOST_UNORM8X4: u32 = 1u;
 const HOST_SRGB8X4: u32 = 2u;
 
 @group(1) @binding(58) var<uniform> host_splats: HostSplats;
+// The application's buffer.
 @group(1) @binding(59) var<storage, read> host_words: array<u32>;
 // Index in the application's buffer of each splat of the segment.
 @group(1) @binding(60) var<storage, read> host_members: array<u32>;
+// The words of the segment's stored splats (`splats` of the other passes).
 @group(1) @binding(61) var<storage, read_write> placed_splats: array<u32>;
 
+// Returns three f32 numbers of the application's buffer, from word `at` on.
 fn host_numbers(at: u32) -> vec3f {
     return vec3f(
         bitcast<f32>(host_words[at]),
@@ -42,7 +47,8 @@ fn host_numbers(at: u32) -> vec3f {
     );
 }
 
-// Returns an attribute as numbers. Bytes are numbers from 0 to 1.
+// Returns an attribute at word `at` of the application's buffer, in one of the formats HOST_…. Bytes become numbers
+// from 0 to 1, still encoded or unmapped.
 fn host_attribute(at: u32, format: u32) -> vec3f {
     if format == HOST_F32X3 {
         return host_numbers(at);
@@ -50,12 +56,13 @@ fn host_attribute(at: u32, format: u32) -> vec3f {
     return unpack4x8unorm(host_words[at]).xyz;
 }
 
-// Comparisons with NaN aren't reliable in WGSL, but those of bits are.
+// True if no component is infinite or NaN. Comparisons with NaN aren't reliable in WGSL, so the bits are compared.
 fn is_finite(v: vec3f) -> bool {
     let exponent = vec3u(0x7f800000u);
     return all((bitcast<vec3u>(v) & exponent) != exponent);
 }
 
+// Writes three f32 numbers to the stored splats, from word `at` on.
 fn place_numbers(at: u32, v: vec3f) {
     placed_splats[at] = bitcast<u32>(v.x);
     placed_splats[at + 1u] = bitcast<u32>(v.y);

@@ -1,9 +1,13 @@
-// Attributes of a polygon at a pixel: interpolated vertex attributes, and textures sampled by the rules of
-// surfel-model.
+// Attributes of a polygon at a pixel: interpolated vertex attributes, and textures sampled by the rules of surfel-model
+// (rendering model §6).
 
+// Polygons of the tile: the buffer `drawn_polygons`.
 @group(1) @binding(12) var<storage, read> polygons: array<Polygon>;
+// Textures of all polygons; TEXTURE_HEADER describes the layout.
 @group(1) @binding(13) var<storage, read> texels: array<u32>;
 
+// Returns the linear colour of texel number `index`, row by row, of a texture level whose words begin at `at`. Level 0,
+// the full size, stores bytes; smaller levels store f32.
 fn texel_of(at: u32, level: u32, index: u32) -> vec3f {
     if level == 0u {
         let bytes = texels[at + index];
@@ -17,7 +21,8 @@ fn texel_of(at: u32, level: u32, index: u32) -> vec3f {
     return vec3f(bitcast<f32>(texels[first]), bitcast<f32>(texels[first + 1u]), bitcast<f32>(texels[first + 2u]));
 }
 
-// Returns a bilinear sample with repeat addressing of a level whose words start at `at`.
+// Returns a bilinear sample, with repeat addressing, of a texture level whose words start at `at` and whose width and
+// height are `size`. `uv` are texture coordinates; [0, 1] spans the texture.
 fn bilinear(at: u32, level: u32, size: vec2u, uv: vec2f) -> vec3f {
     let p = (uv - floor(uv)) * vec2f(size) - 0.5;
     let whole = floor(p);
@@ -33,7 +38,8 @@ fn bilinear(at: u32, level: u32, size: vec2u, uv: vec2f) -> vec3f {
     return upper * (1.0 - f.y) + lower * f.y;
 }
 
-// Returns a trilinear sample, at the level for a footprint of `footprint` texels of the full size.
+// Returns a trilinear sample of a texture. `footprint` is the larger of the distances, in texels of the full size, that
+// the texture coordinates `uv` cover over one pixel to the right and one down.
 fn texture_color(texture_at: u32, uv: vec2f, footprint: f32) -> vec3f {
     let levels = texels[texture_at + 2u];
     let level = min(log2(max(footprint, 1.0)), f32(levels));
@@ -54,6 +60,7 @@ fn texture_color(texture_at: u32, uv: vec2f, footprint: f32) -> vec3f {
     return fine + (coarse - fine) * share;
 }
 
+// Returns the attributes of the polygon that a pixel hits, at the pixel's centre. `hit` is the pixel's PolygonHit.hit.
 fn polygon_point(hit: vec2f, pixel: vec2i) -> Point {
     let p = polygons[u32(hit.y) - 1u];
     let shape = triangle_of(p);

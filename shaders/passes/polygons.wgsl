@@ -1,19 +1,21 @@
-// The polygon pass (rendering model §6): depth and index of the nearest polygon of every pixel, whether or not splats
-// occlude it.
+// The polygon pass (rendering model §6): finds depth and index of the nearest polygon of every pixel, whether or not
+// splats occlude it. Polygons are triangles.
 
-// A triangle, set up by the CPU in f64.
+// A triangle as set up for a tile by the CPU in f64.
 struct Polygon {
-    // Edges relative to the centre of the pixel `base`, for the interpolation of attributes.
+    // Edge forms (see Triangle) over pixel offsets from the centre of the pixel `base`, for the interpolation of
+    // attributes.
     edges: array<Linear, 3>,
-    // Offset of the texture in `texels`, in words, or ABSENT.
+    // Offset in `texels`, in words, of the texture's header; ABSENT without a texture.
     texture_at: u32,
+    // Pixel of the image (column, row) from which offsets are measured.
     base: vec2i,
-    // Constants of the edges relative to the targets' first pixel. All polygons share this anchor, so that neighbours
-    // classify their common edge by the same number.
+    // Constants of the edge forms over pixel offsets from the targets' first pixel, to test which pixels are covered.
+    // All polygons share this anchor, so that neighbours classify their common edge by the same number.
     covers: vec3f,
-    // Depths of the vertices.
+    // Planar depths of the vertices, in world units.
     @align(16) z: vec3f,
-    // Box of pixels that the polygon may touch, in the format of a record's boxes.
+    // Box of pixels that the polygon may touch, in the format of Record.visible_box.
     box: vec2u,
     // Texture coordinates of the vertices.
     u: vec3f,
@@ -31,12 +33,15 @@ struct Polygon {
     material: vec4f,
 }
 
-// Header of a texture: width, height, number of smaller levels. The full size follows with four bytes a texel, then the
-// levels with three floats a texel. The linear values of the 256 bytes precede all textures.
+// Number of words of a texture's header in `texels`: width, height, number of smaller levels. The texels of the full
+// size follow, four bytes of a word each (R, G, B, unused), then those of the smaller levels, three f32 each. Before
+// all textures, `texels` lists the linear values of the 256 byte values, f32.
 const TEXTURE_HEADER: u32 = 3u;
 
+// Polygons of the tile, one per instance.
 @group(1) @binding(0) var<storage, read> drawn_polygons: array<Polygon>;
 
+// Corner of the quad over a polygon's box, and the polygon's index.
 struct PolygonVertex {
     @builtin(position) position: vec4f,
     @location(0) @interpolate(flat, either) polygon: u32,
@@ -47,16 +52,18 @@ fn polygon_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) i
     return PolygonVertex(corner_of(drawn_polygons[instance].box, vertex), instance);
 }
 
+// Returns the triangle over pixel offsets from the centre of the polygon's pixel `base`.
 fn triangle_of(p: Polygon) -> Triangle {
     return Triangle(p.edges, p.z);
 }
 
-// Returns the offset from the polygon's base to a pixel of the targets.
+// Returns the offset, in pixels, from a polygon's pixel `base` to a pixel of the targets.
 fn offset_on(p: Polygon, pixel: vec2i) -> vec2f {
     return vec2f(pixel + frame.origin_px - p.base);
 }
 
-// The same binding as `sampled_pixels` of splat setup.
+// The texture `pixel_steps` (samples.wgsl) of the tile of pixels that a frame of samples belongs to, like
+// `sampled_pixels` of splat setup.
 @group(2) @binding(5) var polygon_sampled_pixels: texture_2d<f32>;
 
 // False for a sample whose pixel isn't antialiased by samples.
@@ -65,14 +72,15 @@ fn is_wanted(pixel: vec2i) -> bool {
     return frame.is_of_samples == 0u || textureLoad(polygon_sampled_pixels, pixels, 0).x > 0.0;
 }
 
+// Nearest polygon of a pixel.
 struct PolygonHit {
     @builtin(frag_depth) depth: f32,
-    // Depth, and the polygon's index plus one.
+    // Depth z, and the polygon's index plus one; zeros mean no polygon.
     @location(0) hit: vec2f,
 }
 
-// A polygon is drawn as a quad over its pixel box, and its fragments evaluate the exact edges. A rasteriser would snap
-// the vertices to a fraction of a pixel.
+// Finds the nearest polygon of a pixel. A polygon is drawn as a quad over its pixel box, and its fragments evaluate the
+// exact edges. A rasteriser would snap the vertices to a fraction of a pixel.
 @fragment
 fn polygon_fragment(in: PolygonVertex) -> PolygonHit {
     let pixel = vec2i(floor(in.position.xy));

@@ -1,25 +1,30 @@
 // Edge antialiasing by samples (rendering model §5): selects the pixels to sample, and averages their samples. Samples
-// are the pixels of an image four times as wide and high, drawn part by part into the same targets.
+// are the pixels of an image four times as wide and high. They are drawn part by part into the same targets, as frames
+// of samples.
 
-// Nearest depth threshold of transparent splats, and the ε of the splat that defines it.
+// Smallest depth threshold, z + ε, of a pixel's transparent splats, and the ε of the splat that defines it; zeros
+// without one.
 @group(1) @binding(24) var layer_tolerance: texture_2d<f32>;
-// Steps of the tile of pixels: 1 for a sampled pixel, and the depth that it shows, for shaders that read neighbours.
+// Result of `steps_fragment` for the tile of pixels: 1 for a sampled pixel, else 0; and the depth that the pixel shows,
+// for shaders that read neighbours.
 @group(1) @binding(25) var pixel_steps: texture_2d<f32>;
 
-// Depth interval that contains a pixel's nearest surface.
+// Depth interval, in world units, that contains a pixel's nearest surface. Both ends are +∞ without a surface.
 struct Reach {
     begin: f32,
     end: f32,
 }
 
+// What two neighbouring pixels compare to find a step.
 struct PixelReach {
     opaque_surface: Reach,
     nearest_layer: Reach,
-    // Number of layers with fragments.
+    // Number of transparent layers with fragments.
     layers: u32,
 }
 
-// Returns the depth interval of a threshold; a threshold of 0 is infinitely far.
+// Returns the depth interval of splats with a depth threshold z + ε and an ε: the threshold ∓ ε. A threshold of 0 means
+// no splats.
 fn reach_of(threshold_tolerance: vec2f) -> Reach {
     if threshold_tolerance.x <= 0.0 {
         return Reach(frame.empty_depth, frame.empty_depth);
@@ -30,12 +35,14 @@ fn reach_of(threshold_tolerance: vec2f) -> Reach {
     );
 }
 
+// Returns the depth interval of a pixel's nearest opaque surface, splats or a polygon.
 fn opaque_reach(pixel: vec2i) -> Reach {
     let threshold = textureLoad(threshold_tolerance, pixel, 0).xy;
     var reach = reach_of(threshold);
     let hit = polygon_hit(pixel);
     if hit.x <= 0.0 {
-        // If only one of the two footprints has a fragment here, the surface ends: every neighbour is then a step.
+        // If only one of the filtered and the unfiltered footprints has a fragment here, the surface ends: every
+        // neighbour is then a step.
         let has_weight = LEAST_WEIGHT <= textureLoad(color_sums, pixel, 0).w;
         if has_weight != (threshold.x > 0.0) {
             reach.end = -frame.empty_depth;
@@ -50,6 +57,7 @@ fn opaque_reach(pixel: vec2i) -> Reach {
     return Reach(hit.x, hit.x + step_allowance(hit.x, gradient, frame.projection));
 }
 
+// Returns the depth intervals and the number of layers of a pixel.
 fn pixel_reach(pixel: vec2i) -> PixelReach {
     var reach = PixelReach(opaque_reach(pixel), reach_of(vec2f(0.0, 0.0)), 0u);
     if frame.has_layers != 0u {
@@ -59,17 +67,19 @@ fn pixel_reach(pixel: vec2i) -> PixelReach {
     return reach;
 }
 
+// True if one interval lies behind the other: the pixels show different surfaces.
 fn steps_to(a: Reach, b: Reach) -> bool {
     return b.begin > a.end || a.begin > b.end;
 }
 
+// True if there is a step between two neighbouring pixels, which are then both sampled.
 fn is_step(a: PixelReach, b: PixelReach) -> bool {
     return steps_to(a.opaque_surface, b.opaque_surface)
         || steps_to(a.nearest_layer, b.nearest_layer)
         || a.layers != b.layers;
 }
 
-// Writes `pixel_steps` for each pixel.
+// Writes `pixel_steps` for each pixel: compares the pixel with the four neighbours that share a side with it.
 @fragment
 fn steps_fragment(@builtin(position) position: vec4f) -> @location(0) vec2f {
     let pixel = vec2i(floor(position.xy));
@@ -90,8 +100,8 @@ fn steps_fragment(@builtin(position) position: vec4f) -> @location(0) vec2f {
     return vec2f(select(0.0, 1.0, is_sampled), z);
 }
 
-// Returns the colour of a sample's opaque surface. It includes the effects of shaders that read the neighbours of the
-// sample's pixel.
+// Returns the colour of the opaque surface of the sample `at`, which belongs to `pixel`. The colour includes the
+// effects of shaders that read the pixel's neighbours.
 fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     let is_toon = frame.shader_kind == SHADER_TOON;
     if !is_toon && frame.shader_kind != SHADER_EDL {
@@ -122,7 +132,7 @@ fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     return surface.color * eye_dome_brightness(surface.z, rise, projection);
 }
 
-// Returns the colour of a sample of a pixel, without layers.
+// Returns the premultiplied colour of the sample `at`, which belongs to `pixel`, without transparent layers and balls.
 fn sample_color(at: vec2i, opaque: Pixel, pixel: vec2i) -> vec4f {
     if opaque.front.is_there {
         return vec4f(among_neighbours(at, opaque.front, pixel), 1.0);
@@ -130,7 +140,8 @@ fn sample_color(at: vec2i, opaque: Pixel, pixel: vec2i) -> vec4f {
     return opaque.color;
 }
 
-// Writes the colours of sampled pixels: one invocation for each pixel whose samples are in the targets.
+// Writes the colours of sampled pixels, the means of their samples. Each pixel whose samples are in the targets has an
+// invocation.
 @compute @workgroup_size(8, 8)
 fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.size_px / SAMPLES_SIDE) {

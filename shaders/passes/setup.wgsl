@@ -1,25 +1,32 @@
 // Splat setup (rendering model §2–§5): one invocation projects a stored splat and writes its screen-space record. It
-// skips splats that reach the near plane, which the CPU sets up in f64. A segment is the part of an object's splats
-// that shares a buffer.
+// skips splats that reach the near plane: the CPU sets them up in f64, and they have records of their own. A segment is
+// the part of an object's splats that shares a buffer.
 
+// Chunks of the segment.
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
+// Bits of the splats of chunks that reach the near plane, eight words per chunk from Chunk.state on. Bit i is set if
+// the CPU sets up splat i of the chunk.
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
+// Records of the segment, one per splat, in the order of `splats`.
 @group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
+// Number of splats that take part in a pass; incremented here.
 @group(1) @binding(5) var<storage, read_write> drawn: atomic<u32>;
-// Only bound for clipped splats.
+// Clips of the records, in the same order. Only bound for clipped splats.
 @group(1) @binding(6) var<storage, read_write> record_clips_out: array<RecordClip>;
 
-// Steps of the pixels that a frame of samples belongs to. The first number is above 0 if a pixel is sampled.
+// The texture `pixel_steps` (samples.wgsl) of the tile of pixels that a frame of samples belongs to. The first number
+// is above 0 if a pixel is sampled.
 @group(1) @binding(7) var sampled_pixels: texture_2d<f32>;
 
-// Slack of pixel boxes in pixels: it exceeds the f32 rounding of box and anchor many times over, and is far below a
-// pixel.
+// Length, in pixels, by which pixel boxes are enlarged on each side. It exceeds the f32 rounding of box and anchor many
+// times over, and is far below a pixel.
 const BOX_SLACK_PX: f32 = 2e-3;
-// Bound of an anchor's coordinates in pixels: i32 can represent it and its offset to any pixel.
+// Largest absolute value of an anchor's coordinates, in pixels. i32 can represent such a coordinate and its offset to
+// any pixel.
 const FARTHEST_PX: f32 = 1e9;
 
-// Returns the box of the tile's pixels whose centres lie between two offsets from `base`: first column and row, then
-// one past the last.
+// Returns the box of the pixels of the targets whose centres lie between two offsets from the pixel position `base`:
+// first column and row, then one past the last column and row.
 fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
     let limit = vec2f(frame.size_px);
     let start = base - vec2f(frame.origin_px);
@@ -28,14 +35,16 @@ fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
     return vec4f(clamp(first, vec2f(0.0, 0.0), limit), clamp(end, vec2f(0.0, 0.0), limit));
 }
 
+// True if a box (first column and row, end column and row) contains no pixel.
 fn box_is_empty(pixels: vec4f) -> bool {
     return !(pixels.x < pixels.z && pixels.y < pixels.w);
 }
 
 // Maximum number of pixels of a box that are searched for sampled ones, one by one; few boxes have more.
-const MOST_SEARCHED: i32 = 4096;
+const MAX_SEARCHED: i32 = 4096;
 
-// In a frame of samples, returns the part of a box that sampled pixels span.
+// Returns the part of a box of samples that sampled pixels span: the smallest box around the samples of all sampled
+// pixels in it. In frames that aren't of samples, returns the box itself.
 fn sampled_part(samples: vec4f) -> vec4f {
     if frame.is_of_samples == 0u || box_is_empty(samples) {
         return samples;
@@ -43,7 +52,7 @@ fn sampled_part(samples: vec4f) -> vec4f {
     let side = i32(SAMPLES_SIDE);
     let first = vec2i(samples.xy) / side;
     let end = (vec2i(samples.zw) + (side - 1)) / side;
-    if (end.x - first.x) * (end.y - first.y) > MOST_SEARCHED {
+    if (end.x - first.x) * (end.y - first.y) > MAX_SEARCHED {
         return samples;
     }
     var least = end;
@@ -60,6 +69,7 @@ fn sampled_part(samples: vec4f) -> vec4f {
     return vec4f(max(samples.xy, vec2f(least * side)), min(samples.zw, vec2f(greatest * side)));
 }
 
+// Returns a box of pixels in the format of Record.visible_box.
 fn packed_box(pixels: vec4f) -> vec2u {
     if box_is_empty(pixels) {
         return vec2u(0u, 0u);
@@ -68,11 +78,13 @@ fn packed_box(pixels: vec4f) -> vec2u {
     return vec2u(p.x | (p.y << 16u), p.z | (p.w << 16u));
 }
 
+// Returns the box of pixels that `packed_box` packed.
 fn unpacked_box(pixels: vec2u) -> vec4f {
     return vec4f(vec4u(pixels.x & 0xffffu, pixels.x >> 16u, pixels.y & 0xffffu, pixels.y >> 16u));
 }
 
-// In a frame of samples, reduces a splat's boxes to the parts that sampled pixels span.
+// In a frame of samples, reduces a splat's boxes to the parts that sampled pixels span (`sampled_part`). The splat is
+// there no longer if both boxes become empty.
 fn among_sampled(splat: SetUpSplat) -> SetUpSplat {
     if frame.is_of_samples == 0u || !splat.is_there {
         return splat;
@@ -84,10 +96,12 @@ fn among_sampled(splat: SetUpSplat) -> SetUpSplat {
     return reduced;
 }
 
+// Returns the smallest box that contains both boxes.
 fn extent_union(a: Extent, b: Extent) -> Extent {
     return Extent(min(a.least, b.least), max(a.greatest, b.greatest));
 }
 
+// Applies the frame's filter to a projected splat with the unfiltered footprint `visible`.
 fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     let projective = frame.projective != 0u;
     switch frame.filter_kind {
@@ -109,7 +123,8 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     }
 }
 
-// Footprints of a splat, and the rotation of each in the splat's own plane, which its clip follows.
+// Unfiltered (`visible`) and filtered footprint of a splat, and the map from the (u, v) of each to those of the splat's
+// clip.
 struct ClipFootprints {
     visible: Footprint,
     filtered: Footprint,
@@ -124,6 +139,7 @@ struct SetUpSplat {
     is_there: bool,
 }
 
+// Returns a splat that takes part in no pass.
 fn no_set_up_splat() -> SetUpSplat {
     var none: SetUpSplat;
     return none;
@@ -136,7 +152,7 @@ fn setup(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Sets up a segment of clipped splats, and writes their clips, too.
+// Sets up the splats of a segment of clipped splats, and writes their clips, too.
 @compute @workgroup_size(WORKGROUP)
 fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
@@ -150,6 +166,7 @@ fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
+// Returns the clips of splat i over pixels, for both of its footprints.
 fn clips_of(i: u32, footprints: ClipFootprints) -> RecordClip {
     let clip = stored_clip(i);
     return RecordClip(
@@ -169,7 +186,8 @@ fn write_record(i: u32, splat: SetUpSplat) {
     }
 }
 
-// Sets up splat i of the segment, unless its chunk is outside of the view or the CPU has set it up.
+// Sets up splat i of the segment. The result takes part in no pass if the splat is hidden, its chunk is outside of the
+// view, or the CPU has set the splat up.
 fn set_up_of_chunk(i: u32) -> SetUpSplat {
     let code = stored_word(i * segment.stride);
     if code == SPLAT_HIDDEN {
@@ -182,7 +200,8 @@ fn set_up_of_chunk(i: u32) -> SetUpSplat {
     return among_sampled(set_up(i, code / CHUNK_SPLATS, chunk.center));
 }
 
-// True if a splat reaches the near plane, given its code and the state of its chunk.
+// True if the CPU sets up a splat because it reaches the near plane. `code` is the splat's first word, and `state` the
+// Chunk.state of its chunk.
 fn is_set_up_by_host(code: u32, state: u32) -> bool {
     if state == CHUNK_ORDINARY {
         return false;
@@ -191,7 +210,8 @@ fn is_set_up_by_host(code: u32, state: u32) -> bool {
     return (near_bits[state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u;
 }
 
-// Sets up splat i of the segment. `center` is the view position of its chunk's origin.
+// Sets up splat i of the segment. `chunk` is the index of its chunk in the segment, and `center` the view position of
+// the chunk's origin.
 fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     let at = i * segment.stride;
     let scales = stored_scales(chunk);
@@ -224,12 +244,13 @@ fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     return project(i, splat, shading, color, object);
 }
 
-// Half-axes longer than the distance times this number are too long for f32. Such splats are set up like near ones
-// (rendering model §3, "Near splats").
+// Largest length of a half-axis that f32 can project, in distances of the splat from the eye. Longer ones are set up
+// like near splats (rendering model §3, "Near splats").
 const VAST: f32 = 1e7;
 
-// True if f32 can't project a splat: it reaches the near plane or spans much of its distance. The CPU sets up such
-// splats in f64, unless the application places them: they are then not drawn.
+// True if f32 can't project a splat: it reaches the near plane, spans much of its distance, or is very large. `extent`
+// is half the depth range of its disk. The CPU sets up such splats in f64, unless the application places them: they are
+// then not drawn.
 fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
     let projection = frame.projection;
     let perspective = projection.kind == PERSPECTIVE;
@@ -239,7 +260,8 @@ fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
     return splat.p.z < projection.near || is_close || distance * VAST < size;
 }
 
-// Projects a splat whose centre is at or beyond z_near.
+// Projects splat i of the segment, given in view space, and fills its record. Its centre is at or beyond z_near, unless
+// the application places the splat. `shading` is its shading normal in world space, and `color` its linear albedo.
 fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> SetUpSplat {
     let projection = frame.projection;
     let projective = frame.projective != 0u;

@@ -1,30 +1,40 @@
 // The shading pass (rendering model §5), once per pixel: divides the sums by Σw, normalises the normal, reconstructs
-// the position, and shades it.
+// the position, and shades it. Sums are written by the attribute passes (attributes.wgsl).
 
+// Sums w·(colour, 1) of each pixel.
 @group(1) @binding(0) var color_sums: texture_2d<f32>;
+// Sums w·(normal, z), with z in Frame.depth_unit.
 @group(1) @binding(1) var surface_sums: texture_2d<f32>;
+// Sums w·(ambient, diffuse and specular factor, shininess).
 @group(1) @binding(2) var material_sums: texture_2d<f32>;
+// Number of fragments, and coverage.
 @group(1) @binding(3) var count_sums: texture_2d<f32>;
+// Planes of the tile at the offsets Frame.…_at, each row by row.
 @group(1) @binding(4) var<storage, read_write> planes: array<f32>;
-// Bound only if edges are antialiased.
+// The next five are bound only if edges are antialiased. `edge_threshold` of the edge background: the reversed depth
+// threshold of edge pixels, 0 elsewhere.
 @group(1) @binding(5) var shade_edge_threshold: texture_2d<f32>;
+// The z + ε and the ε of the splat that defines each pixel's depth threshold; zeros without one.
 @group(1) @binding(6) var threshold_tolerance: texture_2d<f32>;
+// Sums of the surface behind edge pixels, like the sums above.
 @group(1) @binding(7) var edge_background_color: texture_2d<f32>;
 @group(1) @binding(8) var edge_background_surface: texture_2d<f32>;
 @group(1) @binding(9) var edge_background_material: texture_2d<f32>;
-// Bound only if there are polygons.
+// The next two are bound only if there are polygons. Reversed depth threshold of each pixel; 0 without one.
 @group(1) @binding(10) var shade_threshold: texture_depth_2d;
+// Depth of each pixel's nearest polygon, and the polygon's index plus one; zeros without one.
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
-// Smallest Σw with which a pixel has a surface. Below it, attributes have been lost to underflow, and the pixel is
-// empty. Only splats smaller than 1e-18 pixels weigh less.
+// Smallest Σw, the sum of weights, with which a pixel has a surface. With a smaller sum, attributes have been lost to
+// underflow, and the pixel is empty. Only splats smaller than 1e-18 pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-// A surface sample to be lit; a pixel has up to three.
+// A surface point to be lit. A pixel has up to three: splats, a polygon, and the surface behind an edge.
 struct Point {
     albedo: vec3f,
-    // Unit world normal, or 0.
+    // Unit normal in world axes, or 0 if there is none.
     normal: vec3f,
+    // Ambient, diffuse and specular factor, shininess.
     material: vec4f,
     z: f32,
     weight: f32,
@@ -48,6 +58,8 @@ struct HostSurface {
     lit: vec3f,
 }
 
+// The nearest surface of a pixel after lighting: linear colour, unit normal in world axes (or 0), depth and Σw.
+// `is_there` is false for an empty pixel.
 struct Surface {
     color: vec3f,
     normal: vec3f,
@@ -56,32 +68,36 @@ struct Surface {
     is_there: bool,
 }
 
+// Returns v scaled to unit length, or zero if v is shorter than 1e-15.
 fn unit_or_zero(v: vec3f) -> vec3f {
     let square = v3_dot(v, v);
     return select(vec3f(0.0, 0.0, 0.0), v * (1.0 / sqrt(max(square, 1e-30))), square > 1e-30);
 }
 
-// Returns the slope (orthographic: offset) of the ray through a pixel of the targets.
+// Returns the slope (x/z, y/z) of the ray through the centre of a pixel of the targets, or its (x, y) in an
+// orthographic projection.
 fn ray_of(pixel: vec2i) -> vec2f {
     return frame.ray_start + vec2f(pixel + frame.origin_px) * frame.ray_step;
 }
 
-// Returns the view position of depth z at a pixel.
+// Returns the view position at depth z on the ray through a pixel of the targets.
 fn position_at(pixel: vec2i, z: f32) -> vec3f {
     return vec3f(ray_of(pixel) * select(1.0, z, frame.projection.kind == PERSPECTIVE), z);
 }
 
-// Returns the colour of a point at a view position by the frame's shader. `full` is a compile-time constant of the
-// entry points: false omits everything that frames of opaque splats don't need.
+// Returns the linear colour of a point at the view position `at` by the frame's shader. `full` is a compile-time
+// constant of the entry points: false omits everything that frames of opaque splats don't need, such as shadows.
 fn color_of(at: vec3f, point: Point, full: bool) -> vec3f {
     // Sums of colours may exceed f32's range, and would cause NaN below.
     return limit_rgb(unlimited_color_of(at, point, limit_rgb(point.albedo), full));
 }
 
+// Clamps each channel of a colour to f32's range less a margin.
 fn limit_rgb(color: vec3f) -> vec3f {
     return vec3f(limit_color(color.r), limit_color(color.g), limit_color(color.b));
 }
 
+// Returns the colour like `color_of`, from an albedo within f32's range, before the result is clamped.
 fn unlimited_color_of(at: vec3f, point: Point, albedo: vec3f, full: bool) -> vec3f {
     let z = point.z;
     let normal = point.normal;
@@ -118,11 +134,13 @@ fn unlimited_color_of(at: vec3f, point: Point, albedo: vec3f, full: bool) -> vec
     }
 }
 
+// Returns a point of an empty pixel.
 fn no_point() -> Point {
     return Point(vec3f(0.0, 0.0, 0.0), vec3f(0.0, 0.0, 0.0), vec4f(0.0, 0.0, 0.0, 0.0), 0.0, 0.0, false);
 }
 
-// Returns the surface of a pixel's sums: colour and weight, normal and depth, material factors.
+// Returns the surface point that the sums of a pixel give. The sums are those of colour and weight, of normal and
+// depth, and of material factors.
 fn point_of(sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Point {
     if !(LEAST_WEIGHT <= sums.w) {
         return no_point();
@@ -140,7 +158,7 @@ fn point_of(sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Point {
     return Point(albedo, unit_or_zero(surface.xyz), material, surface.w * frame.depth_unit, sums.w, true);
 }
 
-// Returns the depth of a pixel's nearest polygon, or 0, and its index plus one.
+// Returns the depth of a pixel's nearest polygon, and the polygon's index plus one; zeros without a polygon.
 fn polygon_hit(pixel: vec2i) -> vec2f {
     if frame.has_polygons == 0u {
         return vec2f(0.0, 0.0);
@@ -153,12 +171,13 @@ fn polygon_is_visible(pixel: vec2i, hit: vec2f) -> bool {
     return hit.x > 0.0 && textureLoad(shade_threshold, pixel, 0) <= reversed_depth(hit.x);
 }
 
-// Returns the fraction of a polygon's pixel that is covered by splats in front of the polygon.
+// Returns the fraction, 0 to 1, of a pixel with a visible polygon that splats in front of the polygon cover.
 fn splat_coverage(pixel: vec2i) -> f32 {
     return min(textureLoad(count_sums, pixel, 0).g / frame.full_coverage, 1.0);
 }
 
-// Returns the depth of the nearest opaque surface; +∞ without one.
+// Returns the depth Z of a pixel's nearest opaque surface, blended where splats lie over a polygon; +∞ without a
+// surface.
 fn front_depth(pixel: vec2i) -> f32 {
     let weight = textureLoad(color_sums, pixel, 0).w;
     let is_there = LEAST_WEIGHT <= weight;
@@ -171,7 +190,7 @@ fn front_depth(pixel: vec2i) -> f32 {
     return select(hit.x, z * share + hit.x * (1.0 - share), is_there);
 }
 
-// Returns the depth beyond which a neighbour belongs to another surface than the pixel (§5, toon).
+// Returns the depth beyond which a neighbour belongs to another surface than the pixel (rendering model §5, toon).
 fn outline_limit(pixel: vec2i, surface: Surface, projection: Projection) -> f32 {
     let at = position_at(pixel, surface.z);
     var gradient = vec2f(0.0, 0.0);
@@ -181,7 +200,8 @@ fn outline_limit(pixel: vec2i, surface: Surface, projection: Projection) -> f32 
     return toon_step_back_limit(surface.z, gradient, projection);
 }
 
-// True if a neighbour inside the image lies beyond the outline limit.
+// True if `toon` draws an outline at a pixel: the surface of one of its neighbours inside the image lies beyond the
+// limit.
 fn has_outline(pixel: vec2i, surface: Surface) -> bool {
     let limit = outline_limit(pixel, surface, frame.projection);
     let last = vec2i(frame.size_px) - 1;
@@ -194,23 +214,28 @@ fn has_outline(pixel: vec2i, surface: Surface) -> bool {
     return line;
 }
 
-// A pixel of the opaque image.
+// A pixel of the image without transparent splats and balls.
 struct Pixel {
+    // The nearest surface.
     front: Surface,
     // Premultiplied colour.
     color: vec4f,
-    // Depth of the nearest opaque surface; +∞ without one.
+    // Depth of the nearest surface or, at an edge, the smaller depth of that surface and the one behind it; +∞ without
+    // any.
     end: f32,
-    // Fraction of the pixel that the nearest surface covers; at an edge, the colour behind it and its depth.
+    // Fraction of the pixel that the nearest surface covers, 1 if the pixel is no edge.
     share: f32,
+    // At an edge, premultiplied colour of what lies behind the nearest surface; else the pixel's colour.
     behind: vec4f,
+    // At an edge, depth of the surface behind the nearest one, +∞ without one; else the nearest surface's.
     back: f32,
 }
 
-// Shades a pixel of the opaque image. The nearest surface is splats, a polygon, or one blended over the other (§6).
+// Shades a pixel of the image without transparent splats and balls. `background` is linear and premultiplied. The
+// nearest surface is splats, a polygon, or splats blended over a polygon (rendering model §6).
 //
-// At an edge the surface covers only a part of the pixel (§5). Behind it is the nearer of the edge background's splats
-// and the nearest polygon, over the background.
+// At an edge the nearest surface covers only a part of the pixel (rendering model §5). Behind it is the nearer of the
+// edge background's splats and the nearest polygon, over the background.
 fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
     let splats = point_of(
         textureLoad(color_sums, pixel, 0),
@@ -290,11 +315,12 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
     return Pixel(front, color, end, 1.0, color, end);
 }
 
-// Composites the layers over a premultiplied colour.
+// Composites transparent layers over a premultiplied colour.
 fn composite_over(layers: LayerComposite, color: vec4f) -> vec4f {
     return vec4f(layers.color, layers.opacity) + color * (1.0 - layers.opacity);
 }
 
+// Writes a colour to the colour plane. `at` is the pixel's number in the shaded region, row by row.
 fn write_color(at: u32, color: vec4f) {
     let to = frame.color_at + 4u * at;
     planes[to] = color.r;
@@ -315,6 +341,7 @@ fn shade_splats(@builtin(global_invocation_id) id: vec3u) {
     shade_pixel(id, false);
 }
 
+// Shades the pixel of an invocation and writes its planes.
 fn shade_pixel(id: vec3u, full: bool) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
         return;
@@ -339,7 +366,8 @@ fn shade_pixel(id: vec3u, full: bool) {
     }
 }
 
-// Writes the planes of a pixel's nearest surface, except its colour.
+// Writes the planes Z, normal and weight of a pixel's nearest surface. `at` is the pixel's number in the shaded region,
+// row by row.
 fn write_planes(at: u32, surface: Surface) {
     if frame.depth_at != ABSENT {
         planes[frame.depth_at + at] = select(frame.empty_depth, surface.z, surface.is_there);
@@ -355,8 +383,11 @@ fn write_planes(at: u32, surface: Surface) {
     }
 }
 
+// Composited transparent layers of each pixel of the targets, row by row: the buffer `layer_composites`, for passes
+// that only read it.
 @group(1) @binding(15) var<storage, read> host_layer_composites: array<LayerComposite>;
 
+// Premultiplied colour and depth that are written into the application's render target.
 struct Composite {
     @location(0) color: vec4f,
     @builtin(frag_depth) depth: f32,
@@ -381,16 +412,19 @@ fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(composite_over(layers, opaque.color), host_depth_of(z));
 }
 
+// Returns the composited transparent layers of a pixel of the targets.
 fn host_layers_at(pixel: vec2i) -> LayerComposite {
     return host_layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
 }
 
+// Returns the value of the application's depth buffer for depth z.
 fn host_depth_of(z: f32) -> f32 {
     let along = select(1.0 / z, z, frame.projection.kind == ORTHOGRAPHIC);
     return fma(frame.host_depth.y, along, frame.host_depth.x);
 }
 
-// If the application's depth buffer can be read, composition takes two passes. This first one draws the opaque surface.
+// Composites the opaque surface into the application's render target: the first of two passes that composition takes if
+// the application's depth buffer can be read.
 @fragment
 fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
@@ -401,8 +435,8 @@ fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(opaque.color, host_depth_of(opaque.front.z));
 }
 
-// The second composition pass draws the transparent layers. Peeling has already cut them off at the application's
-// depth.
+// Composites the transparent layers into the application's render target: the second of two passes, see
+// `composite_opaque_fragment`. Peeling has already cut the layers off at the application's depth.
 @fragment
 fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let layers = host_layers_at(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));
@@ -412,20 +446,22 @@ fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0)
     return vec4f(layers.color, layers.opacity);
 }
 
-// Planes that a shading pass, the samples of edges or a pass of Gaussians has written, of the shaded region.
+// The planes of the shaded region (`planes`), as written by shading, by the samples of edges or by a pass of Gaussians.
 @group(1) @binding(62) var<storage, read> host_planes: array<f32>;
 
+// Returns the number of a pixel of the shaded region, row by row.
 fn host_plane_at(pixel: vec2i) -> u32 {
     return u32(pixel.y) * frame.shade_size_px.x + u32(pixel.x);
 }
 
+// Returns the colour plane at a pixel of the shaded region.
 fn host_plane_color(pixel: vec2i) -> vec4f {
     let at = frame.color_at + 4u * host_plane_at(pixel);
     return vec4f(host_planes[at], host_planes[at + 1u], host_planes[at + 2u], host_planes[at + 3u]);
 }
 
-// Returns the depth at which a pixel is tested: its own or, where only samples beside its centre show a surface, the
-// nearest of its neighbours. +∞ without either.
+// Returns the depth with which a pixel of the shaded region passes the application's depth test. It is the pixel's own
+// or, where only samples beside the pixel's centre show a surface, the nearest of its neighbours. +∞ without either.
 fn host_plane_depth(pixel: vec2i) -> f32 {
     let own = host_planes[frame.depth_at + host_plane_at(pixel)];
     if own < frame.empty_depth {
@@ -441,7 +477,8 @@ fn host_plane_depth(pixel: vec2i) -> f32 {
     return nearest;
 }
 
-// Composites the planes into the application's render target, for frames whose colours are complete only there.
+// Composites the planes into the application's render target. This is for frames whose final colours exist only in the
+// planes, not in the targets.
 @fragment
 fn composite_planes_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy));
@@ -453,7 +490,8 @@ fn composite_planes_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(color, host_depth_of(z));
 }
 
-// Composites planes whose fragments the application's depth has already cut off.
+// Composites the planes into the application's render target without a depth test, for frames whose fragments have
+// already been cut off at the application's depth.
 @fragment
 fn composite_planes_over_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let color = host_plane_color(vec2i(floor(position.xy)));
@@ -463,8 +501,9 @@ fn composite_planes_over_fragment(@builtin(position) position: vec4f) -> @locati
     return color;
 }
 
+// Output for a render target of indices.
 struct CompositeIndex {
-    // Number of the draw, and number of the record.
+    // Number of the draw, and number of the record. The draw of a polygon is −2, that of a ball −3.
     @location(0) found: vec2i,
     @builtin(frag_depth) depth: f32,
 }

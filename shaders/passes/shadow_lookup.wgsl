@@ -1,20 +1,23 @@
 // Shadow map lookup (rendering model §5): returns the fraction of a light that reaches a point.
 
-// View of a light, and the location of its texels.
+// A shadow map: the view of a light, and the location of the map's texels.
 struct ShadowMap {
     view_from_world: mat3x3f,
-    // Vector from the light to the eye, in world axes.
+    // Vector from the eye of the map's view (the light) to the eye of the image, in world axes.
     eye: vec3f,
-    // Index of the map's first texel.
+    // Index of the map's first texel in `shadow_texels`.
     texels_at: u32,
     @align(16) projection: Projection,
 }
 
+// Shadow maps of all lights, in the order of the lights.
 @group(0) @binding(3) var<storage, read> shadow_maps: array<ShadowMap>;
-// Largest depth at which each texel is lit, bias included, row by row.
+// Depth threshold of each texel, in world units, row by row. A point is lit in a texel if its depth, less the lookup's
+// bias, is at most the threshold; +∞ where nothing casts a shadow.
 @group(0) @binding(4) var<storage, read> shadow_texels: array<f32>;
 
-// Returns the fraction of a light that reaches a point in a map's view.
+// Returns the fraction of a light, 0 to 1, that reaches a point according to one map. The point p and the unit normal
+// of its surface are in the map's view space.
 fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
     let projection = map.projection;
     if p.z < projection.near {
@@ -43,7 +46,8 @@ fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
     return share;
 }
 
-// Returns the fraction of a light that reaches a point. `position` is relative to the eye, in world axes.
+// Returns the fraction of a light, 0 to 1, that reaches a point. `position` is relative to the eye and, like the unit
+// normal, in world axes.
 fn light_visibility(light: Light, position: vec3f, normal: vec3f) -> f32 {
     if light.map_count == 0u {
         return 1.0;

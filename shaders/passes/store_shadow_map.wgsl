@@ -1,5 +1,7 @@
-// Writes a shadow map (rendering model §5) from the visibility pass of a light's view.
+// Writes the depth thresholds of a shadow map (rendering model §5) from the visibility pass of a light's view, its
+// nearest polygons and its balls.
 
+// Texels of all shadow maps: the buffer `shadow_texels`.
 @group(1) @binding(21) var<storage, read_write> shadow_texels_out: array<f32>;
 
 @compute @workgroup_size(8, 8)

@@ -28,13 +28,13 @@
 /// Formulas as one WGSL text without entry points, valid on its own.
 pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 
-/// Formulas and passes as one WGSL text.
+/// Formulas and passes, with all entry points, as one WGSL text.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
 /// WGSL text of the passes in which text of the embedding application replaces the function `host_color`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HostShader {
-    /// The whole text.
+    /// The whole text: the passes with the application's text in place of `host_color`.
     pub text: String,
     /// Number of lines before the application's text.
     pub lines_before: u32,
@@ -43,7 +43,7 @@ pub struct HostShader {
 }
 
 impl HostShader {
-    /// Puts the application's text into [`PASSES`].
+    /// Replaces the function `host_color` of [`PASSES`] by the application's WGSL text.
     pub fn new(host: &str) -> Self {
         let module = "// ==== passes/host_color.wgsl\n";
         let (before, rest) = PASSES.split_once(module).unwrap_or((PASSES, ""));
@@ -56,15 +56,16 @@ impl HostShader {
         }
     }
 
-    /// Returns the line of the application's text, counted from 1, for a line of the whole text; `None` outside of it.
+    /// Returns the line of the application's text that is line `line` of the whole text. Both are counted from 1.
+    /// `None` if the line isn't the application's.
     pub fn line(&self, line: u32) -> Option<u32> {
         let own = line.checked_sub(self.lines_before)?;
         (1..=self.lines).contains(&own).then_some(own)
     }
 }
 
-/// SPIR-V 1.3 for Vulkan 1.1 of each entry point of [`PASSES`], by name. A module contains the entry point and the code
-/// that it uses. Clip space has y up as in WebGPU.
+/// SPIR-V 1.3 for Vulkan 1.1 of each entry point of [`PASSES`]: the entry point's name, and the words of its module. A
+/// module contains the entry point and the code that it uses. Clip space has y up as in WebGPU.
 pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
 
 /// Names of the functions in [`WGSL`], sorted, as reported by naga.
@@ -119,13 +120,13 @@ pub struct Entry {
     pub name: &'static str,
     /// Shader stage that it runs in.
     pub stage: Stage,
-    /// Size of a workgroup; zeros unless the stage is [`Stage::Compute`].
+    /// Number of invocations of a workgroup along x, y and z; zeros unless the stage is [`Stage::Compute`].
     pub workgroup: [u32; 3],
     /// Bindings that it uses, sorted by group and number.
     pub bindings: &'static [Binding],
 }
 
-/// All entry points.
+/// All entry points of [`PASSES`], in the order of its text.
 pub const ENTRIES: &[Entry] = include!(concat!(env!("OUT_DIR"), "/entries.rs"));
 
 /// Function that exists both in WGSL and in Rust.

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use surfel_shaders::{FUNCTIONS, HELPERS, TWINS, WGSL};
 
-/// Lists paths of surfel-math's functions. The compiler checks that they exist: each is used as a value.
+/// Expands to an array of the paths, as text, of functions of surfel-math. The compiler checks that they exist: each is
+/// used as a value.
 macro_rules! paths {
     ($($module:ident $(:: $name:ident)+ $(, as $value:expr)?);+ $(;)?) => {
         [$({

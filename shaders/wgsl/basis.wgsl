@@ -8,12 +8,13 @@ fn unit(v: vec3f) -> vec3f {
     return scaled * (1.0 / select(1.0, length, 0.0 < length));
 }
 
+// Half-axes s and t of a splat, or two orthonormal vectors.
 struct Pair {
     s: vec3f,
     t: vec3f,
 }
 
-// Returns an orthonormal pair with s × t along a unit normal. Source: Duff et al. 2017.
+// Returns two orthonormal vectors s and t with s × t = n, a unit normal. Source: Duff et al. 2017.
 fn orthonormal(n: vec3f) -> Pair {
     let side = select(1.0, -1.0, n.z < 0.0);
     let a = -1.0 / (side + n.z);
@@ -22,7 +23,8 @@ fn orthonormal(n: vec3f) -> Pair {
     return Pair(s, vec3f(b, fma(n.y * n.y, a, side), -n.y));
 }
 
-// Decodes two octahedral coordinates to a direction, which isn't of unit length. Twin: surfel-math, quantise.rs.
+// Decodes two octahedral coordinates, each from −1 to 1, to a direction, which isn't of unit length. Twin: surfel-math,
+// quantise.rs.
 fn unfolded(x: f32, y: f32) -> vec3f {
     let z = 1.0 - abs(x) - abs(y);
     let below = max(-z, 0.0);

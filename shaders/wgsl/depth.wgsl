@@ -1,37 +1,43 @@
 // Depth of a fragment, and depth tolerance between fragments of one surface (rendering model §3, §5). Twin:
 // surfel-math, depth.rs.
 
-// Form of the depth z = scale/(at_anchor + gradient·d): a plane in perspective.
+// Kind of a DepthPlane in perspective with the exact mapping: at pixel offset d, z = scale/(at_anchor + gradient·d).
 const DEPTH_RECIPROCAL: u32 = 0u;
-// Form of the depth z = scale + gradient·d: orthographic, or perspective with the affine mapping.
+// Kind of a DepthPlane in an orthographic projection, or with the affine mapping: at pixel offset d, z = scale +
+// gradient·d.
 const DEPTH_LINEAR: u32 = 1u;
 
-// Kind of a depth tolerance: a multiple of the larger radius of the splat.
+// Kind of a Tolerance whose value is a multiple of the splat's larger radius.
 const TOLERANCE_RELATIVE: u32 = 0u;
-// Kind of a depth tolerance: a length in world units.
+// Kind of a Tolerance whose value is a length in world units.
 const TOLERANCE_ABSOLUTE: u32 = 1u;
 
-// Margin by which the slope term of the depth tolerance reaches beyond the filter radius, in pixels: half a pixel's
-// diagonal.
+// Distance in pixels, in addition to the filter radius, over which a splat's slope counts in its depth tolerance: half
+// a pixel's diagonal.
 const SLOPE_MARGIN_PX: f32 = 0.7;
 
+// Planar depth of a splat's plane as a function of the pixel offset d from an anchor, usually the projected centre. The
+// functions are those of DEPTH_RECIPROCAL and DEPTH_LINEAR. Depths are clamped to the disk's own range.
 struct DepthPlane {
+    // Change per pixel to the right and down: of the denominator (DEPTH_RECIPROCAL) or of the depth (DEPTH_LINEAR).
     gradient: vec2f,
+    // Depth at the anchor of a splat whose anchor is its projected centre.
     scale: f32,
+    // Value of the denominator at the anchor; 1 if the anchor is the projected centre.
     at_anchor: f32,
-    // Smallest and largest depth of the disk.
+    // Smallest and largest planar depth of the disk, in world units.
     z_min: f32,
     z_max: f32,
 }
 
-// Depth tolerance as a multiple of the larger radius, or in world units.
+// Setting of the depth tolerance: a number, and what it measures (TOLERANCE_RELATIVE or TOLERANCE_ABSOLUTE).
 struct Tolerance {
     value: f32,
     kind: u32,
 }
 
-// Returns the depth of the splat's plane at offset d, clamped to the disk's range on 1/z. A plane behind the eye gives
-// the far end (rendering model §3).
+// Returns the depth of the splat's plane at pixel offset d. `form` is DEPTH_RECIPROCAL or DEPTH_LINEAR. The depth is
+// clamped to the disk's range [z_min, z_max]; where the plane lies behind the eye, it is z_max (rendering model §3).
 fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     let value = fma(plane.gradient.x, d.x, plane.gradient.y * d.y);
     if form == DEPTH_LINEAR {
@@ -42,8 +48,9 @@ fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     return select(plane.z_max, max(min(z, plane.z_max), plane.z_min), 0.0 < w);
 }
 
-// Returns the depth tolerance ε (rendering model §5) in world units; h_px is 0 for a splat drawn without a filter. The
-// slope term is Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
+// Returns the depth tolerance ε of a splat (rendering model §5) in world units. `radius_max` is the splat's larger
+// semi-axis in world units. `h_px` is the filter radius in pixels, 0 for a splat drawn without a filter. The slope term
+// is Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
 fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
     let p = splat.p;
     let n = splat.n;
@@ -51,7 +58,8 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
     var z = projection.height;
     var slope = per_pixel / max(abs(n.z), 0.02);
     if projection.kind == PERSPECTIVE {
-        // n·p and |p| relative to p's largest coordinate: no overflow at 1e±15.
+        // The slope term needs n·p and |p|. Both are divided by p's largest coordinate, so that nothing overflows for
+        // coordinates up to 1e15 or down to 1e−15.
         let inverse = 1.0 / max(max(max(abs(p.z), abs(p.x)), abs(p.y)), 1e-37);
         let q = p * inverse;
         let facing = abs(fma(n.x, q.x, fma(n.y, q.y, n.z * q.z)));
@@ -67,13 +75,14 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
     return min(0.2 * z, min(setting.value * radius_max, 0.1 * z) + slope);
 }
 
-// Returns v, moved away from zero to an absolute value of at least `least`.
+// Returns v if its absolute value is at least `least`, otherwise `least` with the sign of v.
 fn away_from_zero(v: f32, least: f32) -> f32 {
     return select(max(v, least), -max(-v, least), v < 0.0);
 }
 
-// Returns the change of planar depth over a pixel to the right and over a pixel down. The plane contains the view
-// position p and has the unit view normal n. Its steepness is limited as in ε.
+// Returns the change of planar depth over a pixel to the right and over a pixel down, in world units. The plane
+// contains the view position p and has the unit normal n in view space. Its steepness is limited as in ε (rendering
+// model §5).
 fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     let across = vec2f(n.x / projection.focal_px.x, n.y / projection.focal_px.y);
     if projection.kind == ORTHOGRAPHIC {
@@ -85,8 +94,8 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
 // Distance, in pixels, to which a polygon's slope is extended to explain a depth step to one of its eight neighbours.
 const STEP_PX: f32 = 2.0;
 
-// Returns the largest distance behind a polygon's depth z at which a neighbouring pixel may still show the same
-// surface.
+// Returns the largest distance behind a polygon's depth z, in world units, at which a neighbouring pixel may still show
+// the same surface. `gradient` is the change of the polygon's depth per pixel to the right and down.
 fn step_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return max(min(STEP_PX * v2_length(gradient), 0.1 * scale), 1e-3 * scale);

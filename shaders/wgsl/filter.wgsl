@@ -1,5 +1,8 @@
-// Screen-space filters (rendering model §4). Twin: surfel-math, filter.rs.
+// Screen-space filters (rendering model §4): they widen splats that are smaller than a pixel. h_px is the filter radius
+// h in pixels. J = U·diag(ℓ)·Vᵀ is the affine projection of the half-axes s and t, in pixels, and ℓ are the half-axes
+// of the projected ellipse. Twin: surfel-math, filter.rs.
 
+// Footprint and weight of a splat after a filter.
 struct Filtered {
     footprint: Footprint,
     // Factor of the weight: the ratio of the splat's area to the filtered one if the filter includes it in the weight,
@@ -11,13 +14,14 @@ struct Filtered {
     turn: Turn,
 }
 
+// Returns a footprint unchanged, with factors of 1.
 fn filtered_unfiltered(footprint: Footprint) -> Filtered {
     return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 
-// Surfel's own filter (rendering model §4): lengthens the projected ellipse's axes to at least h pixels, and multiplies
-// the weight by ∏ min(1, ℓ/h). An axis of at least h stays exact; a lengthened one becomes parallel to the screen
-// (Guennebaud et al. 2006 eq. 9).
+// Applies `principal`, Surfel's own filter (rendering model §4): lengthens the projected ellipse's half-axes ℓ to at
+// least h pixels, and multiplies the weight by ∏ min(1, ℓ/h). A half-axis of at least h stays exact; a lengthened one
+// becomes parallel to the screen (Guennebaud et al. 2006 eq. 9).
 fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     let major = svd.major_axis;
@@ -38,7 +42,8 @@ fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0, principal_turn(projected, svd));
 }
 
-// Zwicker et al. 2001 eq. 6–9: ρ² = dᵀ(JJᵀ + h²I)⁻¹d, evaluated along the ellipse's axes; weight ∏ ℓ/√(ℓ² + h²).
+// Applies `ewa` (Zwicker et al. 2001 eq. 6–9): ρ² = dᵀ(JJᵀ + h²I)⁻¹d at pixel offset d, evaluated along the ellipse's
+// axes. The weight is multiplied by ∏ ℓ/√(ℓ² + h²).
 fn ewa(projected: Projected, h_px: f32) -> Filtered {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     let long = sqrt(fma(svd.major, svd.major, h_px * h_px));
@@ -59,23 +64,27 @@ fn principal_turn(projected: Projected, svd: Svd2) -> Turn {
     return Turn(first, vec2f(-first.y, first.x) * select(1.0, -1.0, projected.det_j < 0.0));
 }
 
-// Returns ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` apply to the coverage (rendering model §5) instead of
-// the weight.
+// Returns ∏ ℓ/max(ℓ, h): the ratio of the splat's area to the filtered one. The filters `clamp` and `adjust` multiply
+// the coverage by it instead of the weight (rendering model §5).
 fn area_ratio(projected: Projected, h_px: f32) -> f32 {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     return (svd.major / max(svd.major, h_px)) * (svd.minor / max(svd.minor, h_px));
 }
 
-// Projected half-axis, lengthened to the filter radius h if it was too short, with its change of depth.
+// A projected half-axis after the filter `adjust`.
 struct Lengthened {
+    // The half-axis on the screen, in pixels.
     j: vec2f,
+    // Change of depth along the half-axis, relative to p_z; 0 if the half-axis was lengthened, which makes it parallel
+    // to the screen.
     slope: f32,
+    // True if the half-axis was too short and was lengthened.
     short: bool,
 }
 
-// Returns a projected half-axis lengthened to h if its diameter projects to less than 2h: along itself, or if it is
-// zero along the perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z²,
-// factored.
+// Lengthens the projected half-axis `j` to h pixels if its diameter projects to less than 2h. It grows along itself or,
+// if it is zero, along the perpendicular of the second half-axis, `other`. `a` is the change of depth along `j`,
+// relative to p_z. The test is Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z², factored.
 fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
     let length = v2_length(j);
     let limit = h_px * ((1.0 - a) * (1.0 + a));
@@ -88,7 +97,8 @@ fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
     return Lengthened(j, a, false);
 }
 
-// Guennebaud et al. 2006 §4.1, eq. 8–9, with the half-axes of adjust_axes_turned. Each is lengthened by itself.
+// Applies `adjust` (Guennebaud et al. 2006 §4.1, eq. 8–9) to a splat that was projected with the half-axes of
+// adjust_axes_turned. Each half-axis is lengthened by itself.
 fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let s = adjust_lengthen(projected.j_s, projected.j_t, projected.slope.x, h_px);
     let t = adjust_lengthen(projected.j_t, projected.j_s, projected.slope.y, h_px);
@@ -98,11 +108,12 @@ fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     return Filtered(footprint, 1.0, area_ratio(projected, h_px), turn_none());
 }
 
-// Returns the half-axes that `adjust` lengthens (rendering model §4), and the map from their (u, v) to the given ones.
+// Returns the half-axes that `adjust` lengthens (rendering model §4), and the map from their (u, v) to the splat's own.
 //
-// The axes are an ellipse's principal ones. For a disk (axes equal within 1e-3) they are those of Guennebaud et al.
-// 2006 eq. 10: s along p × n, t along n × s, where p is the view direction in an orthographic projection. The twin uses
-// an arctangent; here half the angle follows from the larger of |cos| and |sin| of the whole.
+// For an ellipse they are its principal half-axes. For a disk (half-axes equal within 1e-3) they are those of
+// Guennebaud et al. 2006 eq. 10: s along p × n, t along n × s, where p is the view direction in an orthographic
+// projection. The twin uses an arctangent. Here the cosine and sine of half the angle follow from the larger absolute
+// value of the whole angle's cosine and sine.
 fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let scale = radius_max(splat.s, splat.t);
     let s = splat.s * (1.0 / scale);
@@ -111,7 +122,7 @@ fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let twice = 2.0 * v3_dot(s, t);
     let length = sqrt(sum_of_products(difference, difference, twice, twice));
     let turn = turn_by(vec2f(length + abs(difference), abs(twice)));
-    // (cos, sin) of half the angle of (difference, twice).
+    // (cos, sin) of half the angle of the vector (difference, twice).
     let half = select(
         vec2f(turn.y, select(turn.x, -turn.x, twice < 0.0)),
         vec2f(turn.x, select(turn.y, -turn.y, twice < 0.0)),
@@ -132,12 +143,14 @@ fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     return TurnedPair(turned(pair.s, pair.t, to_view), turn_after(turn_of(half), turn_of(to_view)));
 }
 
+// Half-axes of a splat, and the map from their (u, v) to those of the half-axes that the splat was given.
 struct TurnedPair {
     axes: Pair,
     turn: Turn,
 }
 
-// Returns the rotation by an angle, given its (cos, sin).
+// Returns the map from the (u, v) of the half-axes that `turned` gives to the original (u, v). `half` is the (cos, sin)
+// of the angle of the turn.
 fn turn_of(half: vec2f) -> Turn {
     return Turn(half, vec2f(-half.y, half.x));
 }
@@ -152,7 +165,8 @@ fn turn_by(v: vec2f) -> vec2f {
     return scaled * (1.0 / v2_length(scaled));
 }
 
-// Returns (s·cos + t·sin, t·cos − s·sin).
+// Turns half-axes s and t by an angle, given as (cos, sin): returns s·cos + t·sin and t·cos − s·sin, another pair of
+// conjugate half-axes of the same ellipse.
 fn turned(s: vec3f, t: vec3f, turn: vec2f) -> Pair {
     return Pair(s * turn.x + t * turn.y, t * turn.x - s * turn.y);
 }

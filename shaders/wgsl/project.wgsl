@@ -3,12 +3,14 @@
 // Source: Guennebaud et al. 2006 §3, adj(M)/det(M), written about the projected centre. There its constant terms are 0,
 // 0, 1, and no term is a difference of screen coordinates.
 
+// Kinds of a Projection.
 const PERSPECTIVE: u32 = 0u;
 const ORTHOGRAPHIC: u32 = 1u;
 
 // Largest |n·p|/|p| at which a splat is edge-on (rendering model §2). No pass draws an edge-on splat.
 const EDGE_ON: f32 = 1e-5;
 
+// Projection of view space to pixels (rendering model §1).
 struct Projection {
     // Pixels per unit of slope (perspective) or per world unit (orthographic).
     focal_px: vec2f,
@@ -35,6 +37,7 @@ struct ViewSplat {
     n: vec3f,
 }
 
+// A splat's projection to first order about its projected centre. d is a pixel offset from there.
 struct Projected {
     // Affine projections of s and t at the centre, in pixels: the columns of J.
     j_s: vec2f,
@@ -43,13 +46,15 @@ struct Projected {
     det_j: f32,
     // s_z/p_z and t_z/p_z; zero in an orthographic projection.
     slope: vec2f,
-    // Gradient g of the depth. Perspective: p_z/z = 1 − g·d; orthographic: z = p_z + g·d.
+    // Gradient g of the splat's plane: per pixel to the right and down. Perspective: p_z/z = 1 − g·d; orthographic: z =
+    // p_z + g·d.
     depth_gradient: vec2f,
     // Half the disk's depth range, in world units.
     depth_extent: f32,
-    // n·p relative to p_z (orthographic: n_z). The splat is back-facing if it is at least 0.
+    // n·p/p_z, with n the unit normal and p the centre (orthographic: n_z). The splat is back-facing if it is at least
+    // 0.
     facing: f32,
-    // |n·p|/|p| (orthographic: |n_z|).
+    // |n·p|/|p| (orthographic: |n_z|): the sine of the angle between the splat's plane and the ray to its centre.
     facing_cosine: f32,
 }
 
@@ -100,11 +105,13 @@ fn projected_new(splat: ViewSplat, projection: Projection) -> Projected {
     );
 }
 
+// True if a splat is edge-on. No pass draws it.
 fn projected_is_edge_on(projected: Projected) -> bool {
     return projected.facing_cosine <= EDGE_ON;
 }
 
-// Returns r_max (rendering model §2): the larger singular value of [s t], at any scale.
+// Returns r_max (rendering model §2), the larger semi-axis of a splat with the half-axes s and t: the larger singular
+// value of the matrix [s t]. Nothing overflows or underflows, whatever the scale of s and t.
 fn radius_max(s: vec3f, t: vec3f) -> f32 {
     let scale = max(v3_max_abs(s), v3_max_abs(t));
     let u = s * (1.0 / scale);
@@ -117,8 +124,8 @@ fn radius_max(s: vec3f, t: vec3f) -> f32 {
     return scale * sqrt(fma(a + c, 0.5, root));
 }
 
-// Returns the pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates
-// (rendering model §3).
+// Returns the offset, in pixels, of the projection of the view position p from the pixel position `base_px`. Pixel
+// coordinates aren't subtracted, so their digits don't cancel (rendering model §3).
 fn projection_offset_from(projection: Projection, p: vec3f, base_px: vec2f) -> vec2f {
     let b = base_px - projection.principal_px;
     let focal = projection.focal_px;

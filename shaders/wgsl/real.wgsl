@@ -1,4 +1,4 @@
-// Exact differences of products. Twin: surfel-math, real.rs.
+// Sums and differences of two products in nearly exact arithmetic. Twin: surfel-math, real.rs.
 //
 // Source: Dekker 1971, which splits a product into a rounded head and an exact rest. The twin's fma (Kahan) isn't used.
 // WGSL lets an implementation round an fma twice, and lets it fuse a product and a sum that are written separately.
@@ -19,7 +19,7 @@ fn product_head(a: f32, b: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(product) ^ select(0u, 1u, abs(product) > 3.4e38));
 }
 
-// Returns a·b − head, exactly.
+// Returns a·b − head, exactly. `head` is the rounded product that `product_head` returns for a and b.
 fn product_rest(a: f32, b: f32, head: f32) -> f32 {
     let a_upper = upper_half(a);
     let b_upper = upper_half(b);

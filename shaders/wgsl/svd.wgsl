@@ -1,16 +1,17 @@
 // Singular values of 2×2 matrices. Twin: surfel-math, svd.rs.
 
-// The decomposition J = U·diag(ℓ)·Vᵀ.
+// The parts U and ℓ of the singular value decomposition J = U·diag(ℓ)·Vᵀ of a 2×2 matrix: for a projected splat, the
+// directions and lengths of the ellipse's half-axes on the screen.
 struct Svd2 {
     // Larger and smaller singular value, at least 0.
     major: f32,
     minor: f32,
-    // First left singular vector, of unit length; the second is its quarter turn.
+    // First column of U: the unit vector along the larger half-axis. The second column is its quarter turn.
     major_axis: vec2f,
 }
 
-// Decomposes the matrix with columns s and t. The caller may know `determinant` more precisely than the columns give
-// it.
+// Decomposes the matrix with columns s and t, whose determinant is `determinant`. The caller may know the determinant
+// more precisely than the columns give it.
 fn svd2_of_columns(s: vec2f, t: vec2f, determinant: f32) -> Svd2 {
     let scale = max(max(abs(s.x), abs(s.y)), max(abs(t.x), abs(t.y)));
     let safe = select(1.0, scale, 0.0 < scale);
@@ -42,6 +43,7 @@ fn svd2_of_columns(s: vec2f, t: vec2f, determinant: f32) -> Svd2 {
     return Svd2(major_px, minor, major_axis);
 }
 
+// Returns the second column of U: the unit vector along the smaller half-axis.
 fn svd2_minor_axis(svd: Svd2) -> vec2f {
     return vec2f(-svd.major_axis.y, svd.major_axis.x);
 }

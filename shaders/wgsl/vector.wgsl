@@ -1,6 +1,7 @@
 // Products of small vectors with a fixed order of operations, unlike WGSL's own dot, cross and length. Twin:
 // surfel-math, vector.rs.
 
+// Returns a.x·b.x + a.y·b.y.
 fn v2_dot(a: vec2f, b: vec2f) -> f32 {
     return sum_of_products(a.x, b.x, a.y, b.y);
 }

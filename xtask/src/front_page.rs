@@ -7,7 +7,7 @@ use crate::{cargo, python};
 
 /// Stack size with which the optimised program's threads are tested, in bytes: the smallest default of any operating
 /// system.
-const LEAST_STACK: &str = "524288";
+const MIN_STACK: &str = "524288";
 
 /// Builds and runs the program of README.md, unoptimised and in release mode. Prints failures; returns true if there
 /// are none.
@@ -15,7 +15,7 @@ pub(crate) fn test(root: &Path) -> bool {
     println!("\n== front page");
     let outcome = written(root).and_then(|folder| {
         ran(root, &folder, &["run", "--quiet"], None)?;
-        ran(root, &folder, &["run", "--quiet", "--release"], Some(LEAST_STACK))
+        ran(root, &folder, &["run", "--quiet", "--release"], Some(MIN_STACK))
     });
     match outcome {
         Ok(()) => println!("the program of README.md runs, unoptimised and as a release"),

@@ -11,7 +11,7 @@ const FOLDER: &str = "target/gpu-kit";
 /// Page of the kit's measurements, relative to the workspace.
 const PAGE: &str = "docs/data/gpu.md";
 /// Maximum size of the kit's folder, in bytes. It has to fit the 64 MiB that can be transferred to a borrowed machine.
-const MOST_BYTES: u64 = 66_000_000;
+const MAX_BYTES: u64 = 66_000_000;
 
 const SCRIPT: &str = include_str!("gpu_kit/run.sh");
 
@@ -80,8 +80,8 @@ fn build(root: &Path) -> Result<(), String> {
     let bytes = size(&folder);
     println!("{FOLDER}: {:.1} MB, for x86-64 Linux with glibc {major}.{minor} or later", bytes as f64 * 1e-6);
     println!("copy it to a machine with a GPU, run ./run.sh OUT there, copy OUT back, and: cargo xtask gpu-report OUT");
-    if bytes > MOST_BYTES {
-        return Err(format!("{FOLDER} has {bytes} bytes, expected at most {MOST_BYTES}: pack less"));
+    if bytes > MAX_BYTES {
+        return Err(format!("{FOLDER} has {bytes} bytes, expected at most {MAX_BYTES}: pack less"));
     }
     Ok(())
 }

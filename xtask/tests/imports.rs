@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 const STAGES: [&str; 9] = ["simd", "scene", "tiles", "cull", "setup", "raster", "shade", "screen", "gaussians"];
 
 /// Maximum number of files that may import each other in a cycle.
-const LARGEST_CIRCLE: usize = 3;
+const MAX_CIRCLE: usize = 3;
 
 /// Allowed cycles: sets of top-level modules that import each other. They are parts of the reference's model of splats,
 /// balls and samples, each in its own file.
@@ -247,7 +247,7 @@ fn no_crate_has_a_large_circle_of_files() {
     let mut problems = Vec::new();
     for folder in source_folders() {
         for circle in circles(&imports(&sources(&folder))) {
-            if circle.len() > LARGEST_CIRCLE {
+            if circle.len() > MAX_CIRCLE {
                 problems.push(format!("{folder}: {} files import each other: {circle:?}", circle.len()));
             }
         }

@@ -14,7 +14,7 @@ const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 const BACKGROUND_TOLERANCE: u8 = 8;
 
 /// Alpha below which a splat doesn't change any pixel of an 8-bit image.
-const LEAST_ALPHA: f32 = 0.5 / 255.0;
+const MIN_ALPHA: f32 = 0.5 / 255.0;
 
 /// True if no pixel of `frame` differs from the background colour (linear RGB and straight alpha) by more than 8 levels
 /// of 255. The frame has linear colours, 8-bit colours or both.
@@ -29,7 +29,7 @@ pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
 
 /// Returns the likely reason why images of the scene are blank, and a remedy, as text without a full stop.
 pub fn why_blank(scene: &Scene) -> &'static str {
-    let are_clear = |alphas: &[f32]| alphas.iter().all(|a| *a < LEAST_ALPHA);
+    let are_clear = |alphas: &[f32]| alphas.iter().all(|a| *a < MIN_ALPHA);
     let invisible = |geometry: &Geometry| match geometry {
         Geometry::Splats(cloud) => cloud.data().alphas.as_ref().is_some_and(|all| are_clear(all)),
         Geometry::Gaussians(cloud) => are_clear(&cloud.data().opacities),

@@ -31,7 +31,7 @@ use surfel_load::{
 };
 use surfel_math::gaussian;
 use surfel_model::{
-    Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
+    Camera, Composite, Geometry, Light, MAX_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
     Shader, Up,
 };
 use surfel_render::{Preset, SplatVisibility, View};
@@ -389,7 +389,7 @@ impl Request {
         });
         let scene = coarse.scene.as_mut().map(|(file, _)| &mut file.settings);
         let coarsen = |settings: &mut Settings| {
-            settings.lod_error_px = (settings.lod_error_px * times).min(MOST_LOD_ERROR_PX);
+            settings.lod_error_px = (settings.lod_error_px * times).min(MAX_LOD_ERROR_PX);
         };
         std::iter::once(&mut coarse.settings).chain(scene).for_each(coarsen);
         // The colour bar is written only for the full scene.

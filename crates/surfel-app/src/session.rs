@@ -24,7 +24,7 @@ use surfel_sample::Progress;
 use surfel_stage::Estimates;
 
 /// Largest number of splats that two loaded scenes may have together for both to stay in memory.
-const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
+const MAX_SPLATS_OF_TWO: u64 = 4_000_000;
 
 /// Loaded scenes of one set of input files. The scene shown last is resident in a backend.
 ///
@@ -192,7 +192,7 @@ impl Session {
 
     /// True if the loaded scenes are so large that another session shouldn't stay in memory at the same time.
     pub fn is_large(&self) -> bool {
-        self.loaded.iter().map(LoadedScene::splats).sum::<u64>() > MOST_SPLATS_OF_TWO
+        self.loaded.iter().map(LoadedScene::splats).sum::<u64>() > MAX_SPLATS_OF_TWO
     }
 
     /// Returns the loaded objects of the scene shown last, if there is one.
@@ -310,10 +310,10 @@ impl Session {
     }
 
     /// Drops loaded scenes before another one is loaded. The scene shown last is retained if two scenes of its size
-    /// have at most [`MOST_SPLATS_OF_TWO`] splats together.
+    /// have at most [`MAX_SPLATS_OF_TWO`] splats together.
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
-        self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
+        self.loaded.truncate(usize::from(2 * splats <= MAX_SPLATS_OF_TWO));
     }
 
     /// Makes the resolved scene resident in the backend, unless each camera selects its own levels of detail.

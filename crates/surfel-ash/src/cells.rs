@@ -25,7 +25,7 @@ pub(crate) struct CellBuffers {
 }
 
 impl CellBuffers {
-    /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
+    /// Creates buffers with the capacity `room` for a tile and its samples, unless the existing ones are large enough.
     pub(crate) fn prepare(
         &mut self,
         device: &Arc<Device>,
@@ -51,6 +51,7 @@ impl CellBuffers {
         self.buffers.values().map(|buffer| buffer.bytes).sum()
     }
 
+    /// Returns a buffer; an error before [`CellBuffers::prepare`].
     pub(crate) fn get(&self, buffer: CellBuffer) -> Result<&Buffer, Failure> {
         self.buffers.get(&buffer).ok_or_else(|| Failure::other("a buffer of cells was not made"))
     }
@@ -62,18 +63,20 @@ pub(crate) struct CellTile<'a> {
     stages: &'a [CellStage],
     /// Descriptor sets of each dispatch, stage by stage: the frame's set and the dispatch's own.
     sets: Vec<Vec<[vk::DescriptorSet; 2]>>,
+    /// Buffers that the descriptor sets refer to.
     _buffers: Vec<Buffer>,
     /// Pool of the descriptor sets.
     _sets: Sets,
 }
 
-/// Buffers of a segment.
+/// Buffers of a segment that a tile creates: the shaders' `cell_chunks` and `near_bits`.
 struct SegmentBuffers {
     chunks: Buffer,
     near_bits: Buffer,
 }
 
 impl<'a> CellTile<'a> {
+    /// Creates the resources of a tile. `room` is the capacity of the buffers `cells`, and `stages` draw the tile.
     pub(crate) fn new(
         device: &Arc<Device>,
         inputs: &TileInputs<'a>,
@@ -124,7 +127,7 @@ impl<'a> CellTile<'a> {
         Ok(Self { inputs: *inputs, stages, sets: all, _buffers: buffers, _sets: sets })
     }
 
-    /// Records all stages.
+    /// Records the dispatches of all stages, barriers between them, and queries of their times.
     fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
         let TileInputs { pipelines, queries, .. } = self.inputs;
         for (stage, sets) in self.stages.iter().zip(&self.sets) {
@@ -150,13 +153,14 @@ impl<'a> CellTile<'a> {
 /// Buffers that the host reads: a tile's planes, and the counters of the tile and its samples.
 pub(crate) struct CellReadback<'a> {
     pub targets: &'a Targets,
+    /// Size of the planes in bytes.
     pub plane_bytes: u64,
     pub counters: &'a Buffer,
     /// Host-readable copy of the counters.
     pub read_counters: &'a Buffer,
 }
 
-/// Records the stages of a tile and its samples, and copies of the data that the host reads.
+/// Records the stages of a tile and its samples, and copies of the data that the host reads: planes and counters.
 pub(crate) fn record_tiles(
     commands: &Commands<'_>,
     tiles: &[CellTile<'_>],
@@ -175,18 +179,21 @@ pub(crate) fn record_tiles(
     Ok(())
 }
 
-/// Resources that steps can bind.
+/// Resources that the steps of a tile can bind.
 struct Resources<'a> {
     scene: &'a ResidentScene,
     targets: &'a Targets,
     cells: &'a CellBuffers,
+    /// Uniform of each round.
     rounds: &'a HashMap<CellRound, Buffer>,
+    /// Records of splats at the near plane.
     near: &'a Buffer,
+    /// Buffers of each segment that can touch the tile, by the segment's index.
     segments: &'a HashMap<usize, SegmentBuffers>,
 }
 
 impl<'a> Resources<'a> {
-    /// Returns the resources for these binding numbers of a step.
+    /// Returns the resources that a step binds at these numbers of group 1, each with its number.
     fn of(&self, step: &CellStep, bindings: &[u32]) -> Result<Vec<(u32, Resource<'a>)>, Failure> {
         let missing = || Failure::other(format!("{} binds what a tile of cells doesn't have", step.entry));
         let resident = || step.segment.and_then(|index| self.scene.segments.get(index)).ok_or_else(missing);

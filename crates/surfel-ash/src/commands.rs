@@ -15,6 +15,7 @@ pub(crate) struct Commands<'a> {
 }
 
 impl Recorder {
+    /// Creates a command buffer with its pool and fence.
     fn new(device: &Arc<Device>) -> Result<Self, Failure> {
         let vulkan = &device.raw;
         let info = vk::CommandPoolCreateInfo::default()
@@ -35,6 +36,7 @@ impl Recorder {
         Ok(Self { pool, buffer, fence })
     }
 
+    /// Resets the command buffer, records commands, submits them, and waits for their execution.
     fn submit(
         &self,
         device: &Arc<Device>,
@@ -80,8 +82,8 @@ pub(crate) fn submit(
 }
 
 impl Commands<'_> {
-    /// Records a barrier that makes the writes of all earlier commands visible to all later ones. A tile has few steps,
-    /// and each needs nearly all results of the one before.
+    /// Records a barrier that makes the writes of all earlier commands visible to all later ones. A finer barrier would
+    /// gain little, because a tile has few steps, and each needs nearly all results of the step before.
     pub(crate) fn barrier(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -103,7 +105,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, compute, compute, none, &[memory], &[], &[]) };
     }
 
-    /// Records a barrier like [`Commands::barrier`] that makes the writes visible to the host, too.
+    /// Records a barrier that makes the writes of all earlier commands visible to reads by the host (the CPU).
     pub(crate) fn barrier_to_host(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -130,7 +132,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, start, all, none, &[], &[], &[barrier]) };
     }
 
-    /// Records a copy of the first `bytes` bytes of a buffer.
+    /// Records a copy of the first `bytes` bytes of a buffer to the beginning of another.
     pub(crate) fn copy(&self, from: vk::Buffer, to: vk::Buffer, bytes: u64) {
         let regions = [vk::BufferCopy::default().size(bytes)];
         // SAFETY: both buffers have at least that many bytes and the usages of a copy; recorded outside of render

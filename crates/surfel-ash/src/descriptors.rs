@@ -17,7 +17,7 @@ pub(crate) struct SetLayout {
 }
 
 impl SetLayout {
-    /// Creates the layout of a group from the bindings that these entry points use.
+    /// Creates the layout of descriptor set number `group` from the bindings that the entry points named `entries` use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -51,6 +51,7 @@ impl SetLayout {
     }
 }
 
+/// Returns the descriptor type of a kind of binding.
 fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
     match kind {
         BindingKind::Uniform => vk::DescriptorType::UNIFORM_BUFFER,
@@ -59,6 +60,7 @@ fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
     }
 }
 
+/// Returns Vulkan's flag of a shader stage.
 pub(crate) fn stage(stage: Stage) -> vk::ShaderStageFlags {
     match stage {
         Stage::Vertex => vk::ShaderStageFlags::VERTEX,
@@ -81,7 +83,7 @@ pub(crate) fn numbered<'a>(buffers: impl IntoIterator<Item = &'a Buffer>) -> Vec
     (0..).zip(buffers).map(|(binding, buffer)| (binding, Resource::Buffer(buffer))).collect()
 }
 
-/// Descriptor sets, which are freed with their pool.
+/// Pool of descriptor sets. The sets are freed when it is dropped.
 pub(crate) struct Sets {
     device: Arc<Device>,
     pool: Owned<vk::DescriptorPool>,

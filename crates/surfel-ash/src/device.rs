@@ -10,10 +10,11 @@ use std::ffi::CString;
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Logical device. All objects created from it have a reference to it.
+/// Logical device with its queue, allocator and capabilities. All objects created from it have a reference to it.
 pub(crate) struct Device {
     pub raw: ash::Device,
     pub queue: vk::Queue,
+    /// Index of the queue's family.
     pub family: u32,
     pub caps: DeviceCaps,
     pub instance: Arc<Instance>,
@@ -46,6 +47,7 @@ pub(crate) struct DeviceCaps {
 }
 
 impl DeviceCaps {
+    /// Queries the capabilities of a physical device whose features `enabled` the logical device enables.
     fn of(instance: &ash::Instance, candidate: &Candidate, enabled: &vk::PhysicalDeviceFeatures) -> Self {
         let physical = candidate.physical;
         let mut maintenance = vk::PhysicalDeviceMaintenance3Properties::default();
@@ -86,7 +88,7 @@ impl DeviceCaps {
 }
 
 impl Device {
-    /// Opens a device with one queue.
+    /// Opens a logical device with one queue, and enables the features for queries that it has.
     pub(crate) fn new(instance: Arc<Instance>, candidate: &Candidate) -> Result<Arc<Self>, Failure> {
         // SAFETY: the physical device is the instance's.
         let has = unsafe { instance.raw.get_physical_device_features(candidate.physical) };
@@ -118,6 +120,7 @@ impl Device {
         Self::wrap(instance, candidate, raw, queue, &vk::PhysicalDeviceFeatures::default(), false)
     }
 
+    /// Creates the value for a logical device, and its memory allocator. If that fails, an own device is destroyed.
     fn wrap(
         instance: Arc<Instance>,
         candidate: &Candidate,
@@ -159,7 +162,7 @@ impl Device {
         }))
     }
 
-    /// Sets the name of an object for messages and debuggers.
+    /// Sets the name of an object for messages and debuggers, if the extension for debug utilities is enabled.
     pub(crate) fn name<H: vk::Handle>(&self, handle: H, name: &str) {
         let (Some(names), Ok(name)) = (&self.names, CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(handle).object_name(&name);

@@ -6,7 +6,7 @@ use gpu_allocator::AllocationError;
 use std::fmt::Display;
 use surfel_render::RenderError;
 
-/// Error of a failed call.
+/// Error of a failed Vulkan call, or of the backend itself.
 #[derive(Debug)]
 pub(crate) enum Failure {
     /// Host or device memory is exhausted.
@@ -16,6 +16,7 @@ pub(crate) enum Failure {
 }
 
 impl Failure {
+    /// Returns an error with a message.
     pub(crate) fn other(message: impl Display) -> Self {
         Self::Other(message.to_string())
     }

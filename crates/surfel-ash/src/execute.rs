@@ -22,16 +22,20 @@ use surfel_gpu::{
 };
 use surfel_shaders::layout;
 
-/// Resources that the steps of a tile read. They are dropped after the steps have been executed.
+/// Resources that the steps of a tile read, as descriptor sets and draw calls. They are dropped after the steps have
+/// been executed.
 pub(crate) struct Tile<'a> {
     scene: &'a ResidentScene,
     pipelines: &'a Pipelines,
     targets: &'a Targets,
     queries: &'a Queries,
+    /// Descriptor set of the frame's uniform, objects, lights, shadow maps and matcap.
     frame: vk::DescriptorSet,
+    /// Descriptor set of those of the frame's bindings that splat setup uses.
     setup_frame: vk::DescriptorSet,
+    /// Descriptor set of each pixel pass.
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
-    /// Descriptor sets of the targets that draws read, by draw.
+    /// Descriptor set of the targets that each draw reads; none for draws that read no target.
     reads: HashMap<Draw, vk::DescriptorSet>,
     /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
@@ -114,8 +118,8 @@ fn records_set(
 }
 
 /// Creates the descriptor sets of each segment of splats; `None` for segments that can't touch the tile. The two
-/// counters are buffers for the number of drawn splats. The first counts splats at their first setup, the second at
-/// repeated setups. New buffers are added to `buffers`.
+/// counters are buffers for the number of drawn splats. The first counts splats at their first setup in the tile, the
+/// second at repeated setups. Buffers that the sets refer to are added to `buffers`.
 fn segment_sets(
     device: &Arc<Device>,
     sets: &Sets,
@@ -151,7 +155,8 @@ fn segment_sets(
     Ok(segments)
 }
 
-/// Creates the draw calls of records at the near plane. New buffers are added to `buffers`.
+/// Creates the draw calls of records of splats at the near plane. Buffers that their sets refer to are added to
+/// `buffers`.
 fn near_draws(
     device: &Arc<Device>,
     sets: &Sets,
@@ -289,7 +294,8 @@ impl<'a> Tile<'a> {
         })
     }
 
-    /// Records all steps, the steps of samples, and copies of the data that the host reads.
+    /// Records all steps of the tile, the steps of its samples, and copies of the data that the host reads. `samples`
+    /// are the parts of the samples, with their steps.
     pub(crate) fn record(
         &self,
         commands: &Commands<'_>,
@@ -316,7 +322,7 @@ impl<'a> Tile<'a> {
         Ok(())
     }
 
-    /// Records `times` repetitions of the pass over Gaussians, and a copy of the planes.
+    /// Records the tile's steps, the pass over trained Gaussians, `times` times again, and a copy of the planes.
     pub(crate) fn dispatch_again(&self, commands: &Commands<'_>, steps: &[Step], times: u32) -> Result<(), Failure> {
         for step in (0..times).flat_map(|_| steps) {
             self.step(commands, step)?;
@@ -328,6 +334,7 @@ impl<'a> Tile<'a> {
         Ok(())
     }
 
+    /// Records steps with barriers and queries of their times.
     fn steps(&self, commands: &Commands<'_>, steps: &[Step]) -> Result<(), Failure> {
         for step in steps {
             self.queries.timed(commands, step.name(), || self.step(commands, step))?;
@@ -336,6 +343,7 @@ impl<'a> Tile<'a> {
         Ok(())
     }
 
+    /// Records a step.
     fn step(&self, commands: &Commands<'_>, step: &Step) -> Result<(), Failure> {
         match step {
             Step::Setup { segments, first } => {
@@ -366,6 +374,7 @@ impl<'a> Tile<'a> {
         }
     }
 
+    /// Records a render pass. `first` is true for the first step of this pass in the tile, which clears its targets.
     fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
@@ -444,11 +453,13 @@ impl<'a> Tile<'a> {
     }
 }
 
+/// Records the binding of a pipeline.
 pub(crate) fn bind_pipeline(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint) {
     // SAFETY: the pipeline is of that bind point and outlives the submission.
     unsafe { commands.device.raw.cmd_bind_pipeline(commands.raw, point, pipeline.raw.raw) };
 }
 
+/// Records the binding of descriptor sets, numbered from 0, for a pipeline.
 pub(crate) fn bind_sets(
     commands: &Commands<'_>,
     pipeline: &Pipeline,
@@ -460,13 +471,15 @@ pub(crate) fn bind_sets(
     unsafe { commands.device.raw.cmd_bind_descriptor_sets(commands.raw, point, layout, 0, sets, &[]) };
 }
 
+/// Records a dispatch of `x`×`y` workgroups.
 pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
     // SAFETY: a compute pipeline and its sets are bound; every device supports 65535 groups an axis, and a segment or a
     // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
 }
 
-/// Returns the buffers of the frame's set in the order of their bindings, excluding the texels of shadow maps.
+/// Creates the buffers of the frame's descriptor set, in the order of their bindings, excluding the texels of shadow
+/// maps.
 pub(crate) fn frame_buffers(device: &Arc<Device>, data: &TileData, frame: &FrameScene) -> Result<[Buffer; 5], Failure> {
     let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
     Ok([

@@ -7,16 +7,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// Messages of the validation layers.
+/// Messages of Vulkan's validation layers, in the order in which they arrived.
 pub(crate) type Messages = Mutex<Vec<String>>;
 
-/// Vulkan instance and its debug messenger.
+/// Vulkan instance, and the messenger through which validation layers report messages.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
     /// True if debug utilities are enabled, so that objects can have names.
     pub has_names: bool,
-    /// Messages of the validation layers that haven't been taken yet.
+    /// Messages of the validation layers that [`Instance::take_messages`] hasn't returned yet.
     messages: Arc<Messages>,
+    /// Functions of the extension for debug utilities, and the messenger; `None` without validation.
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// True if this value created the instance, and therefore destroys it.
     is_own: bool,
@@ -25,7 +26,7 @@ pub(crate) struct Instance {
 }
 
 impl Instance {
-    /// Loads Vulkan and creates an instance.
+    /// Loads Vulkan and creates an instance, with validation layers if `validation` is true.
     pub(crate) fn new(validation: bool) -> Result<Self, Failure> {
         // SAFETY: the loader is the system's; it has to be trusted like any other linked library.
         let entry = unsafe { ash::Entry::load() };
@@ -75,6 +76,7 @@ impl Instance {
         Self { raw, has_names: false, messages, messenger: None, is_own: false, _entry: entry }
     }
 
+    /// Creates the messenger, so that messages of the validation layers are stored in `messages`.
     fn create_messenger(&mut self) -> Result<(), Failure> {
         let severity = vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR;
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
@@ -125,6 +127,7 @@ impl Drop for Instance {
     }
 }
 
+/// Returns an error if the validation layer isn't installed.
 fn check_layer(entry: &ash::Entry) -> Result<(), Failure> {
     // SAFETY: no requirement beyond a loaded entry.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }?;
@@ -166,13 +169,15 @@ pub(crate) struct Candidate {
     pub family: u32,
     /// Number of valid bits in the timestamps of the queue family; 0 without timestamps.
     pub timestamp_bits: u32,
+    /// Name of the device.
     pub name: String,
+    /// Version of Vulkan, and name and version of the driver.
     pub driver: String,
 }
 
 impl Candidate {
-    /// Creates a candidate; `None` for a device with Vulkan 1.0, or without a queue family that both draws and
-    /// computes.
+    /// Creates the candidate of a physical device; `None` for a device with Vulkan 1.0, or without a queue family that
+    /// both draws and computes.
     fn of(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Self> {
         // SAFETY: the physical device is the instance's.
         let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
@@ -199,11 +204,13 @@ impl Candidate {
         Some(Self { physical, properties, family, timestamp_bits, name, driver })
     }
 
+    /// True if the device computes on the CPU.
     pub(crate) fn is_software(&self) -> bool {
         self.properties.device_type == vk::PhysicalDeviceType::CPU
     }
 }
 
+/// Returns the version of Vulkan, and the name and version of the driver, as text.
 fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice, properties: &vk::PhysicalDeviceProperties) -> String {
     let api = properties.api_version;
     let (major, minor) = (vk::api_version_major(api), vk::api_version_minor(api));
@@ -218,6 +225,7 @@ fn driver(instance: &ash::Instance, physical: vk::PhysicalDevice, properties: &v
     format!("Vulkan {major}.{minor}, {name} {info}")
 }
 
+/// Returns a C string as text; empty if it is invalid.
 fn text<E>(name: Result<&CStr, E>) -> String {
     name.map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
 }

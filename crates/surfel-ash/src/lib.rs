@@ -50,9 +50,9 @@
 //! is the only crate of the workspace with `unsafe` code. It has no Cargo features.
 //!
 //! Each file covers one family of Vulkan objects. Every object is owned by a value that destroys it (`object.rs`,
-//! `memory.rs`), has a name for debuggers, and holds a reference to its device. The host waits for every submission
-//! before it drops the resources in use: a frame is read back anyway. No result is unwrapped; exhausted memory and a
-//! lost device are errors.
+//! `memory.rs`), has a name for debuggers, and holds a reference to its device. The CPU waits for every submission
+//! before it drops the resources in use. This costs nothing, since it reads each frame back. No result is unwrapped;
+//! exhausted memory and a lost device are errors.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -91,5 +91,5 @@ pub use ash;
 /// Name of the backend in messages and on the command line.
 const NAME: &str = "ash";
 
-/// Features that the backend supports, on any adapter.
+/// Capabilities of the backend, the same on any adapter: its name, and the features that it lacks.
 pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

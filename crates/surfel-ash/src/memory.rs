@@ -8,9 +8,10 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use std::sync::{Arc, PoisonError};
 
-/// Memory of a buffer or image, freed when it is dropped.
+/// Device memory of a buffer or image, freed when it is dropped.
 struct Memory {
     device: Arc<Device>,
+    /// The allocation; `None` once it is freed.
     allocation: Option<Allocation>,
 }
 
@@ -29,7 +30,8 @@ impl Memory {
         Ok(Self { device: device.clone(), allocation: Some(allocation) })
     }
 
-    /// Returns the memory handle and the offset of this memory.
+    /// Returns the handle of the block of device memory that contains this memory, and the offset in the block, in
+    /// bytes. `None` after the memory was freed.
     fn place(&self) -> Option<(vk::DeviceMemory, u64)> {
         // SAFETY: the handle is only bound to; the allocator keeps it alive while the allocation is.
         self.allocation.as_ref().map(|allocation| (unsafe { allocation.memory() }, allocation.offset()))
@@ -56,7 +58,7 @@ pub(crate) struct Buffer {
 }
 
 impl Buffer {
-    /// Creates a buffer of at least four bytes, with undefined contents.
+    /// Creates a buffer of at least four bytes, with undefined contents, in the kind of memory that `location` names.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -78,7 +80,7 @@ impl Buffer {
         Ok(Self { object, memory, bytes })
     }
 
-    /// Creates a buffer that is filled with `words` by the host.
+    /// Creates a buffer in memory that the host can write, and writes `words` to it.
     pub(crate) fn filled(
         device: &Arc<Device>,
         name: &str,
@@ -95,6 +97,7 @@ impl Buffer {
         self.object.raw
     }
 
+    /// Writes to the beginning of a host-writable buffer.
     fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         let mapped = self.memory.allocation.as_mut().and_then(Allocation::mapped_slice_mut);
         let place = mapped.and_then(|mapped| mapped.get_mut(..bytes.len()));
@@ -102,7 +105,7 @@ impl Buffer {
         Ok(())
     }
 
-    /// Returns the first `count` words of a host-readable buffer. The device must have finished writing them.
+    /// Returns the first `count` words of a buffer that the host can read. The device must have finished writing them.
     pub(crate) fn words(&self, count: usize) -> Result<&[u32], Failure> {
         let mapped = self.memory.allocation.as_ref().and_then(Allocation::mapped_slice);
         let bytes = mapped.and_then(|mapped| mapped.get(..4 * count)).ok_or_else(not_mapped)?;
@@ -110,6 +113,7 @@ impl Buffer {
     }
 }
 
+/// Returns the error for memory that the host can't reach.
 fn not_mapped() -> Failure {
     Failure::other("memory that the host should reach isn't mapped")
 }
@@ -121,11 +125,12 @@ pub(crate) struct Image {
     object: Owned<vk::Image>,
     _memory: Memory,
     format: vk::Format,
+    /// Aspect of the image: depth or colour.
     pub aspect: vk::ImageAspectFlags,
 }
 
 impl Image {
-    /// Creates an image that passes draw into and shaders read.
+    /// Creates an image that passes draw into and shaders read, of a width and height in pixels.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,

@@ -4,7 +4,7 @@ use crate::device::Device;
 use ash::vk;
 use std::sync::Arc;
 
-/// Vulkan object of a device, destroyed when it is dropped.
+/// Vulkan object of a device, destroyed when this value is dropped.
 pub(crate) struct Owned<H: Copy> {
     pub raw: H,
     device: Arc<Device>,
@@ -21,7 +21,7 @@ impl<H: Copy + vk::Handle> Owned<H> {
 }
 
 impl<H: Copy> Owned<H> {
-    /// Drops the owner without destroying the object.
+    /// Drops this value without destroying the object. The caller becomes responsible for it.
     pub(crate) fn keep(mut self) {
         self.destroy = |_, _| ();
     }

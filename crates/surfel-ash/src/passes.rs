@@ -26,22 +26,24 @@ pub(crate) fn attachments(draw: Draw) -> impl Iterator<Item = Target> {
     draw.colors().iter().copied().chain(draw.depth())
 }
 
-/// Pair of compatible render passes: one clears its targets, the other loads them.
+/// Two compatible render passes of a draw: the first clears its targets, the second keeps their contents.
 pub(crate) struct Pass {
     clearing: Owned<vk::RenderPass>,
     loading: Owned<vk::RenderPass>,
+    /// Number of targets.
     targets: usize,
 }
 
 impl Pass {
+    /// Creates the render passes of a draw, for sums of this precision.
     pub(crate) fn new(device: &Arc<Device>, draw: Draw, precision: Precision) -> Result<Self, Failure> {
         let clearing = render_pass(device, draw, precision, vk::AttachmentLoadOp::CLEAR)?;
         let loading = render_pass(device, draw, precision, vk::AttachmentLoadOp::LOAD)?;
         Ok(Self { clearing, loading, targets: attachments(draw).count() })
     }
 
-    /// Returns the render pass that clears its targets, or the one that loads them. Pipelines and framebuffers are
-    /// compatible with both.
+    /// Returns the render pass that clears its targets, or, if `clears` is false, the one that keeps their contents.
+    /// Pipelines and framebuffers are compatible with both.
     pub(crate) fn raw(&self, clears: bool) -> vk::RenderPass {
         if clears { self.clearing.raw } else { self.loading.raw }
     }
@@ -52,6 +54,7 @@ impl Pass {
     }
 }
 
+/// Creates a render pass of a draw that clears or loads its targets, as `load` says.
 fn render_pass(
     device: &Arc<Device>,
     draw: Draw,
@@ -83,7 +86,7 @@ fn render_pass(
         .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
         .color_attachments(&colors);
     let subpasses = [if draw.depth().is_some() { subpass.depth_stencil_attachment(&depth) } else { subpass }];
-    // Layouts change after all earlier commands and before all later ones.
+    // Image layouts change after all earlier commands and before all later ones.
     let (all, graphics) = (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::ALL_GRAPHICS);
     let dependency = vk::SubpassDependency::default()
         .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -100,7 +103,7 @@ fn render_pass(
     Ok(Owned::new(device, raw, draw.name(), destroy!(destroy_render_pass)))
 }
 
-/// Creates a framebuffer from images of one size.
+/// Creates a framebuffer of a render pass from images that all have this width and height.
 pub(crate) fn framebuffer(
     device: &Arc<Device>,
     pass: &Pass,

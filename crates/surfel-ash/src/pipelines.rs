@@ -1,4 +1,4 @@
-//! Shaders, layouts and pipelines, built once per device.
+//! Shaders, descriptor set layouts and pipelines. Each is built when it is first used, and then kept.
 
 use crate::descriptors::{SetLayout, stage};
 use crate::device::Device;
@@ -25,10 +25,12 @@ struct DrawKey {
 pub(crate) struct Pipelines {
     device: Arc<Device>,
     cache: Owned<vk::PipelineCache>,
+    /// Layout of the frame's set: the uniform, objects, lights, shadow maps and matcap.
     pub frame_set: SetLayout,
     /// Layout of the bindings of the frame's set that splat setup uses. With the whole set, setup would use more
     /// buffers than every device supports.
     pub setup_frame_set: SetLayout,
+    /// Layout of the set of polygons.
     pub polygons_set: SetLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
     splats: HashMap<Variant, SplatPipeline>,
@@ -72,6 +74,7 @@ pub(crate) struct DrawPipeline {
 }
 
 impl Pipelines {
+    /// Creates the layouts. No pipeline is built yet.
     pub(crate) fn new(device: &Arc<Device>) -> Result<Self, Failure> {
         // SAFETY: no requirement.
         let cache = unsafe { device.raw.create_pipeline_cache(&vk::PipelineCacheCreateInfo::default(), None) }?;
@@ -106,6 +109,7 @@ impl Pipelines {
         Ok(())
     }
 
+    /// Returns the pipeline of a pixel pass, or an error if it wasn't built.
     pub(crate) fn pixels(&self, pixels: PixelPass) -> Result<&PixelPipeline, Failure> {
         self.pixels.get(&pixels).ok_or_else(|| Failure::other("a pixel pass was recorded that was not prepared"))
     }
@@ -121,11 +125,12 @@ impl Pipelines {
         Ok(())
     }
 
+    /// Returns the pipeline of an entry point of the compute path, or an error if it wasn't built.
     pub(crate) fn cells(&self, entry: &str) -> Result<&CellPipeline, Failure> {
         self.cells.get(entry).ok_or_else(|| Failure::other("a pass over cells was recorded that was not prepared"))
     }
 
-    /// Builds the setup pipeline of a variant, if it doesn't exist.
+    /// Builds the setup pipeline of a clip variant of splats, if it doesn't exist.
     pub(crate) fn prepare_splats(&mut self, variant: Variant) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.splats.entry(variant) else { return Ok(()) };
         let entry = variant.setup();
@@ -137,6 +142,7 @@ impl Pipelines {
         Ok(())
     }
 
+    /// Returns the setup pipeline of a clip variant, or an error if it wasn't built.
     pub(crate) fn splats(&self, variant: Variant) -> Result<&SplatPipeline, Failure> {
         self.splats.get(&variant).ok_or_else(|| Failure::other("splats were drawn that were not prepared"))
     }
@@ -160,12 +166,14 @@ impl Pipelines {
         Ok(())
     }
 
+    /// Returns the pipeline of a draw, or an error if it wasn't built.
     pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Result<&DrawPipeline, Failure> {
         let found = self.draws.get(&DrawKey { draw, variant, precision });
         found.ok_or_else(|| Failure::other("a pass was recorded that was not prepared"))
     }
 }
 
+/// Creates a pipeline layout from the layouts of descriptor sets.
 fn pipeline_layout(
     device: &Arc<Device>,
     name: &str,
@@ -188,11 +196,12 @@ fn shader_module(device: &Arc<Device>, name: &str) -> Result<Owned<vk::ShaderMod
     Ok(Owned::new(device, raw, name, destroy!(destroy_shader_module)))
 }
 
+/// Returns the name of an entry point as a C string.
 fn entry_name(entry: &str) -> Result<CString, Failure> {
     CString::new(entry).map_err(Failure::other)
 }
 
-/// Takes ownership of the single pipeline that a call created.
+/// Takes ownership of the single pipeline that a call of Vulkan, with this result, created.
 fn made(
     device: &Arc<Device>,
     name: &str,
@@ -204,6 +213,7 @@ fn made(
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline)))
 }
 
+/// Creates the compute pipeline of an entry point.
 fn compute_pipeline(
     device: &Arc<Device>,
     cache: vk::PipelineCache,

@@ -1,4 +1,4 @@
-//! GPU queries: times of a tile's steps and counts of shader invocations.
+//! GPU queries: times of a tile's steps, and counts of fragments and shader invocations.
 
 use crate::commands::Commands;
 use crate::device::Device;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use surfel_render::{PassTime, Stats};
 
 /// Maximum number of steps of a tile that are timed. Further steps, in scenes with very many segments, aren't timed.
-const MOST_STEPS: u32 = 512;
+const MAX_STEPS: u32 = 512;
 
 /// Shader stages whose invocations are counted, in the order of the flags' bits, in which Vulkan writes the counts.
 const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags::from_raw(
@@ -21,7 +21,8 @@ const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags
 /// Names of the counts of [`COUNTED`] in the statistics, in the same order.
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
-/// Queries of a tile. The pools of queries that the device doesn't support are `None`.
+/// GPU queries that measure a tile: pools of timestamps, of counts of shader invocations, and of counts of fragments.
+/// Pools of queries that the device doesn't support are `None`.
 pub(crate) struct Queries {
     device: Arc<Device>,
     times: Option<Owned<vk::QueryPool>>,
@@ -33,7 +34,7 @@ pub(crate) struct Queries {
     label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,
-    /// Number of passes whose fragments were counted so far.
+    /// Number of render passes whose fragments were counted so far.
     counted_passes: RefCell<u32>,
 }
 
@@ -41,7 +42,7 @@ impl Queries {
     /// Creates the queries for a tile of `steps` steps. If `label` is set, it replaces the steps' names, and fragments
     /// aren't counted.
     pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>, steps: usize) -> Result<Self, Failure> {
-        let most_steps = (steps as u32).clamp(1, MOST_STEPS);
+        let most_steps = (steps as u32).clamp(1, MAX_STEPS);
         let caps = &device.caps;
         let pool = |wanted: bool, kind, count, statistics| -> Result<Option<Owned<vk::QueryPool>>, Failure> {
             if !wanted {
@@ -90,7 +91,7 @@ impl Queries {
         }
     }
 
-    /// Records commands by calling `step`, and measures their time.
+    /// Records commands by calling `step`, and measures their time under a name.
     pub(crate) fn timed<T>(&self, commands: &Commands<'_>, name: &'static str, step: impl FnOnce() -> T) -> T {
         let index = self.steps.borrow().len() as u32;
         let pool = self.times.as_ref().filter(|_| index < self.most_steps);
@@ -123,7 +124,7 @@ impl Queries {
         result
     }
 
-    /// Adds the times and counts of a tile to the statistics. The device must have executed the tile.
+    /// Adds the measured times and counts to the statistics. The device must have executed the tile.
     pub(crate) fn add(&self, stats: &mut Stats) -> Result<(), Failure> {
         let steps = self.steps.borrow();
         if let Some(pool) = self.times.as_ref().filter(|_| !steps.is_empty()) {
@@ -157,6 +158,7 @@ impl Queries {
         Ok(())
     }
 
+    /// Reads the results of the first queries of a pool, as many as `values` has elements.
     fn results<T>(&self, pool: &Owned<vk::QueryPool>, values: &mut [T]) -> Result<(), Failure> {
         let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
         // SAFETY: as many queries as values were written by a submission that was waited for; values are plain 64-bit

@@ -11,7 +11,8 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Destroys the recorder. The device must have finished all its submissions.
+    /// Destroys the command buffer, pool and fence. The device must have finished all submissions of this command
+    /// buffer.
     pub(crate) fn destroy(self, device: &ash::Device) {
         // SAFETY: the fence is the device's, and no submission that signals it is being executed.
         unsafe { device.destroy_fence(self.fence, None) };

@@ -47,8 +47,9 @@ pub struct RawDevice {
 /// Renderer of the Vulkan backend.
 pub struct Renderer {
     // Fields are declared in the order of their destruction, although each has a reference to the device.
+    /// Images and buffers of the last tile, which the next tile reuses if they fit.
     targets: Option<Targets>,
-    /// Targets into which the last frame's shadow maps were drawn.
+    /// Images and buffers into which the last frame's shadow maps were drawn.
     map_targets: Option<Targets>,
     /// Shadow maps of the last frame, which the next frame reuses if nothing changed.
     maps: Option<ShadowMapCache<Arc<Buffer>>>,
@@ -57,10 +58,13 @@ pub struct Renderer {
     pipelines: Pipelines,
     device: Arc<Device>,
     info: RendererInfo,
+    /// True if the adapter computes on the CPU.
     is_software: bool,
     /// The smaller of the device's limits and the limits in the options.
     limits: Limits,
+    /// Storage format of splats in the device's memory.
     storage: Storage,
+    /// Way in which frames are drawn: by compute shaders or by raster hardware.
     path: GpuPath,
 }
 
@@ -91,8 +95,8 @@ impl Renderer {
         Self::start(device, candidate, &options)
     }
 
-    /// Creates a renderer on a program's existing device. It uses none of the optional features, so fragments aren't
-    /// counted.
+    /// Creates a renderer on a program's existing device. The renderer uses none of the device's optional features, so
+    /// queries don't count fragments.
     ///
     /// # Safety
     /// The handles must be valid, belong together, and stay valid as long as the renderer exists. No other thread may
@@ -112,6 +116,7 @@ impl Renderer {
         Self::start(device, &candidate, &Options::default())
     }
 
+    /// Creates a renderer on an open device.
     fn start(device: Arc<Device>, candidate: &Candidate, options: &Options) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
@@ -159,7 +164,8 @@ impl Renderer {
         Err(Failure::Other(format!("the validation layer says: {}", messages.join("\n"))).into())
     }
 
-    /// Creates the pipelines and targets of a tile that don't exist from an earlier frame.
+    /// Creates those pipelines and targets of a tile that don't exist from an earlier frame. Fails if the tile's
+    /// polygons or balls exceed the limits.
     fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &TileWork) -> Result<(), Failure> {
         work.all(data).try_for_each(|data| data.check(self.limits)).map_err(Failure::Other)?;
         let precision = Precision::of(plan, self.device.caps.blends_f32);
@@ -185,6 +191,7 @@ impl Renderer {
         Ok(())
     }
 
+    /// Creates a buffer for the texels of shadow maps.
     fn shadow_buffer(&self, texels: u64) -> Result<Buffer, Failure> {
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         Buffer::new(&self.device, "shadow texels", 4 * texels, storage, MemoryLocation::GpuOnly)
@@ -212,6 +219,7 @@ impl Renderer {
         Ok(texels)
     }
 
+    /// Draws one shadow map into the buffer `texels`, and adds its times to the statistics.
     fn shadow_map(
         &mut self,
         scene: &ResidentScene,
@@ -245,7 +253,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Draws one tile into the frame.
+    /// Draws one tile into the frame, by the compute path if the tile's data are for it and fit, otherwise by raster
+    /// hardware.
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
@@ -311,8 +320,8 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Executes the dispatches of a tile, and returns the words of the counters. Times are added to the statistics if
-    /// the tile fitted the capacity `room`.
+    /// Executes the dispatches of a tile and its samples, and returns the words of [`CellBuffer::Counters`]. Times are
+    /// added to the statistics if the tile fitted the capacity `room`.
     fn draw_cells(
         &self,
         job: &FrameJob<'_>,
@@ -395,8 +404,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes `work`, waits for it, and passes the words of the planes to `read`. The returned flag is true if no
-    /// A-buffer layers remain to be drawn.
+    /// Executes `work`, waits for it, and returns what `read` makes of the words of the planes. The returned flag is
+    /// true if no A-buffer layers remain to be drawn.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -484,7 +493,7 @@ impl Renderer {
     }
 }
 
-/// Data that all tiles of a frame share.
+/// Inputs that all tiles of a frame share.
 struct FrameJob<'a> {
     scene: &'a ResidentScene,
     /// Texels of the frame's shadow maps.
@@ -494,17 +503,19 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// Steps to be executed for a tile, with their data.
+/// Steps that raster hardware executes for a tile, with their data.
 struct TileWork {
+    /// Render passes among the steps, and among the steps of samples.
     draws: Vec<Draw>,
     /// Pixel passes among the steps.
     pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
-    /// Parts of the tile's samples at edges; empty without edge antialiasing by samples.
+    /// Parts of the samples of the tile's edge pixels; empty without edge antialiasing by samples.
     samples: Vec<SamplePart>,
 }
 
 impl TileWork {
+    /// Returns the work that draws a tile of a plan, with these samples.
     fn of(plan: &FramePlan, data: &TileData, scene: &ResidentScene, samples: Vec<SamplePart>) -> Self {
         let steps = schedule(plan, &data.visible(), scene.shared_records);
         Self { draws: Draw::of(plan), pixel_passes: PixelPass::of(plan), steps, samples }

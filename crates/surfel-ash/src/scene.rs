@@ -13,9 +13,10 @@ use surfel_model::Scene;
 use surfel_model::Storage;
 use surfel_render::{RenderError, UploadProgress};
 
-/// Uploaded scene of this backend. Splats are in the device's memory, chunks and clouds in the host's.
+/// Uploaded scene of this backend. Splats are in the device's memory, their chunks and clouds in the main memory.
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
+    /// Buffers of each segment, in the order of the segments of `cpu`.
     pub(crate) segments: Vec<ResidentSegment>,
     /// Textures of the polygons.
     pub(crate) texels: Buffer,
@@ -47,6 +48,7 @@ impl ResidentScene {
     }
 }
 
+/// Uploads a scene, and reports the progress after each segment.
 pub(crate) fn upload(
     device: &Arc<Device>,
     (scene, storage): (&Scene, Storage),
@@ -71,6 +73,7 @@ pub(crate) fn upload(
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
+/// Creates the buffers of the segments whose splats were uploaded to `splats`.
 fn segments(
     device: &Arc<Device>,
     cpu: &UploadedScene,
@@ -103,7 +106,7 @@ pub(crate) fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Resul
     resident_before(device, name, words, 0)
 }
 
-/// Copies words like [`resident`]; the buffer has `more` uninitialised bytes after the words.
+/// Copies words to a new buffer like [`resident`]. The buffer has `more` uninitialised bytes after the words.
 pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], more: u64) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
@@ -117,8 +120,8 @@ pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], m
     Ok(buffer)
 }
 
-/// Converts an error during the upload. Less memory may be free than the device has, because other programs use it,
-/// too.
+/// Converts an error of the upload. `needed` and `available` are the bytes that the scene needs and those uploaded so
+/// far. Less memory may be free than the device has, because other programs use it, too.
 fn too_large(failure: Failure, needed: u64, available: u64) -> RenderError {
     match failure {
         Failure::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },

@@ -27,6 +27,7 @@ pub fn devices() -> Result<Vec<DeviceSummary>, RenderError> {
     Ok(instance.candidates()?.iter().map(|candidate| summary(&instance, candidate)).collect())
 }
 
+/// Returns the description of a device.
 fn summary(instance: &Instance, candidate: &Candidate) -> DeviceSummary {
     DeviceSummary {
         name: candidate.name.clone(),
@@ -36,6 +37,7 @@ fn summary(instance: &Instance, candidate: &Candidate) -> DeviceSummary {
     }
 }
 
+/// Returns limits and features of a device by Vulkan's names, with their values as text.
 fn facts(instance: &Instance, candidate: &Candidate) -> Result<Vec<(&'static str, String)>, Failure> {
     let physical = candidate.physical;
     // SAFETY: the physical device is the instance's.

@@ -1,4 +1,4 @@
-//! Images and buffers of a tile, reused from frame to frame if their key is the same.
+//! Images and buffers into which a tile is drawn, reused from tile to tile and frame to frame if their key is the same.
 
 use crate::commands::submit;
 use crate::device::Device;
@@ -18,7 +18,9 @@ pub(crate) struct Targets {
     pub key: TargetKey,
     // Declared before the images that they refer to, so that they are destroyed first.
     framebuffers: HashMap<Draw, Owned<vk::Framebuffer>>,
+    /// Image of each target.
     images: HashMap<Target, Image>,
+    /// Planes of the tile, which shading writes.
     pub planes: Buffer,
     /// Composites of the transparent layers, one per pixel.
     pub layer_composites: Buffer,
@@ -56,12 +58,13 @@ impl Targets {
         Ok(Self { key, framebuffers, images, planes, layer_composites, readback })
     }
 
+    /// Returns the framebuffer of a draw.
     pub(crate) fn framebuffer(&self, draw: Draw) -> Result<vk::Framebuffer, Failure> {
         let found = self.framebuffers.get(&draw);
         found.map(|framebuffer| framebuffer.raw).ok_or_else(|| Failure::other("a pass has no targets"))
     }
 
-    /// Returns the image of each target in `reads`, with its descriptor binding; targets without an image are left out.
+    /// Returns the images of the targets in `reads`, with their binding numbers.
     pub(crate) fn images(&self, reads: &[(u32, Target)]) -> Vec<(u32, &Image)> {
         reads.iter().filter_map(|&(binding, target)| Some((binding, self.images.get(&target)?))).collect()
     }

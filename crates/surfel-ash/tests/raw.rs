@@ -1,4 +1,4 @@
-//! Tests a renderer on a program's own device.
+//! Tests a renderer on a Vulkan device that the program, here the test, has created itself.
 
 use ash::vk;
 use surfel_ash::{RawDevice, Renderer};

@@ -5,7 +5,7 @@
 //! 1. [`Backend`]: a backend that has been started. [`Backend::auto`] starts the fastest one, [`Backend::by_name`] one
 //!    by its name;
 //! 2. [`BackendScene`]: a scene in a backend's memory, with the stored light of its sky;
-//! 3. [`BackendOptions`]: threads, adapter and storage;
+//! 3. [`BackendOptions`]: threads, adapter, storage and GPU path;
 //! 4. [`backends`]: returns all backends, with their availability on this machine.
 //!
 //! ```
@@ -63,7 +63,7 @@ const BUILT: &[&str] = &[
     "reference",
 ];
 
-/// Returns the name of the Cargo feature that enables a backend.
+/// Returns the name of the Cargo feature of Surfel's programs that enables a backend.
 fn feature_of(name: &'static str) -> &'static str {
     match name {
         "ash" | "wgpu" => "gpu",
@@ -77,13 +77,15 @@ fn feature_of(name: &'static str) -> &'static str {
 pub struct BackendOptions {
     /// Number of threads of a CPU backend; 0 uses as many as the machine has.
     pub threads: usize,
-    /// Part of the name of the GPU adapter to use, in any case; `None` accepts any adapter. CPU backends ignore it.
+    /// Part of the name of the adapter to use, in any case; `None` accepts any adapter. A CPU backend fails to start
+    /// unless its adapter name ([`RendererInfo::adapter`]), such as `AVX2`, contains the text.
     pub adapter: Option<String>,
-    /// True if splats are stored as 16-bit numbers, relative to their chunk's bounds. This
-    /// takes half the memory or less, with a measured error (docs/accuracy.md). The reference backend ignores the
-    /// option.
+    /// True if splats are stored as 16-bit numbers, relative to the bounds of their chunk (up to 256 neighbouring
+    /// splats). This takes half the memory or less, with a measured error (docs/accuracy.md). The reference backend
+    /// ignores the option.
     pub quantised: bool,
-    /// Method by which wgpu and ash draw: compute shaders or raster hardware. CPU backends ignore the option.
+    /// Way in which the backends wgpu and ash draw: by compute shaders or by raster hardware. CPU backends ignore the
+    /// option.
     #[cfg(any(feature = "wgpu", feature = "ash"))]
     pub path: GpuPath,
 }
@@ -106,6 +108,7 @@ impl BackendOptions {
         with_path path: GpuPath,
     }
 
+    /// Returns the storage format of splats.
     #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
     fn storage(&self) -> Storage {
         if self.quantised { Storage::Quantised } else { Storage::F32 }
@@ -132,26 +135,29 @@ pub enum Backend {
 /// Scene resident in a [`Backend`], with the stored light of its sky.
 pub struct BackendScene {
     resident: Resident,
-    /// Parts of the scene on which its stored light depends; `None` without a sky. A changed scene with the same parts
-    /// reuses the light.
+    /// Parts of the scene on which the stored light of its sky depends; `None` without a sky. A changed scene with the
+    /// same parts reuses the light.
     light: Option<StoredLightKey>,
     /// Ground with its stored light, and the scene's background in linear premultiplied RGBA, which is drawn behind the
     /// ground; `None` without a ground.
     ground: Option<(LitGround, [f32; 4])>,
 }
 
-/// Parts of a scene on which its stored light depends. They are compared to detect whether the light of a changed scene
-/// is the same.
+/// Parts of a scene on which the stored light of its sky depends. They are compared to detect whether the light of a
+/// changed scene is the same.
 #[derive(Clone, Debug)]
 struct StoredLightKey {
     geometry: SceneGeometry,
     sky: Option<Sky>,
     ground: Option<Ground>,
+    /// Background as the scene states it.
     background: [f64; 4],
+    /// Matrix from object to world space, and material, of each object.
     objects: Vec<(DAffine3, Material)>,
 }
 
 impl StoredLightKey {
+    /// Copies the parts of a scene.
     fn of(scene: &Scene) -> Self {
         let objects = scene.objects.iter().map(|object| (object.world_from_object, object.material)).collect();
         let (sky, ground, background) = (scene.sky.clone(), scene.ground, scene.background);
@@ -188,7 +194,7 @@ enum Resident {
 pub struct BackendInfo {
     /// Name of the backend.
     pub name: &'static str,
-    /// Description of the renderer, or the reason why the backend isn't available.
+    /// Description of the renderer, or the reason why the backend isn't available on this machine or in this build.
     pub state: Result<RendererInfo, String>,
     /// Cargo feature that would enable the backend; `None` if it is enabled.
     pub missing_feature: Option<&'static str>,
@@ -221,7 +227,7 @@ pub struct Chosen {
 impl Backend {
     surfel_render::renderer_methods!(BackendScene);
 
-    /// Starts the fastest backend that works on this machine, with default options.
+    /// Starts the fastest backend that works on this machine, with default options, whatever scene it will draw.
     ///
     /// # Errors
     /// [`BackendError`] of the last backend that was tried.
@@ -252,8 +258,9 @@ impl Backend {
         Ok(Self::choose(options, refusals(scene, settings, planes))?.backend)
     }
 
-    /// Starts the fastest backend that works on this machine and for which `refuses` returns `None`. GPU backends that
-    /// run in software on the CPU are skipped, unless the options name an adapter.
+    /// Starts the fastest backend that works on this machine and for which `refuses` returns `None`. `refuses` returns
+    /// the reason why a backend can't be used. GPU backends that run in software on the CPU are skipped, unless the
+    /// options name an adapter. `reference` is tried last, and without asking `refuses`.
     ///
     /// # Errors
     /// [`BackendError`] of the last backend that was tried, or of the first whose threads can't be started.
@@ -315,6 +322,7 @@ impl Backend {
         }
     }
 
+    /// Starts the ash backend.
     #[cfg(feature = "ash")]
     fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
         let start =
@@ -324,6 +332,7 @@ impl Backend {
         Ok(Self::Ash(Box::new(renderer)))
     }
 
+    /// Starts the wgpu backend.
     #[cfg(feature = "wgpu")]
     fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
         let start =
@@ -333,6 +342,7 @@ impl Backend {
         Ok(Self::Wgpu(Box::new(renderer)))
     }
 
+    /// Starts the CPU backend.
     #[cfg(feature = "cpu")]
     fn cpu(options: &BackendOptions) -> Result<Self, BackendError> {
         let start = surfel_cpu::Options::default().with_threads(options.threads).with_storage(options.storage());
@@ -342,6 +352,7 @@ impl Backend {
         Ok(Self::Cpu(renderer))
     }
 
+    /// Starts the reference backend.
     #[cfg(feature = "reference")]
     fn reference(options: &BackendOptions) -> Result<Self, BackendError> {
         let start = surfel_reference::Renderer::new(surfel_reference::Options::default().with_threads(options.threads));
@@ -350,7 +361,7 @@ impl Backend {
         Ok(Self::Reference(renderer))
     }
 
-    /// True if the backend is a GPU backend whose device is software, such as lavapipe or WARP.
+    /// True if the backend is a GPU backend whose adapter is software, such as lavapipe or WARP.
     pub fn is_software(&self) -> bool {
         match self {
             #[cfg(feature = "ash")]
@@ -369,8 +380,9 @@ impl Backend {
         self.info().backend == "reference"
     }
 
-    /// Renders an image with `samples`×`samples` unfiltered samples per pixel, and averages them. The region with all
-    /// of its samples must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
+    /// Renders an image with `samples`×`samples` unfiltered samples per pixel, and averages them; with `None`, an
+    /// ordinary image. The region with all of its samples must be within the limits of an image
+    /// ([`surfel_model::MAX_IMAGE_PIXELS`]).
     ///
     /// # Errors
     /// Errors of [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for
@@ -388,6 +400,7 @@ impl Backend {
         self.render_supersampled(scene, view, settings, planes, samples, frame)
     }
 
+    /// Renders an image with `samples`×`samples` unfiltered samples per pixel.
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     fn render_supersampled(
         &mut self,
@@ -418,7 +431,7 @@ impl Backend {
         Ok(stats)
     }
 
-    /// Uploads a scene whose splats already have the light of its sky in their colours.
+    /// Uploads a scene whose colours already contain the light of its sky.
     fn upload_stored(
         &mut self,
         scene: &Scene,
@@ -442,7 +455,8 @@ impl Backend {
 }
 
 impl BackendScene {
-    /// Returns the settings for drawing the scene: with stored light, phong shading is replaced by unlit colours.
+    /// Returns the settings with which the scene is drawn. With stored light, the shader `phong` is replaced by
+    /// `unlit`.
     fn settings(&self, settings: &Settings) -> Settings {
         match (&self.light, settings.shader) {
             (Some(_), Shader::Phong) => settings.with_shader(Shader::Unlit),
@@ -450,14 +464,15 @@ impl BackendScene {
         }
     }
 
-    /// Returns the planes that the backend must draw so that all requested planes can be returned. A ground also needs
-    /// linear colours, because it is drawn behind them.
+    /// Returns the planes that the backend must draw so that all requested planes can be returned. A scene with a
+    /// ground also needs linear colours, because the ground is drawn behind them.
     fn planes(&self, planes: Planes) -> Planes {
         let has_ground = self.ground.is_some() && planes.shows_color();
         planes.with_color(planes.color || has_ground)
     }
 
-    /// Draws ground and background behind the colours of a frame. Does nothing if the scene has no ground.
+    /// Draws ground and background behind the colours of a frame that was drawn without them. Does nothing if the scene
+    /// has no ground.
     fn draw_ground(&self, view: &View, planes: Planes, frame: &mut Frame) {
         let Some((ground, background)) = self.ground.as_ref().filter(|_| planes.shows_color()) else { return };
         ground.draw_behind(view, *background, frame.color_mut());
@@ -495,7 +510,7 @@ fn capabilities_of(name: &str) -> Option<Capabilities> {
 }
 
 /// True unless the backend needs a GPU and the machine has none. Starting the backend would then find a software device
-/// at best.
+/// at best. Only Linux machines are examined.
 fn has_device_for(name: &str) -> bool {
     if name == "cpu" || !cfg!(target_os = "linux") {
         return true;
@@ -519,6 +534,7 @@ fn wrong_backend_error(backend: &Backend) -> RenderError {
     RenderError::Backend { backend: backend.info().backend, message }
 }
 
+/// Returns an error if the options name an adapter that isn't this CPU backend's.
 #[cfg(any(feature = "cpu", feature = "reference"))]
 fn check_adapter(info: &RendererInfo, options: &BackendOptions) -> Result<(), BackendError> {
     match &options.adapter {

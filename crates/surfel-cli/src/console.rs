@@ -94,7 +94,7 @@ impl Drop for Bar {
 }
 
 /// Smallest number of steps of a stage at which the progress bar shows a rate, instead of the elapsed time.
-const LEAST_STEPS: u64 = 2;
+const MIN_STEPS: u64 = 2;
 /// Interval at which a progress bar is redrawn even if nothing advances it.
 const TICK: Duration = Duration::from_millis(250);
 
@@ -102,7 +102,7 @@ const TICK: Duration = Duration::from_millis(250);
 /// of steps, the bar shows the elapsed time instead.
 fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     let (length, template) = match total {
-        0..LEAST_STEPS => (None, "{msg:>20} {spinner} {lasted}"),
+        0..MIN_STEPS => (None, "{msg:>20} {spinner} {lasted}"),
         _ => (Some(total), "{msg:>20} {wide_bar} {percent:>3} % {rate:>8} {left:>11}"),
     };
     let bar = ProgressBar::with_draw_target(length, target);

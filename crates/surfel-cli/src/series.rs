@@ -11,7 +11,7 @@ use surfel_io::ShowPath as _;
 
 /// Largest length, in bytes, of a camera's name that becomes part of a file name. File systems allow 255, including the
 /// extension.
-const MOST_NAME_BYTES: usize = 200;
+const MAX_NAME_BYTES: usize = 200;
 
 /// Images of a scene that differ in their cameras, or images of a sequence of files.
 #[derive(Debug)]
@@ -78,8 +78,8 @@ impl Series {
 
 /// Refuses a camera whose name can't be part of a file name. `path` is the file of the cameras.
 fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
-    let what = if name.len() > MOST_NAME_BYTES {
-        format!("of {} bytes, expected at most {MOST_NAME_BYTES}", name.len())
+    let what = if name.len() > MAX_NAME_BYTES {
+        format!("of {} bytes, expected at most {MAX_NAME_BYTES}", name.len())
     } else if name.contains('\0') {
         "with a zero byte".to_owned()
     } else {

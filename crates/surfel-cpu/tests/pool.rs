@@ -39,7 +39,7 @@ fn scene() -> Scene {
 }
 
 /// Stack of the thread that calls the renderer, in bytes: the least that systems give.
-const LEAST_STACK: usize = 512 << 10;
+const MIN_STACK: usize = 512 << 10;
 
 #[test]
 fn a_buffer_is_drawn_for_a_caller_with_little_stack() {
@@ -58,7 +58,7 @@ fn a_buffer_is_drawn_for_a_caller_with_little_stack() {
         renderer.render_into(&resident, &view, &settings, planes, &mut frame).unwrap();
         frame.color().iter().filter(|pixel| pixel[3] > 0.0).count()
     };
-    let thread = std::thread::Builder::new().stack_size(LEAST_STACK).spawn(drawn).unwrap();
+    let thread = std::thread::Builder::new().stack_size(MIN_STACK).spawn(drawn).unwrap();
     assert!(thread.join().unwrap() > 1000);
 }
 

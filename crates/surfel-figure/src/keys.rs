@@ -33,7 +33,7 @@ const ENTRY_WIDTH: f64 = 20.0;
 /// Height, in ems, that a legend fills before it gets a second column, even next to lower panels.
 const COLUMN_HEIGHT: f64 = 12.0;
 /// Maximum number of entries that a legend shows; the rest is summarised as "+N more".
-const MOST_ENTRIES: usize = 256;
+const MAX_ENTRIES: usize = 256;
 
 /// Key laid out as drawing items, with positions relative to the key's upper left corner.
 pub(crate) struct SizedKey {
@@ -125,7 +125,7 @@ impl SizedKey {
     fn legend(&mut self, entries: &[(String, Rgb)], top: f64, height: f64, style: &Style) {
         let em = style.font;
         let room = (height.max(COLUMN_HEIGHT * em) / (ENTRY_HEIGHT * em)).floor().max(1.0) as usize;
-        let shown = &entries[..entries.len().min(MOST_ENTRIES)];
+        let shown = &entries[..entries.len().min(MAX_ENTRIES)];
         let more = Some(entries.len() - shown.len()).filter(|more| *more > 0);
         let count = shown.len() + usize::from(more.is_some());
         // Entries are divided evenly among the columns.

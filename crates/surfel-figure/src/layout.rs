@@ -26,7 +26,7 @@ const KEY_GAP: f64 = 1.4;
 const KEY_DISTANCE: f64 = 1.6;
 /// Smallest factor by which a text is shrunk to fit its panel or figure. A text that is still too wide ends in an
 /// ellipsis.
-const LEAST_SIZE: f64 = 0.75;
+const MIN_SIZE: f64 = 0.75;
 
 /// Sizes of the rows and columns of a figure's panels, in pixels.
 struct Grid {
@@ -203,7 +203,7 @@ fn fitted(text: &str, at: [f64; 2], width: f64, style: &Style) -> Text {
 
 fn fitted_at(text: &str, at: [f64; 2], width: f64, size: f64, style: &Style) -> Text {
     let needed = font::width(text) * size;
-    let size = if needed > width { size * (width / needed).max(LEAST_SIZE) } else { size };
+    let size = if needed > width { size * (width / needed).max(MIN_SIZE) } else { size };
     let text = font::shortened(text, width / size);
     Text { text, at, size, anchor: Anchor::Middle, is_turned: false, color: style.ink(), halo: None }
 }

@@ -21,7 +21,7 @@ const DOT: f64 = 0.22;
 /// Width, in ems, of the surroundings of a corner mark that must have the same colour as the area behind the mark.
 const CLEARANCE: f64 = 0.25;
 /// Largest distance, in ems, by which a corner mark moves away from its corner along each axis to find an even area.
-const MOST_MOVE: f64 = 5.0;
+const MAX_MOVE: f64 = 5.0;
 /// Distance between the positions that are tried for a corner mark, in ems.
 const MOVE: f64 = 0.25;
 /// Largest difference per channel, in 8-bit levels, between a pixel and the figure's background at which the pixel
@@ -84,7 +84,7 @@ impl Placer<'_> {
     /// the result is the first corner.
     fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
-        let steps = (MOST_MOVE / MOVE) as i32;
+        let steps = (MAX_MOVE / MOVE) as i32;
         let all = (-steps..=steps).flat_map(|y| (-steps..=steps).map(move |x| [x, y]));
         let mut moves: Vec<[i32; 2]> = all.collect();
         moves.sort_by_key(|[x, y]| x * x + y * y);

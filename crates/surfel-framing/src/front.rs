@@ -46,7 +46,7 @@ const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
 /// in adjacent cells belong to the same foot.
 const TOGETHER: f64 = 0.02;
 /// Largest length of a foot, as a fraction of the figure's height. Larger clusters of patches aren't feet.
-const LONGEST_FOOT: f64 = 0.22;
+const MAX_FOOT: f64 = 0.22;
 /// Horizontal distance from a shin's centre to its foot's centre, averaged over both feet, above which the toes show
 /// the front. It is a fraction of the figure's height.
 const TOES: f64 = 0.015;
@@ -264,7 +264,7 @@ fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     let shins = figure.between(stance.shins.0, stance.shins.1);
     let forward = |foot: Spot| {
         let shin = Spot::of(shins.iter().copied().filter(|p| foot.has(*p, stance.soles)));
-        let is_foot = (foot.high - foot.low).max_element() < LONGEST_FOOT && shin.count > 0;
+        let is_foot = (foot.high - foot.low).max_element() < MAX_FOOT && shin.count > 0;
         is_foot.then(|| foot.middle() - shin.middle())
     };
     let forward = 0.5 * (forward(left)? + forward(right)?);

@@ -121,7 +121,7 @@ impl UpConvention {
 /// Mercator away from its origin.
 const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
 /// Largest magnitude, in metres, of a coordinate that may be the height above sea level of a georeferenced scene.
-const MOST_HEIGHT: f64 = 1e4;
+const MAX_HEIGHT: f64 = 1e4;
 /// Thickness of the lowest layer, whose patches count as touching the ground. The thickness is a fraction of the
 /// shape's height, but at least the second number, in units of [`Patches::scale`].
 const CONTACT: (f64, f64) = (0.02, 0.004);
@@ -207,7 +207,7 @@ const WITHIN_VIEW: f64 = 0.995;
 const FACING_CAMERA: (f64, f64) = (0.5, 0.7);
 /// Smallest number of patches from which a depth camera is detected. Fewer patches are so far apart in direction that a
 /// watertight shape seems to have only one surface per direction.
-const LEAST_SEEN: usize = 500;
+const MIN_SEEN: usize = 500;
 /// Number of patches per cell for which the cell size of the grid of viewing directions is chosen.
 const PATCHES_OF_DIRECTIONS: f64 = 8.0;
 /// Difference in depth above which two patches in one cell of the direction grid belong to two surfaces. The unit is
@@ -275,7 +275,7 @@ pub(crate) fn upright(samples: &Samples, convention: UpConvention) -> Upright {
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
-    let is_height = |k: usize| at[k] <= MOST_HEIGHT;
+    let is_height = |k: usize| at[k] <= MAX_HEIGHT;
     [Up::PlusX, Up::PlusY, Up::PlusZ].into_iter().enumerate().find_map(|(k, up)| {
         let [u, v] = others(k);
         (is_height(k) && is_map(u) && is_map(v)).then_some(up)
@@ -552,7 +552,7 @@ fn floors(patches: &Patches) -> [f64; 6] {
 /// camera looks along +z, y points down; along −z, as in OpenGL, y points up.
 pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     let at = |p: &Patch| p.position * patches.scale + patches.middle;
-    if patches.all.len() < LEAST_SEEN {
+    if patches.all.len() < MIN_SEEN {
         return 0.0;
     }
     let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z * ahead);

@@ -2,7 +2,7 @@
 
 use surfel_shaders::{BindingKind, ENTRIES, Stage, layout};
 
-/// Entry of a bind group layout.
+/// Entry of a bind group (descriptor set) layout: one binding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BindingSlot {
     /// Binding number.
@@ -13,7 +13,8 @@ pub struct BindingSlot {
     pub stages: Vec<Stage>,
 }
 
-/// Returns the bindings of a group that any of these entry points uses, sorted by number.
+/// Returns the bindings of bind group number `group` that any of the entry points with the names `entries` uses, sorted
+/// by binding number.
 pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot> {
     let mut binding_slots: Vec<BindingSlot> = Vec::new();
     for entry in ENTRIES.iter().filter(|entry| entries.iter().any(|e| e.as_ref() == entry.name)) {
@@ -34,7 +35,8 @@ pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot
     binding_slots
 }
 
-/// Returns the number of workgroups needed to cover `length` invocations along an axis of a compute entry point.
+/// Returns the number of workgroups needed to cover `length` invocations along an axis (0 is x, 1 is y, 2 is z) of the
+/// compute entry point with the name `entry`.
 pub fn workgroups(length: u32, entry: &str, axis: usize) -> u32 {
     let entry = ENTRIES.iter().find(|e| e.name == entry);
     let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);

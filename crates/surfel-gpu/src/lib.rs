@@ -3,8 +3,8 @@
 //!
 //! Main types, in reading order:
 //!
-//! 1. [`Upload`]: packs a scene into [`Segment`]s of splats and returns an [`UploadedScene`]; [`Limits`] are the
-//!    device's;
+//! 1. [`Upload`]: packs a scene into [`Segment`]s of splats and returns an [`UploadedScene`]; [`Limits`] state what the
+//!    device allows;
 //! 2. [`FrameTiles`]: the tiles of a frame, each within the device's limits;
 //! 3. [`FrameScene`] and [`TileData`]: the uniforms, visible chunks and near splats that a frame and a tile upload;
 //! 4. [`schedule()`]: the [`Step`]s of a tile, which a backend runs in this order; [`Draw`] and [`PixelPass`] are the

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec2, DVec3};
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_shaders::layout;
 
-/// Struct of 32-bit words. Words that aren't set are zero.
+/// Struct in the layout of the shaders, as 32-bit words. Words that aren't set are zero.
 #[derive(Clone, Debug)]
 pub(crate) struct StructWriter {
     words: Vec<u32>,
@@ -96,7 +96,7 @@ impl StructWriter {
         self.f64(offset + at::HEIGHT, height).u32(offset + at::KIND, kind)
     }
 
-    /// Returns the words before the struct, and those of the struct.
+    /// Returns all words: those before the struct, followed by those of the struct.
     pub(crate) fn into_words(self) -> Vec<u32> {
         self.words
     }

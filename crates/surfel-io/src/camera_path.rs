@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use surfel_model::{Camera, Projection};
 
 /// Largest number of cameras in a camera path.
-const MOST_KEYS: usize = 100_000;
+const MAX_KEYS: usize = 100_000;
 /// Factor for the near plane of a camera that doesn't state one. The plane's distance from the eye is at most `NEAR`
 /// times the target's, so that the plane clips nothing.
 const NEAR: f64 = 1e-3;
@@ -112,8 +112,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<CameraKeys, IoError> {
         let found = if count == 1 { "1 key".to_owned() } else { format!("{count} keys") };
         return refused(Problem::new(format!("has {found}")).expected("at least 2: the first and the last camera"));
     }
-    if count > MOST_KEYS {
-        return refused(Problem::new(format!("has {count} keys")).expected(format!("at most {MOST_KEYS}")));
+    if count > MAX_KEYS {
+        return refused(Problem::new(format!("has {count} keys")).expected(format!("at most {MAX_KEYS}")));
     }
     let base = path.parent().unwrap_or(Path::new(""));
     let mut keys: Vec<PathKey> = Vec::with_capacity(count);

@@ -12,11 +12,11 @@ use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
 /// Maximum number of faces or points per byte of a Draco stream. Valid files have far fewer; headers of hostile files
 /// state more.
-const MOST_PER_BYTE: u64 = 4096;
+const MAX_PER_BYTE: u64 = 4096;
 
 /// Decompresses a mesh or points, or returns the reason why that fails.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
-    let most = (bytes.len() as u64 * MOST_PER_BYTE).saturating_add(1 << 16);
+    let most = (bytes.len() as u64 * MAX_PER_BYTE).saturating_add(1 << 16);
     let limits = DecodeLimits::default()
         .with_max_points(most.min(1 << 26))
         .with_max_faces(most.min(1 << 26))

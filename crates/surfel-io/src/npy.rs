@@ -219,8 +219,8 @@ impl<'a> Members<'a> {
     #[cfg(feature = "laz")]
     pub(crate) fn survey(&self) -> Option<Surveyed> {
         const HEAD_BYTES: usize = 1 << 12;
-        const MOST_ARRAYS: usize = 1000;
-        if self.0.len() > MOST_ARRAYS {
+        const MAX_ARRAYS: usize = 1000;
+        if self.0.len() > MAX_ARRAYS {
             return None;
         }
         let head = |content: &Member<'a>| match content {

@@ -9,7 +9,7 @@ use glam::{DVec2, DVec3};
 
 /// Largest number of corners of a polygon that is cut by ear clipping; larger ones become fans. Time grows with the
 /// square, up to some tenths of a second at this limit.
-const MOST_CORNERS: usize = 10_000;
+const MAX_CORNERS: usize = 10_000;
 /// Largest area of a triangle, relative to its polygon's area, that may face backward or be cut off as flat. Rounded
 /// coordinates of collinear corners cause such triangles.
 const FLAT: f64 = 1e-6;
@@ -43,7 +43,7 @@ impl Triangulator {
     pub(crate) fn cut(&mut self, polygon: &[u32], position: impl Fn(u32) -> Option<DVec3>) -> &[[u32; 3]] {
         let n = polygon.len();
         self.fan(n);
-        if (4..=MOST_CORNERS).contains(&n) {
+        if (4..=MAX_CORNERS).contains(&n) {
             self.corners.clear();
             self.corners.extend(polygon.iter().map_while(|i| position(*i)));
             let normal = newell(&self.corners);
@@ -346,7 +346,7 @@ mod tests {
 
     #[test]
     fn many_corners_take_no_longer_than_their_square() {
-        let n = MOST_CORNERS as i32;
+        let n = MAX_CORNERS as i32;
         // No tooth's ears block another, but all have to be tested.
         let comb = (0..n - 2).map(|i| [f64::from(i), if i % 2 == 0 { 0.0 } else { 9.0 }]);
         let comb: Vec<[f64; 2]> = comb.chain([[f64::from(n), 10.0], [0.0, 10.0]]).collect();

@@ -26,7 +26,7 @@ const SMALL: f32 = 4.0;
 const LANES: usize = 4;
 /// Largest slope of a surface in a depth map: change of depth, in texel widths, per texel. Steeper surfaces are treated
 /// as if they had this slope.
-const MOST_SLOPE: f32 = 8.0;
+const MAX_SLOPE: f32 = 8.0;
 
 /// Disk projected to a depth map, as [`DepthMap::draw_small`] needs it.
 struct Ellipse {
@@ -107,11 +107,11 @@ impl DepthMap {
     }
 
     /// Returns the decrease of a plane's depth per texel, along both axes of the map. Slopes are limited to
-    /// [`MOST_SLOPE`]. The normal may have any length.
+    /// [`MAX_SLOPE`]. The normal may have any length.
     #[inline]
     pub(crate) fn fall(&self, normal: Vec3) -> Vec2 {
         let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / normal.dot(self.forward);
-        let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) / self.scale();
+        let slope = slope.clamp(Vec2::splat(-MAX_SLOPE), Vec2::splat(MAX_SLOPE)) / self.scale();
         // A plane parallel to the light has no slope.
         if slope.is_finite() { slope } else { Vec2::ZERO }
     }

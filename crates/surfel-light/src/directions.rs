@@ -11,7 +11,7 @@ const GOLDEN_TURN: f64 = 0.618_033_988_749_894_9;
 /// Ratio of the number of directions in the sky to the number in each of its bright areas.
 const AREA_SHARE: u32 = 4;
 /// Smallest number of directions in a bright area of the sky.
-const LEAST_AREA: u32 = 16;
+const MIN_AREA: u32 = 16;
 /// Ratio of the number of directions in the upper half of the sky to that in the lower half, if the lower half shines.
 const LOWER_SHARE: u32 = 3;
 
@@ -40,7 +40,7 @@ pub(crate) fn rays(sky: &Sky) -> Vec<Ray> {
     };
     let mut rays: Vec<Ray> = half(up, upper, sky.above).chain(half(-up, lower, sky.below)).collect();
     for area in &sky.areas {
-        let count = (sky.directions / AREA_SHARE).max(LEAST_AREA);
+        let count = (sky.directions / AREA_SHARE).max(MIN_AREA);
         let middle = unit(area.toward.into());
         let least = area.half_angle_deg.to_radians().cos();
         let all: Vec<DVec3> = cap(middle, least, count).collect();

@@ -41,9 +41,9 @@ const SPARSE: usize = 4;
 
 /// Smallest number of depth maps that are drawn together, before one pass over the receivers looks up all of these
 /// maps.
-const LEAST_MAPS: usize = 4;
+const MIN_MAPS: usize = 4;
 /// Largest number of depth maps that are drawn together, before one pass over the receivers. It limits memory.
-const MOST_MAPS: usize = 16;
+const MAX_MAPS: usize = 16;
 
 /// Light that reaches both sides of a receiver, as brightness of a white surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -100,7 +100,7 @@ pub(crate) fn gather<const N: usize>(
     let mut light = receivers.map(|group| vec![Light::default(); group.len()]);
     let near = receivers.map(|all| all.chunks(GROUP).map(|group| Near::of(group, side)).collect::<Vec<_>>());
     let mut maps: Vec<DepthMap> = Vec::new();
-    let at_once = rayon::current_num_threads().clamp(LEAST_MAPS, MOST_MAPS);
+    let at_once = rayon::current_num_threads().clamp(MIN_MAPS, MAX_MAPS);
     for (chunk, rays) in rays.chunks(at_once).enumerate() {
         let first = chunk * at_once;
         maps.resize_with(rays.len().max(maps.len()), || DepthMap::new(side));

@@ -24,13 +24,13 @@ const NEIGHBOURS: usize = 8;
 /// Largest distance along a splat's plane, in half-axes, of the neighbours that [`noise_of`] uses. Their height above
 /// the plane may be at most one half-axis.
 const MAX_NEIGHBOUR_DISTANCE: f64 = 1.25;
-/// Number of splats of a cloud below which [`noise_of`] returns [`LEAST_NOISE`] instead of an estimate.
+/// Number of splats of a cloud below which [`noise_of`] returns [`MIN_NOISE`] instead of an estimate.
 const MIN_NOISE_SPLATS: usize = 64;
 /// Ratio of a cloud's noise to the 90th percentile of the largest heights of neighbours above a splat's plane.
 const NOISE_FACTOR: f32 = 1.5;
 /// Smallest noise of a cloud that [`noise_of`] returns, in half-axes. Even without noise, neighbours on a curved
 /// surface are outside each other's planes.
-const LEAST_NOISE: f32 = 0.05;
+const MIN_NOISE: f32 = 0.05;
 /// Weights of linear red, green and blue in the luminance (ITU-R BT.709).
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
@@ -122,11 +122,11 @@ fn noise_of(cloud: &SplatCloud) -> f32 {
     };
     let mut heights: Vec<f64> = (0..order.len()).step_by(step).map(of_splat).collect();
     if order.len() < MIN_NOISE_SPLATS {
-        return LEAST_NOISE;
+        return MIN_NOISE;
     }
     let place = heights.len() * 9 / 10;
     let height = *heights.select_nth_unstable_by(place, f64::total_cmp).1;
-    (NOISE_FACTOR * height as f32).clamp(LEAST_NOISE, 1.0)
+    (NOISE_FACTOR * height as f32).clamp(MIN_NOISE, 1.0)
 }
 
 /// Transforms a normal to world space by a normal matrix.

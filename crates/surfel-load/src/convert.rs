@@ -407,7 +407,7 @@ fn points_note(report: &PointReport) -> String {
         note += &format!(
             "; the file's radii are left a column: their median is {} spacings of the points, expected at most {}",
             number(times),
-            surfel_sample::MOST_SPACINGS
+            surfel_sample::MAX_SPACINGS
         );
     }
     if report.normals_off > 0 {

@@ -8,7 +8,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use surfel_io::atomic::Temporary;
-use surfel_io::copc::{FileState, LEAST_MEMORY, NodeCache};
+use surfel_io::copc::{FileState, MIN_MEMORY, NodeCache};
 use surfel_sample::Progress;
 
 /// Cache for point files that are drawn with levels of detail. Images with the same cache share its data.
@@ -40,7 +40,7 @@ impl Default for LevelStore {
     /// Creates a store that doesn't cache decoded nodes, for a single image or for images that share one selection of
     /// nodes.
     fn default() -> Self {
-        Self { nodes: None, converted: Mutex::default(), least_memory: LEAST_MEMORY }
+        Self { nodes: None, converted: Mutex::default(), least_memory: MIN_MEMORY }
     }
 }
 

@@ -19,7 +19,7 @@ pub const LARGE_PX: f64 = 32.0;
 
 /// Smallest radius of a ball in a shadow map, in texels; smaller balls are enlarged. At this radius every ball covers a
 /// texel's centre, so that none loses its shadow.
-pub const LEAST_TEXELS: f64 = std::f64::consts::FRAC_1_SQRT_2;
+pub const MIN_TEXELS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// The ellipse that a ball or a dot covers on the screen. Its points are dx = `extent.x`·(`skew`·v + `width`·u), dy =
 /// `extent.y`·v over the unit disk u² + v² ≤ 1.

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 
 /// Smallest length of an ellipsoid's half-axis relative to its longest. [`shortest_axis`] lengthens shorter ones to it,
 /// because the direction of a zero axis would be lost.
-const LEAST_AXIS: f64 = 1e-9;
+const MIN_AXIS: f64 = 1e-9;
 /// Largest cosine of the angle between two half-axes that count as perpendicular, so that they need no further
 /// rotation.
 const RIGHT_ANGLE: f64 = 1e-12;
@@ -85,9 +85,9 @@ pub fn shortest_axis(axes: [V3<f64>; 3], sigmas: [f64; 3]) -> V3<f64> {
     let lengths = [0, 1, 2].map(|k: usize| sigmas[k] * axes[k].length());
     let largest = lengths.into_iter().fold(0.0, f64::max);
     // Half-axes of almost no length are lengthened, so that they have a direction.
-    let scaled = |k: usize| match lengths[k] > LEAST_AXIS * largest {
+    let scaled = |k: usize| match lengths[k] > MIN_AXIS * largest {
         true => axes[k] * (sigmas[k] / largest),
-        false => axes[k] * (LEAST_AXIS / axes[k].length().max(f64::MIN_POSITIVE)),
+        false => axes[k] * (MIN_AXIS / axes[k].length().max(f64::MIN_POSITIVE)),
     };
     let mut half_axes = [0, 1, 2].map(scaled);
     let mut is_turned = false;

@@ -19,10 +19,10 @@ use crate::{Real, V2};
 const STRAIGHT: f64 = 1e-9;
 /// Largest weight of a curve's middle control point that is used; larger weights are limited to it. The curve then
 /// equals its control polygon within far less than f32's precision.
-const MOST_WEIGHT: f64 = 1e12;
+const MAX_WEIGHT: f64 = 1e12;
 /// Smallest scale of a clip's chord form, where the other forms have scale 1. The form's square thereby stays a normal
 /// f32.
-const LEAST_SCALE: f64 = 1e-18;
+const MIN_SCALE: f64 = 1e-18;
 
 /// A rational quadratic Bézier curve over the unit disk (C12 eq. 3), with end weights 1.
 ///
@@ -148,7 +148,7 @@ impl Clip<f64> {
         let [a1, a2, a3] = [left_of(p2, p3), left_of(p3, p1), left_of(p1, p2)].map(|l| scaled(&l, sign));
         // 4w²·a1·a3 = a2² as side1·side3 = chord², with sides of scale 1 or less: products stay within f32's range.
         let sides = 1.0 / size(&a1).max(size(&a3));
-        let chord = (sides / (2.0 * curve.w.min(MOST_WEIGHT))).max(LEAST_SCALE);
+        let chord = (sides / (2.0 * curve.w.min(MAX_WEIGHT))).max(MIN_SCALE);
         let shrink = 1.0 / (chord * size(&a2)).max(1.0);
         Self {
             chord: scaled(&a2, chord * shrink),

@@ -5,19 +5,19 @@ use std::sync::OnceLock;
 
 /// Largest magnitude of a linear colour channel; larger ones are limited to it (rendering model §10). It is slightly
 /// below the maximum of f32, so that blending colours never overflows.
-pub const LARGEST_COLOR: f64 = 3.4028e38;
+pub const MAX_COLOR: f64 = 3.4028e38;
 
-/// Limits a channel of a colour to ±[`LARGEST_COLOR`].
+/// Limits a channel of a colour to ±[`MAX_COLOR`].
 #[inline(always)]
 pub fn limit_color<R: Real>(channel: R) -> R {
-    let largest = channel.constant(LARGEST_COLOR);
+    let largest = channel.constant(MAX_COLOR);
     channel.min(largest).max(-largest)
 }
 
 /// Limits the channels of a light's colour, so that the sum of `lights` lights and the ambient light stays within
-/// ±[`LARGEST_COLOR`].
+/// ±[`MAX_COLOR`].
 pub fn limit_light(color: [f64; 3], lights: usize) -> [f64; 3] {
-    let most = LARGEST_COLOR / (lights as f64 + 1.0);
+    let most = MAX_COLOR / (lights as f64 + 1.0);
     color.map(|channel| channel.clamp(-most, most))
 }
 
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(limited, [3.4028e38, -3.4028e38, 3.4028e38, 3.4e38, -0.5]);
         assert_eq!([1e91, -1e300, 0.25].map(limit_color), [3.4028e38, -3.4028e38, 0.25]);
         // Room for roundings of a blend.
-        assert!((LARGEST_COLOR as f32 * (1.0 + 2e-6)).is_finite());
+        assert!((MAX_COLOR as f32 * (1.0 + 2e-6)).is_finite());
     }
 
     #[test]

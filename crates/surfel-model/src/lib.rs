@@ -90,7 +90,7 @@ pub use points::PointCloud;
 pub use points_as::{DOT_PX, PointRadius, PointsAs};
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{
-    Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,
+    Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MAX_LOD_ERROR_PX, Mapping, Settings, Shader,
     Sort, Transparency,
 };
 pub use sky::{Ground, GroundStyle, Sky, SkyArea};

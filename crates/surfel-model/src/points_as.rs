@@ -31,7 +31,7 @@ pub enum PointRadius {
 pub const DOT_PX: f64 = 1.5;
 
 /// Largest accepted radius in pixels: the side of the largest square image ([`crate::MAX_IMAGE_PIXELS`]).
-const MOST_PX: f64 = 16_384.0;
+const MAX_PX: f64 = 16_384.0;
 
 impl std::fmt::Display for PointRadius {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -92,10 +92,10 @@ impl std::str::FromStr for PointRadius {
         };
         let radius = number.trim().parse::<f64>().ok().filter(|r| *r > 0.0 && (*r as f32).is_normal());
         match radius {
-            Some(radius) if in_pixels && radius <= MOST_PX => Ok(Self::Pixels(radius)),
+            Some(radius) if in_pixels && radius <= MAX_PX => Ok(Self::Pixels(radius)),
             Some(radius) if !in_pixels => Ok(Self::World(radius)),
             _ => Err(format!(
-                "the radius is '{text}', expected a number greater than 0 in the file's units, or up to {MOST_PX}px"
+                "the radius is '{text}', expected a number greater than 0 in the file's units, or up to {MAX_PX}px"
             )),
         }
     }

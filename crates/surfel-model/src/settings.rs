@@ -44,7 +44,7 @@ pub struct Settings {
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
     pub gaussian_filter: Filter,
     /// Largest radius, in pixels, of the splats that are selected from levels of detail (octrees and COPC files);
-    /// greater than 0, at most [`MOST_LOD_ERROR_PX`].
+    /// greater than 0, at most [`MAX_LOD_ERROR_PX`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
 }
@@ -99,13 +99,13 @@ impl Default for Settings {
 
 /// Largest accepted kernel cutoff c. The weight at a splat's rim is then e^−50 = 2e-22. f32 can still represent this
 /// weight when it is multiplied by a tiny splat's fraction of a pixel.
-const MOST_CUTOFF: f64 = 50.0;
+const MAX_CUTOFF: f64 = 50.0;
 /// Largest accepted value of [`Settings::lod_error_px`], in pixels.
-pub const MOST_LOD_ERROR_PX: f64 = 1e6;
+pub const MAX_LOD_ERROR_PX: f64 = 1e6;
 
 /// Largest accepted number of layers of transparent splats. Nothing is visible behind so many layers, and backends draw
 /// one pass for each.
-const MOST_LAYERS: u32 = 64;
+const MAX_LAYERS: u32 = 64;
 
 impl Settings {
     crate::setters! {
@@ -130,7 +130,7 @@ impl Settings {
     /// # Errors
     /// [`ModelError::OutOfRange`] naming the field.
     pub fn validate(&self) -> Result<(), ModelError> {
-        if !(self.cutoff > 0.0 && self.cutoff <= MOST_CUTOFF) {
+        if !(self.cutoff > 0.0 && self.cutoff <= MAX_CUTOFF) {
             return Err(ModelError::range("settings.cutoff", self.cutoff, "a number in (0, 50]"));
         }
         if !(self.prefilter_radius_px >= 0.0 && self.prefilter_radius_px <= 1e4) {
@@ -145,12 +145,12 @@ impl Settings {
             let found = self.gaussian_filter.name();
             return Err(ModelError::range("settings.gaussian_filter", found, "clamp or principal"));
         }
-        if !(self.lod_error_px > 0.0 && self.lod_error_px <= MOST_LOD_ERROR_PX) {
+        if !(self.lod_error_px > 0.0 && self.lod_error_px <= MAX_LOD_ERROR_PX) {
             let found = self.lod_error_px;
             return Err(ModelError::range("settings.lod_error_px", found, "a number of pixels in (0, 1000000]"));
         }
         if let Transparency::Peel { layers, .. } | Transparency::ABuffer { layers } = self.transparency
-            && !(1..=MOST_LAYERS).contains(&layers)
+            && !(1..=MAX_LAYERS).contains(&layers)
         {
             return Err(ModelError::range("settings.transparency", self.transparency, "1 to 64 layers"));
         }
@@ -411,7 +411,7 @@ impl std::str::FromStr for Transparency {
         let layers = |n: &str| {
             n.parse::<u32>()
                 .ok()
-                .filter(|n| (1..=MOST_LAYERS).contains(n))
+                .filter(|n| (1..=MAX_LAYERS).contains(n))
                 .ok_or_else(|| format!("'{s}': the number of layers must be a whole number from 1 to 64"))
         };
         match s.split(':').collect::<Vec<_>>()[..] {

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Default number of directions by which a sky is sampled ([`Sky::directions`]).
 const DIRECTIONS: u32 = 128;
 /// Largest accepted number of directions by which a sky is sampled ([`Sky::directions`]).
-const MOST_DIRECTIONS: u32 = 65_536;
+const MAX_DIRECTIONS: u32 = 65_536;
 
 /// Light from all around (rendering model §12): a sky, and areas of it that shine more strongly. It is computed once
 /// per scene and stored in the colours of the splats, so that later images of the scene are as fast as without it.
@@ -109,7 +109,7 @@ impl Sky {
         direction("sky.up", &self.up)?;
         strength("sky.above", self.above)?;
         strength("sky.below", self.below)?;
-        if !(1..=MOST_DIRECTIONS).contains(&self.directions) {
+        if !(1..=MAX_DIRECTIONS).contains(&self.directions) {
             return Err(ModelError::range("sky.directions", self.directions, "a whole number from 1 to 65536"));
         }
         if !(0.0..=1.0).contains(&self.even) {

@@ -32,7 +32,7 @@ const RINGS: [f64; 2] = [0.5, 0.95];
 const DIRECTIONS: usize = 8;
 /// Smallest |n_z| of a splat's unit normal in the depth tolerance, as in the rendering model. It limits the tolerance
 /// of steep splats.
-const LEAST_SLOPE: f64 = 0.02;
+const MIN_SLOPE: f64 = 0.02;
 /// Horizontal distance, in pixels, whose rise or fall along a splat's slope is added to the splat's depth tolerance.
 const SLOPE_PX: f64 = 1.4;
 
@@ -177,7 +177,7 @@ impl Surface<'_> {
         let ((s, t), center) = (cloud.axes(i), cloud.center(i));
         let n = s.cross(t);
         let length = n.length();
-        let slope = n.truncate().length() / n.z.abs().max(LEAST_SLOPE * length);
+        let slope = n.truncate().length() / n.z.abs().max(MIN_SLOPE * length);
         let tolerance = s.length().max(t.length()) + SLOPE_PX * self.gsd * slope;
         let behind = |u: f64, v: f64| self.is_behind(center + u * s + v * t, tolerance);
         let on_ring = |k: usize| {

@@ -11,11 +11,11 @@ use rayon::prelude::*;
 use surfel_model::PointCloud;
 
 /// Largest number of decimal places that are tried for the step of coordinates: the finest decade is 10⁻⁸.
-const MOST_DIGITS: i32 = 8;
+const MAX_DIGITS: i32 = 8;
 /// Steps that are tried in each decade 1, 0.1, …, as numerator and denominator: 1, 0.5, 0.25 and 0.2.
 const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
 /// Largest rounding error of coordinates, relative to a step, at which the step is tried.
-const MOST_OF_A_STEP: f64 = 0.3;
+const MAX_OF_A_STEP: f64 = 0.3;
 /// Step of the coordinates in COPC files, as a fraction of the file's extent. COPC stores multiples of 2⁻³⁰ of the
 /// extent.
 const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
@@ -67,7 +67,7 @@ impl Canonical {
             // multiples of it, too.
             let least = if is_near { 4.0 * f64::from(f32::EPSILON) * largest[axis] } else { 0.0 };
             let step = |(numerator, denominator): &(f64, f64)| numerator / denominator;
-            let is_usable = |s: &(f64, f64)| step(s) >= least && lost <= MOST_OF_A_STEP * step(s);
+            let is_usable = |s: &(f64, f64)| step(s) >= least && lost <= MAX_OF_A_STEP * step(s);
             let fits = |s: &(f64, f64)| {
                 let axis_of = Axis::Decimal { numerator: s.0, denominator: s.1 };
                 let is_multiple = |i: usize| {
@@ -76,7 +76,7 @@ impl Canonical {
                 };
                 (0..points.len()).into_par_iter().with_min_len(4096).all(is_multiple)
             };
-            let steps = (0..=MOST_DIGITS).flat_map(|digits| {
+            let steps = (0..=MAX_DIGITS).flat_map(|digits| {
                 STEPS.map(|(numerator, denominator)| (numerator, denominator * 10_f64.powi(digits)))
             });
             let found = steps.filter(is_usable).find(fits);

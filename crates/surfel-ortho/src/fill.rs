@@ -19,7 +19,7 @@ use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Largest radius, in pixels, of the circle by which the gaps to fill are limited.
-pub(crate) const MOST_PX: u32 = 512;
+pub(crate) const MAX_PX: u32 = 512;
 /// Number of directions from an empty pixel in which the nearest data are searched.
 const DIRECTIONS: usize = 32;
 /// Weight that pulls the fitted plane toward a horizontal one, relative to the data's mean squared weighted distance.

@@ -17,7 +17,7 @@ const HALO_SPACINGS: f64 = 12.0;
 /// near the block's border.
 const MARGIN_SPACINGS: f64 = 6.0;
 /// Maximum width of the margin around a block, in pixels.
-const MOST_MARGIN_PX: i64 = 1024;
+const MAX_MARGIN_PX: i64 = 1024;
 /// Number of bins along a block's side. Each file's points are sorted into these square bins, so that the points of a
 /// block are found quickly.
 const BINS: i64 = 4;
@@ -58,7 +58,7 @@ impl Layout {
         }
         let halo = (HALO_SPACINGS * spacing).max(reach).max(8.0 * gsd);
         let margin = ((MARGIN_SPACINGS * spacing).max(reach) / gsd).ceil() + 4.0;
-        let margin_px = margin.min(MOST_MARGIN_PX as f64) as i64;
+        let margin_px = margin.min(MAX_MARGIN_PX as f64) as i64;
         let mut block_px = BLOCK_PX.0;
         let points = |side: i64| density * ((side + 2 * margin_px) as f64 * gsd + 2.0 * halo).powi(2);
         while block_px > BLOCK_PX.1 && points(block_px) > BLOCK_POINTS {

@@ -205,7 +205,7 @@ impl Ortho {
         let asked = asked(&options)?;
         if let Some(distance) = options.fill {
             let found = distance / options.gsd;
-            if !(distance > 0.0 && found.is_finite() && found <= f64::from(fill::MOST_PX)) {
+            if !(distance > 0.0 && found.is_finite() && found <= f64::from(fill::MAX_PX)) {
                 let expected = "a number greater than 0, and at most 512 pixels";
                 return Err(
                     ModelError::OutOfRange { field: "fill".into(), found: distance.to_string(), expected }.into()

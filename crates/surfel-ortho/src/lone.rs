@@ -14,14 +14,14 @@ const REACH: f64 = 8.0;
 const COMPANIONS: usize = 2;
 /// Smallest number of neighbours in the plane (within [`REACH`] in x and y, at any height) at which a point can be
 /// isolated. Sparse points have fewer.
-const LEAST_AROUND: usize = 16;
+const MIN_AROUND: usize = 16;
 /// Number of cells of the search grid along the neighbourhood's radius. Points in the same cell are then always
 /// neighbours.
 const CELLS: f64 = 2.0;
 
 /// Returns one flag per point, true if the point is isolated in height. `spacing` is the mean distance between points.
 pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
-    if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
+    if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= MIN_AROUND {
         return vec![false; positions.len()];
     }
     let reach_squared = (REACH * spacing).powi(2);
@@ -50,12 +50,12 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
                     return false;
                 }
                 let [from, to] = [row, row.saturating_add(1)].map(|row| first_at([column, row, 0]));
-                if around <= LEAST_AROUND {
-                    around += sorted[from..to].iter().filter(near).take(LEAST_AROUND + 1).count();
+                if around <= MIN_AROUND {
+                    around += sorted[from..to].iter().filter(near).take(MIN_AROUND + 1).count();
                 }
             }
         }
-        around > LEAST_AROUND
+        around > MIN_AROUND
     };
     // Points in cells with enough points needn't be tested. This holds for most cells.
     let runs: Vec<&[([u32; 3], u32)]> =

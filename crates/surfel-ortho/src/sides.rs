@@ -39,9 +39,9 @@ const OUTLINE_SQUARE: f64 = 0.4;
 /// Average number of points per cell of the search grid, at most.
 const CELL_POINTS: f64 = 2.0;
 /// Maximum number of points used to locate the edge at one pixel, plus one row of grid cells. More points are thinned.
-const MOST_POINTS: usize = 1024;
+const MAX_POINTS: usize = 1024;
 /// Maximum number of cells of the search grid along each axis.
-const MOST_CELLS: f64 = 4096.0;
+const MAX_CELLS: f64 = 4096.0;
 /// Probability of being beneath another surface above which a point may count as beneath it.
 const BENEATH: f32 = 0.5;
 /// Probability of being beneath another surface above which a point shows that the lower surface continues there. Upper
@@ -114,7 +114,7 @@ impl EdgeLocator {
         // If large parts of the bounds are empty, points are denser than this estimate, and the mean radius limits the
         // cells.
         let mean_radius = points.iter().map(|p| f64::from(p.radius)).sum::<f64>() / points.len().max(1) as f64;
-        let cell = even.min(mean_radius).max(width.max(height) / MOST_CELLS);
+        let cell = even.min(mean_radius).max(width.max(height) / MAX_CELLS);
         let cells = [width, height].map(|side| (side / cell).floor() as usize + 1);
         let (starts, beneath) = (Vec::new(), Vec::new());
         let mut all = Self { points, starts, beneath, least: [x0, y0], cell, cells, reach: 0.0 };
@@ -205,7 +205,7 @@ impl EdgeLocator {
     }
 
     /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. Of many more
-    /// than [`MOST_POINTS`], as on a wall seen from above, only a regular selection is returned.
+    /// than [`MAX_POINTS`], as on a wall seen from above, only a regular selection is returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -218,7 +218,7 @@ impl EdgeLocator {
             first..self.starts[row * self.cells[0] + right + 1] as usize
         };
         let count: usize = rows.clone().map(|row| of_row(row).len()).sum();
-        let step = count.div_ceil(MOST_POINTS).max(1);
+        let step = count.div_ceil(MAX_POINTS).max(1);
         rows.flat_map(move |row| of_row(row).step_by(step))
     }
 
@@ -453,7 +453,7 @@ mod tests {
         let mut clump = step(0.0, 3.0);
         clump.extend(vec![DVec3::new(-0.01, 0.0, 3.0); 100_000]);
         let clump = sides(&clump, 0.8);
-        assert!(clump.around(0.0, 0.0, 1.0).count() < 2 * MOST_POINTS);
+        assert!(clump.around(0.0, 0.0, 1.0).count() < 2 * MAX_POINTS);
         assert!((0.0..=1.0).contains(&share_of(&clump, 0.1, 0.0, 3.0, 0.0).unwrap()));
     }
 

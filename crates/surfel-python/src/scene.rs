@@ -24,7 +24,7 @@ use surfel_model::{Camera, Light, Scene};
 use surfel_render::Planes;
 
 /// Maximum number of lights. Each light may need a shadow map.
-const MOST_LIGHTS: usize = 256;
+const MAX_LIGHTS: usize = 256;
 
 /// Options as pairs of long name and value, both as text.
 pub(crate) type Flags = Vec<(String, String)>;
@@ -106,8 +106,8 @@ fn camera_of(json: &str) -> Result<(Camera, bool), String> {
 /// Parses the list of lights of a scene file.
 fn lights(json: &str) -> Result<Vec<Light>, String> {
     let listed: Vec<serde_json::Value> = serde_json::from_str(json).map_err(|e| format!("lights: {e}"))?;
-    if listed.len() > MOST_LIGHTS {
-        return Err(format!("lights: {} of them, expected at most {MOST_LIGHTS}", listed.len()));
+    if listed.len() > MAX_LIGHTS {
+        return Err(format!("lights: {} of them, expected at most {MAX_LIGHTS}", listed.len()));
     }
     let mut lights = Vec::new();
     for (i, value) in listed.into_iter().enumerate() {

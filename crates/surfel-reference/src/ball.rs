@@ -7,7 +7,7 @@ use crate::shade::{Lighting, Surface};
 use crate::splat::ObjectView;
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::ball::{BallHit, Exact, LEAST_TEXELS, Outline, SOLID};
+use surfel_math::ball::{BallHit, Exact, MIN_TEXELS, Outline, SOLID};
 use surfel_math::basis::unit;
 use surfel_math::bounds::Extent;
 use surfel_math::{V2, V3};
@@ -69,9 +69,9 @@ impl<'a> BallView<'a> {
         Self { view, least_px: 0.0 }
     }
 
-    /// Creates the view of a shadow map, in which small balls are enlarged to [`LEAST_TEXELS`].
+    /// Creates the view of a shadow map, in which small balls are enlarged to [`MIN_TEXELS`].
     pub(crate) fn of_shadow_map(view: &'a View) -> Self {
-        Self { view, least_px: LEAST_TEXELS }
+        Self { view, least_px: MIN_TEXELS }
     }
 
     /// Projects all balls of a scene that are drawn in the view.

@@ -2,7 +2,7 @@
 
 use crate::scene::ResidentScene;
 use crate::{frame, gaussians};
-use surfel_model::{EdgeAa, MOST_LOD_ERROR_PX, Scene, Settings};
+use surfel_model::{EdgeAa, MAX_LOD_ERROR_PX, Scene, Settings};
 use surfel_render::{Capabilities, Frame, Identity, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 const CAPABILITIES: Capabilities = Capabilities::everything("reference");
@@ -74,7 +74,7 @@ impl Renderer {
     ) -> Result<Stats, RenderError> {
         let fine_view = view.supersampled(samples)?;
         // Nodes of an octree are selected for the image's pixels, not for the samples.
-        let lod_error_px = (settings.lod_error_px * f64::from(samples)).min(MOST_LOD_ERROR_PX);
+        let lod_error_px = (settings.lod_error_px * f64::from(samples)).min(MAX_LOD_ERROR_PX);
         let settings = settings.with_prefilter_radius_px(0.0).with_edge_aa(EdgeAa::Off).with_lod_error_px(lod_error_px);
         if planes.index || planes.label || planes.position {
             return Err(RenderError::Unsupported {

@@ -36,7 +36,7 @@
 //! `surfel-reference`. It draws nothing, and no GPU type is visible.
 //!
 //! # Features
-//! `save` adds `Frame::save_png`, `Frame::save_exr` and `Frame::planes`.
+//! `save` adds `Frame::save_png` and `Frame::planes`, and `exr` adds `Frame::save_exr`.
 
 mod background;
 mod balls;

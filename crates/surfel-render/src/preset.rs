@@ -51,7 +51,7 @@ const STEP: f32 = 0.02;
 
 /// Smallest fraction of an image's pixels that must be inside surfaces. An image with fewer shows isolated splats, and
 /// [`inside_surfaces`] returns `None`.
-const LEAST_SHARE: f64 = 0.05;
+const MIN_SHARE: f64 = 0.05;
 
 /// Returns a flag per pixel that is true inside a surface. There the pixel and all eight neighbours have a surface, and
 /// no neighbour's depth differs by more than 1/50. Requires the depth plane. `None` if fewer than one pixel in twenty
@@ -71,7 +71,7 @@ pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
     };
     let inside: Vec<bool> = (0..width * height).map(is_inside).collect();
     let count = inside.iter().filter(|inside| **inside).count();
-    (count > 0 && count as f64 >= LEAST_SHARE * inside.len() as f64).then_some(inside)
+    (count > 0 && count as f64 >= MIN_SHARE * inside.len() as f64).then_some(inside)
 }
 
 impl Preset {

@@ -4,7 +4,7 @@
 //! A *slot* is a point's place in the order of [`SortedPoints`], and a *grid step* is the unit of its coordinates. A
 //! *run* is the range of consecutive slots that one task measures.
 
-use crate::cell::{Cell, MOST_IN_CELL};
+use crate::cell::{Cell, MAX_IN_CELL};
 use crate::class::{ALONE, FLAT, Measured, needs_coherence};
 use crate::eigen::{symmetric2, symmetric3};
 use crate::lanes::{LANES, compress, numbers, rank};
@@ -19,13 +19,13 @@ use fearless_simd::{Level, dispatch, f32x16, u32x16};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// Largest distance from a point to a corner of its cell at which the cell counts as closed. It applies to cells
-/// bounded by the nearest neighbours, and is relative to the distance of the farthest of them. At a border, where
+/// Largest distance from a point to a corner of its Voronoi cell at which the cell counts as closed, for cells bounded
+/// by the nearest neighbours. The distance is relative to that of the farthest of these neighbours. At a border, where
 /// points jut out by chance, cells close far outside the surface. The limit admits cells that reach halfway to the next
 /// scan line.
 const MAX_CLOSED_REACH: f32 = 0.75;
-/// Limit like [`MAX_CLOSED_REACH`] for cells bounded by the neighbours of a wider search, which reach farther relative
-/// to the spacing.
+/// Limit like [`MAX_CLOSED_REACH`] for cells bounded by the neighbours of a wider search ([`WIDE`] or [`WIDEST`]). This
+/// search reaches farther relative to the spacing.
 const MAX_CLOSED_REACH_WIDE: f32 = 0.55;
 /// Smallest cosine (60°) between the normals of a point and of a neighbour that may bound the point's cell. Neighbours
 /// at larger angles belong to the back of a thin part, or to the far side of a crease.
@@ -34,20 +34,21 @@ pub(crate) const AGREE: f32 = 0.5;
 /// point's cell. Steeper neighbours belong to another surface.
 const MAX_NEIGHBOUR_SINE: f32 = 0.866;
 /// Smallest cosine (120°) between the normals of a point and of a neighbour in the second attempt to build the point's
-/// cell ([`NeighbourSet::Around`]). It follows if neighbours within [`AGREE`] leave the cell open. The surface may
-/// continue around a crease or a limb, and points beyond the crease then bound the disk. Only neighbours on the back
-/// are excluded.
+/// cell ([`NeighbourSet::Around`]). The attempt is made if neighbours within [`AGREE`] leave the cell open. The surface
+/// may continue around a crease or a limb, and points beyond the crease then bound the cell. Only neighbours that face
+/// away, as on the back of a thin part, are excluded.
 const MIN_COSINE_AROUND: f32 = -0.5;
 /// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
 const RING: usize = 6;
-/// Rank, counted from 1, of the neighbour whose distance limits a disk without a closed cell. In a square grid, four
-/// points surround a point.
+/// Rank, counted from 1, of the neighbour whose distance limits the disk of a point without a closed cell. In a square
+/// grid, four points surround a point.
 const GRID: usize = 4;
-/// Squared distance from a point's scan line above which a neighbour belongs to another line. It is a fraction of the
-/// largest such distance in the search.
+/// Smallest squared distance from a point's scan line at which a neighbour belongs to another line. It is a fraction of
+/// the largest squared distance from that line among the neighbours found.
 const BESIDE: f32 = 0.1;
 
-/// Measurements of one point's cell and neighbours; lengths are in grid steps of [`SortedPoints`].
+/// Measurements of one point's Voronoi cell and of its nearest neighbours; lengths are in grid steps of
+/// [`SortedPoints`].
 #[derive(Clone, Copy, Default)]
 struct Summary {
     /// Area of the point's cell; 0 if the cell is open.
@@ -58,7 +59,8 @@ struct Summary {
     spacing: f32,
     /// Distance of the fourth nearest neighbour ([`GRID`]).
     fourth: f32,
-    /// Set of neighbours whose bisectors close the cell; [`NeighbourSet::Side`] if the cell is open.
+    /// Set of neighbours whose bisectors close the cell (bound it on all sides); [`NeighbourSet::Side`] if the cell is
+    /// open.
     among: NeighbourSet,
     /// Fraction of the nearest neighbours that belong to another surface, because their direction is steep or their
     /// normal differs. Signs of normals are ignored.
@@ -88,13 +90,14 @@ struct Found {
     is_closed: bool,
     /// Length, in grid steps, of one unit of the polygon's coordinates.
     unit: f32,
-    /// Set of neighbours, fraction in other surfaces, and roughness, as in the [`Summary`] fields with these names.
+    /// Set of neighbours that bounds the cell. This field and the next two are defined in [`Summary`].
     among: NeighbourSet,
     elsewhere: f32,
     roughness: f32,
 }
 
-/// Returns unit tangents of a unit normal, computed like `surfel_math::basis::orthonormal`.
+/// Returns two unit vectors u and v perpendicular to a unit normal, with u × v along the normal. They are computed like
+/// `surfel_math::basis::orthonormal`.
 #[inline]
 pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1.0_f32.copysign(n.z);
@@ -103,13 +106,14 @@ pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Parameters of the measurement that are the same for all points of a cloud.
+/// Parameters by which the neighbourhoods of points are measured ([`Block`]); they are the same for all points of a
+/// cloud.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
-    /// Number of nearest neighbours of a point that are listed, as its row.
+    /// Number of nearest neighbours that are listed for each point, as its row in [`Block::rows`].
     pub(crate) degree: usize,
-    /// Spacing of the points in grid steps, if the caller provides one. Sparseness, roughness and creases are then not
-    /// tested.
+    /// Spacing of the points in grid steps, if the caller provides one; `None` if it is measured. With a given spacing,
+    /// sparseness, roughness and creases are not tested.
     pub(crate) known: Option<f32>,
     /// Median over all points of the distance to the farthest of [`Self::degree`] neighbours, in grid steps.
     pub(crate) farthest: f32,
@@ -122,8 +126,8 @@ pub(crate) struct Scale {
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
-    /// Flag per slot, true if the normal points up because the neighbours form no plane. Empty if there are no such
-    /// slots.
+    /// Flag per slot, true if the slot's normal is set to +z because the neighbours form no plane. Empty if there are
+    /// no such slots.
     level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
@@ -132,22 +136,23 @@ pub(crate) struct Block<'a> {
     cell: Cell,
     /// Coordinates (x, y) of the current point's neighbours in its tangent plane, in units of the farthest neighbour's
     /// distance.
-    offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// Number of neighbours, of the point whose cell was built last, that are in its surface. Signs of normals are
-    /// ignored.
+    offsets: [[f32; MAX_IN_CELL + LANES]; 2],
+    /// Number of neighbours in the same surface as the point whose cell was built last. Signs of normals are ignored.
     on_surface: usize,
-    /// Sum of the squared sines of the angles between the tangent plane and the neighbours, for the point whose cell
-    /// was built last.
+    /// Sum, over the neighbours of the point whose cell was built last, of a squared sine. The angle is between the
+    /// point's tangent plane and the direction to the neighbour.
     squared_sines: f32,
-    /// Slots of the run whose sizes are computed.
+    /// Slots of the run: the points whose splat sizes are computed.
     own: Range<usize>,
-    /// Slots of neighbours outside the run, whose cells are built too, in ascending order.
+    /// Slots of points outside the run that are neighbours of the run's points, in ascending order. Their cells are
+    /// built too.
     halo: Vec<u32>,
-    /// Lists of nearest neighbours (rows), as slots: of all slots in the run, then of all slots in the halo.
+    /// Rows of nearest neighbours, as slots: [`Scale::degree`] for each slot of the run, then for each slot of the
+    /// halo.
     rows: Vec<u32>,
     summaries: Vec<Summary>,
-    /// Cells of the run that needed a wider search, by ascending slot. They are cached, because a second search would
-    /// take longer than all other work.
+    /// Cells of the run's points that needed a wider search, by ascending slot. They are cached for [`Self::ellipse`],
+    /// because a second search would take longer than all other work.
     far_cells: Vec<FarCell>,
     /// Corners of all cells in [`Self::far_cells`].
     far_corners: Vec<Vec2>,
@@ -172,7 +177,7 @@ impl<'a> Block<'a> {
             search: Search::new(points),
             leaf: usize::MAX,
             cell: Cell::default(),
-            offsets: [[0.0; MOST_IN_CELL + LANES]; 2],
+            offsets: [[0.0; MAX_IN_CELL + LANES]; 2],
             on_surface: 0,
             squared_sines: 0.0,
             own: 0..0,
@@ -184,7 +189,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Builds the cells of a run and of the points around it.
+    /// Measures the run `own` and its halo: finds the neighbours of each of their points, and builds its cell.
     pub(crate) fn measure(&mut self, own: Range<usize>) {
         self.own = own.clone();
         own.clone().for_each(|slot| self.add_row(slot));
@@ -203,7 +208,7 @@ impl<'a> Block<'a> {
         self.rows = rows;
     }
 
-    /// Finds the nearest neighbours of a slot and appends them to the rows.
+    /// Finds the nearest neighbours of the point at `slot`, and appends them to the rows.
     fn add_row(&mut self, slot: usize) {
         let leaf = slot / LEAF;
         if leaf != self.leaf {
@@ -234,7 +239,7 @@ impl<'a> Block<'a> {
 
     /// Builds the cell of `slot` from those points of `near` that `among` admits. The points are first unrolled into
     /// the tangent plane: their directions are projected and their distances preserved, as if measured along the
-    /// surface. For a level slot, distances are projected too.
+    /// surface. For a level slot (see [`Self::level`]), distances are projected too.
     ///
     /// Returns true if the cell is closed and its corners are within the accepted distance. The second value is the
     /// unit of the cell's lengths in grid steps: the distance of the farthest point of `near`.
@@ -252,7 +257,8 @@ impl<'a> Block<'a> {
         let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
         let (count, on_surface, squared_sines) = counts;
         (self.on_surface, self.squared_sines) = (on_surface, squared_sines);
-        // If half of the neighbours belong to another surface, as many neighbours on this one reach farther.
+        // If only a fraction of the neighbours is used, a search for as many neighbours in this surface would reach
+        // farther, by the root of the inverse fraction. The cell's reach is compared with that distance.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
     }
@@ -281,7 +287,7 @@ impl<'a> Block<'a> {
                 return Found { is_closed, unit, among: NeighbourSet::Lines, ..found };
             }
         }
-        // At a border, a wider search only adds slivers along it.
+        // No set closes the cell, so the first one is restored. At a border, a wider search only adds slivers along it.
         self.build(slot, near, NeighbourSet::Side);
         found
     }
@@ -339,7 +345,7 @@ impl<'a> Block<'a> {
         Summary { area: area * square, reach, spacing, fourth, among, elsewhere, roughness, moments }
     }
 
-    /// Returns the size of the splat for point `i` of the run, and its ellipse if it has one.
+    /// Returns the size of the splat for point `i` of the run, and its ellipse; `None` if the splat is a disk.
     pub(crate) fn size(&mut self, i: usize) -> (Size, Option<Ellipse>) {
         let slot = self.own.start + i;
         let rows = std::mem::take(&mut self.rows);
@@ -390,8 +396,8 @@ impl<'a> Block<'a> {
         (Size { radius, spacing, evidence }, ellipse)
     }
 
-    /// Returns `measured` with sparseness, roughness and coherence filled in. They keep their defaults if the spacing
-    /// is given, if the slot's normal is level, or if there are no neighbours.
+    /// Returns `measured` with sparseness, roughness and coherence filled in. If the spacing is given, if the slot's
+    /// normal is level, or if there are no neighbours, only the coherence is set, to 1.
     fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
         if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
@@ -405,8 +411,8 @@ impl<'a> Block<'a> {
         Measured { sparseness, roughness, coherence, ..measured }
     }
 
-    /// Returns the distance along the tangent plane at which the surface has turned by [`FLAT`], estimated from the
-    /// normals of the nearest neighbours.
+    /// Returns the distance along the tangent plane, in grid steps, at which the surface has turned by [`FLAT`]. It is
+    /// estimated from the normals of the nearest neighbours, and infinite if these don't turn.
     fn flat_reach(&self, slot: usize, near: &[u32]) -> f32 {
         let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
         let (mut turns, mut squares) = (0.0, 0.0);
@@ -420,9 +426,9 @@ impl<'a> Block<'a> {
         if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
     }
 
-    /// Returns the ellipse with the second moments `m`: angle of its long axis in the tangent plane, axis ratio, and
-    /// reach. The reach is the distance of the cell's farthest corner after the affine map that makes the cell round.
-    /// `None` if the ratio is at most [`ANISOTROPIC_RATIO`].
+    /// Returns the ellipse with the second moments `m`: the angle of its long axis in the tangent plane, in radians,
+    /// its axis ratio, and its reach in grid steps. The reach is the distance of the cell's farthest corner after the
+    /// affine map that makes the cell round. `None` if the ratio is at most [`ANISOTROPIC_RATIO`].
     fn ellipse(&mut self, slot: usize, near: &[u32], among: NeighbourSet, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
@@ -464,17 +470,19 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Builds the cell of a slot from the points of `near`, and counts its neighbours. `limit2` is the squared distance of
-/// the farthest point of `near`; neighbours with a cosine between normals below `least` are skipped.
+/// Builds the cell of a slot from the points of `near`, and counts these neighbours. `limit2` is the squared distance
+/// of the farthest point of `near`. Neighbours whose normals have a cosine below `least` with the slot's normal are
+/// skipped.
 ///
-/// Returns the number of neighbours used, and the number that would be used if normals had no sign. The third result is
-/// the sum of the squared sines of the angles between the tangent plane and all of `near`.
+/// Returns the number of neighbours used, and the number in the slot's surface ([`AGREE`]) regardless of the signs of
+/// normals. The third result is the sum, over all of `near`, of the squared sine of the angle between the tangent plane
+/// and the direction to the neighbour.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
     (points, oriented, (slot, is_level), limit2, least): (&SortedPoints, &[Oriented], (usize, bool), f32, f32),
     near: &[u32],
-    offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
+    offsets: &mut [[f32; MAX_IN_CELL + LANES]; 2],
     cell: &mut Cell,
 ) -> (usize, usize, f32) {
     let (p, n) = (points.at(slot), oriented[slot].normal);
@@ -525,16 +533,16 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// Slots of the neighbours found by a wider search, at most [`MOST_IN_CELL`].
+/// Slots of the neighbours found by a wider search, at most [`MAX_IN_CELL`].
 struct WideRow {
-    slots: [u32; MOST_IN_CELL],
+    slots: [u32; MAX_IN_CELL],
     len: usize,
 }
 
 impl WideRow {
     fn of(slots: impl Iterator<Item = u32>) -> Self {
-        let mut row = Self { slots: [0; MOST_IN_CELL], len: 0 };
-        for slot in slots.take(MOST_IN_CELL) {
+        let mut row = Self { slots: [0; MAX_IN_CELL], len: 0 };
+        for slot in slots.take(MAX_IN_CELL) {
             row.slots[row.len] = slot;
             row.len += 1;
         }
@@ -550,19 +558,20 @@ impl std::ops::Deref for WideRow {
     }
 }
 
-/// Areas of the closed cells of a point and its neighbours, and the sum of the cells' second moments.
+/// Areas of the closed cells of a point and its neighbours, from which a smoothed area is computed, and the sum of the
+/// cells' second moments.
 struct Smooth {
-    areas: [f32; MOST_AREAS],
+    areas: [f32; MAX_AREAS],
     len: usize,
     moments: [f32; 6],
 }
 
-/// Capacity for the areas of a cell and of its neighbours, with room for a whole SIMD step.
-const MOST_AREAS: usize = MOST_IN_CELL + LANES;
+/// Capacity for the areas of a point's cell and of its neighbours' cells, with room for a whole SIMD step.
+const MAX_AREAS: usize = MAX_IN_CELL + LANES;
 
 impl Default for Smooth {
     fn default() -> Self {
-        Self { areas: [0.0; MOST_AREAS], len: 0, moments: [0.0; 6] }
+        Self { areas: [0.0; MAX_AREAS], len: 0, moments: [0.0; 6] }
     }
 }
 
@@ -579,7 +588,7 @@ impl Smooth {
     /// Returns the lower median of the areas; `None` if no cell is closed.
     fn median(&mut self) -> Option<f32> {
         let middle = self.len.checked_sub(1)? / 2;
-        let mut ranks = [0; MOST_AREAS];
+        let mut ranks = [0; MAX_AREAS];
         dispatch!(Level::new(), simd => rank(simd, &mut self.areas, self.len, &mut ranks));
         self.areas.iter().zip(ranks).take(self.len).find(|(_, rank)| *rank as usize == middle).map(|(area, _)| *area)
     }

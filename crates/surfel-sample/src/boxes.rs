@@ -13,28 +13,28 @@ use std::ops::Range;
 
 /// Maximum number of shapes in a leaf of the hierarchy.
 const LEAF: usize = 4;
-/// Slack of bounds for rounding, relative to the size of all shapes.
+/// Tolerance of distance bounds for rounding, relative to half the diagonal of the box around all shapes.
 const SLACK: f64 = 1e-9;
-/// Smallest number of shapes of a node that is tested for a hub (a corner that all its shapes share) if its parent has
-/// none. In ordinary meshes fewer triangles share a corner.
-const LEAST_AT_HUB: usize = 16;
+/// Smallest number of shapes at which a node is tested for a hub, a corner that all its shapes share. Children of a
+/// node with a hub are always tested. In ordinary meshes fewer triangles share a corner.
+const MIN_AT_HUB: usize = 16;
 /// Limits from which the long shapes of a node are cut: smallest number of shapes, and smallest overlap of the node's
-/// two children. The overlap is measured along the dividing axis, relative to the extent of both children. For as many
-/// triangles of an ordinary surface the overlap is an eighth at most; for the pages of a book it is a third.
+/// two children. The overlap is measured along the dividing axis, relative to the extent of both children. Nodes with
+/// that many triangles overlap by an eighth at most in an ordinary surface, and by a third among the pages of a book.
 const CROSSING: (usize, f64) = (128, 0.5);
 /// Limits like [`CROSSING`] for nodes inside a node whose shapes were already cut. Nodes with fewer shapes are cheap to
 /// search one by one.
 const STILL_CROSSING: (usize, f64) = (8, 0.1);
 /// Smallest length of a shape that is cut, relative to the diagonal of its node's box.
-const LEAST_LENGTH: f64 = 0.2;
-/// Largest breadth of a shape that is cut, relative to its length. Wide shapes that share an edge overlap however often
-/// they are cut.
-const MOST_BREADTH: f64 = 0.25;
+const MIN_LENGTH: f64 = 0.2;
+/// Largest breadth of a shape that is cut, relative to its length. The boxes of wide shapes that share an edge overlap
+/// however often the shapes are cut.
+const MAX_BREADTH: f64 = 0.25;
 /// Maximum number of cuts in a hierarchy, per shape on average.
-const MOST_CUTS_EACH: usize = 63;
+const MAX_CUTS_EACH: usize = 63;
 /// Maximum number of cuts in a hierarchy, regardless of the number of shapes.
-const MOST_CUTS: usize = 1 << 20;
-/// Slack for the rounding of a squared sine.
+const MAX_CUTS: usize = 1 << 20;
+/// Tolerance for the rounding of a squared sine, which [`Fan::distance`] subtracts.
 const SINE2_SLACK: f64 = 1e-14;
 
 /// Oriented box around some points, by which distances are bounded.
@@ -77,11 +77,12 @@ struct Fan {
     /// Box around the unit vectors from the shared point to all other corners, projected perpendicular to the shared
     /// edge.
     directions: OrientedBox,
-    /// Lower bound of the length of any weighted mean of the unit vectors to one shape's corners, by which
-    /// [`Fan::distance`] accounts for directions inside the shape. 1 for slivers, less for shapes that are wide at the
-    /// shared point.
+    /// Lower bound of the length of any weighted mean of the unit vectors to one shape's corners. [`Fan::distance`]
+    /// needs it for points inside a shape, whose direction is such a mean. It is 1 for slivers, and less for shapes
+    /// that are wide at the shared point.
     least_mean: f64,
-    /// True if all shapes have exactly the same distance from any point to which the shared point is nearest.
+    /// True if one shape may stand for all where the shared point is nearest: all shapes then have exactly the same
+    /// distance. False for nodes with fewer than [`MIN_AT_HUB`] shapes, which are compared one by one.
     are_equally_near: bool,
 }
 
@@ -124,8 +125,8 @@ impl<const N: usize> Pieces<'_, N> {
         (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
     }
 
-    /// Halves the slender pieces in `order` of at least this length, with at most `room` cuts. Returns the indices of
-    /// all resulting pieces; `None` if none was cut.
+    /// Halves the slender pieces in `order` that are at least `length` long, with at most `room` cuts. Returns the
+    /// indices of all resulting pieces; `None` if none was cut.
     fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
         let mut all = Vec::with_capacity(2 * order.len());
         let mut cuts = 0;
@@ -157,10 +158,11 @@ fn distance2([a, b]: [DVec3; 2]) -> f64 {
     a.distance_squared(b)
 }
 
-/// True if a shape is slender: all corners are within [`MOST_BREADTH`] of the length of the line from `a` to `b`.
+/// True if a shape is slender. Each corner's distance from the line through `a` and `b` is then at most
+/// [`MAX_BREADTH`] times the distance between `a` and `b`.
 fn is_slender(corners: &[DVec3], [a, b]: [DVec3; 2]) -> bool {
     let along = b - a;
-    corners.iter().all(|p| (*p - a).cross(along).length() <= MOST_BREADTH * along.length_squared())
+    corners.iter().all(|p| (*p - a).cross(along).length() <= MAX_BREADTH * along.length_squared())
 }
 
 /// Returns the corners of both halves of a flat convex shape, which is cut in the middle of a segment and perpendicular
@@ -186,7 +188,7 @@ impl Boxes {
         if !shapes.is_empty() {
             let mut pieces = Pieces { shapes, cut: Vec::new() };
             let mut order: Vec<u32> = (0..shapes.len() as u32).collect();
-            let room = shapes.len().saturating_mul(MOST_CUTS_EACH).min(MOST_CUTS);
+            let room = shapes.len().saturating_mul(MAX_CUTS_EACH).min(MAX_CUTS);
             boxes.build(&mut pieces, &mut order, (room, CROSSING), false);
         }
         boxes.slack = boxes.nodes.first().map_or(0.0, |root| SLACK * DVec3::from(root.bounds.half).length());
@@ -203,7 +205,7 @@ impl Boxes {
         is_at_hub: bool,
     ) {
         let bounds = OrientedBox::about(order.iter().flat_map(|i| pieces.corners(*i)));
-        let may_have_hub = is_at_hub || order.len() >= LEAST_AT_HUB;
+        let may_have_hub = is_at_hub || order.len() >= MIN_AT_HUB;
         let hub = if may_have_hub { SharedCorner::of(pieces, order).map(Box::new) } else { None };
         let is_at_hub = hub.is_some();
         let index = self.nodes.len();
@@ -237,7 +239,7 @@ impl Boxes {
         places.select_nth_unstable_by(middle, |(p, i), (q, j)| p.dot(axis).total_cmp(&q.dot(axis)).then(i.cmp(j)));
         order.iter_mut().zip(places).for_each(|(place, (_, i))| *place = i);
         if hub.is_none() && order.len() >= crossing.0 && pieces.overlap(order, middle, axis) > crossing.1 {
-            let length = LEAST_LENGTH * 2.0 * DVec3::from(bounds.half).length();
+            let length = MIN_LENGTH * 2.0 * DVec3::from(bounds.half).length();
             if let Some(mut all) = pieces.halved(order, length, room) {
                 let room = room - (all.len() - order.len());
                 self.build(pieces, &mut all, (room, STILL_CROSSING), false);
@@ -332,7 +334,7 @@ impl Node {
 }
 
 impl SharedCorner {
-    /// Finds the hub of some pieces; `None` if they share no corner.
+    /// Finds the hub of some pieces, a corner that all of them share; `None` if they share none.
     fn of<const N: usize>(pieces: &Pieces<N>, order: &[u32]) -> Option<Self> {
         let first = pieces.corners(*order.first()?);
         let mut shared: Vec<DVec3> = first.to_vec();
@@ -347,7 +349,7 @@ impl SharedCorner {
             }
         }
         let all = || order.iter().map(|i| pieces.corners(*i));
-        let is_large = order.len() >= LEAST_AT_HUB;
+        let is_large = order.len() >= MIN_AT_HUB;
         let corner = Fan::about([shared[0]; 2], all(), is_large);
         let edge = match shared[..] {
             [start, end] if start != end => Some(Fan::about([start, end], all(), is_large && are_aligned)),
@@ -356,12 +358,12 @@ impl SharedCorner {
         Some(Self { corner, edge, first: order.iter().map(|i| pieces.shape(*i)).min()? })
     }
 
-    /// True if the shared corner or edge contains the nearest point of every shape.
+    /// True if the nearest point of every shape is surely on the shared corner or edge, at the same distance.
     fn is_nearest(&self, p: DVec3) -> bool {
         self.corner.is_nearest(p) || self.edge.as_ref().is_some_and(|edge| edge.is_nearest(p))
     }
 
-    /// Returns a lower bound of the distance between a point and the hub's shapes.
+    /// Returns a lower bound of the distance between a point and the shapes that share the corner.
     fn distance(&self, p: DVec3) -> f64 {
         let from_corner = self.corner.distance(p);
         self.edge.as_ref().map_or(from_corner, |edge| from_corner.max(edge.distance(p)))
@@ -385,7 +387,8 @@ impl Fan {
         fan
     }
 
-    /// Returns the unit vectors from the shared point to the other corners of a shape.
+    /// Returns the unit vectors from the shared point to the other corners of a shape, or perpendicular from the shared
+    /// edge to them.
     fn directions_of<'a>(&'a self, shape: &'a [DVec3]) -> impl Iterator<Item = DVec3> + 'a {
         let others = shape.iter().filter(|p| !self.ends.contains(p));
         others.map(|p| self.across(*p).normalize_or_zero())
@@ -397,26 +400,28 @@ impl Fan {
         d - self.along * d.dot(self.along)
     }
 
-    /// Returns the distance of a point from the shared edge's line (or the shared point). The second value is the
-    /// largest dot product of the point's direction with the directions of the shapes.
+    /// Returns the distance of a point from the shared edge's line (or the shared point). The second value is an upper
+    /// bound of the dot product of the point's direction with the directions of the shapes.
     fn distance_and_support(&self, p: DVec3) -> (f64, f64) {
         let d = self.across(p);
         (d.length(), self.directions.support(d.normalize_or_zero()))
     }
 
-    /// True if the nearest point of every shape is the shared point, or the same point of the shared edge.
+    /// True if the nearest point of every shape is surely the shared point, or the same point of the shared edge.
     fn is_nearest(&self, p: DVec3) -> bool {
         let [start, end] = self.ends;
         // Beyond the ends of an edge, other points of the shapes may be nearer.
         let is_beside = || start == end || (p - start).dot(self.along) >= 0.0 && (p - end).dot(self.along) <= 0.0;
-        // The test allows for rounding, because the distance has its maximum there and hardly changes.
+        // A slightly positive dot product is accepted, to allow for rounding: it changes the distance only in second
+        // order.
         self.are_equally_near && is_beside() && self.distance_and_support(p).1 <= SLACK
     }
 
-    /// Returns a lower bound of the distance between a point and the fan's shapes.
+    /// Returns a lower bound of the distance between a point and the shapes around the shared point or edge.
     fn distance(&self, p: DVec3) -> f64 {
         let (distance, support) = self.distance_and_support(p);
-        // Directions within a shape are means of its corners' directions, which are shorter than 1.
+        // The direction to a point inside a shape is a weighted mean of its corners' directions, which may be as short
+        // as `least_mean`.
         let support = support.max(0.0);
         if support >= self.least_mean {
             return 0.0;
@@ -475,7 +480,7 @@ mod tests {
         ];
         for (kind, make) in kinds.iter().enumerate() {
             let mut shapes: Vec<[DVec3; 3]> = (0..500).map(|i| make(i, place(), place())).collect();
-            // Some others, which are nearer here and there.
+            // Some triangles that don't share the corner or edge, which are nearer at some query points.
             shapes.extend((0..20).map(|_| [place(), place(), place()]));
             let boxes = Boxes::new(&shapes);
             for k in 0..400 {
@@ -543,7 +548,7 @@ mod tests {
         let boxes = Boxes::new(&shapes);
         let mut asked = 0;
         for (own, [a, b, _]) in shapes.iter().enumerate() {
-            // As far aside as needles are apart on average.
+            // The query's distance from the needle is the mean distance between needles.
             let p = 0.5 * (a + b) + (place() - 0.5) / f64::from(count).sqrt();
             let found = boxes.nearest(p, |i| {
                 asked += 1;
@@ -580,7 +585,7 @@ mod tests {
         assert_eq!(Boxes::new(&wide).order.len(), 2000);
         let long: Vec<[DVec3; 2]> = (0..2000).map(|_| [place(), place()]).collect();
         let cut = Boxes::new(&long).order.len();
-        assert!(cut > 3 * 2000 && cut <= (1 + MOST_CUTS_EACH) * 2000, "{cut}");
+        assert!(cut > 3 * 2000 && cut <= (1 + MAX_CUTS_EACH) * 2000, "{cut}");
     }
 
     #[test]
@@ -599,7 +604,7 @@ mod tests {
                 let of_parts = parts.iter().map(|part| support(part)).fold(f64::NEG_INFINITY, f64::max);
                 assert!((support(&corners) - of_parts).abs() < 1e-12);
             }
-            // Each is on its side, and both meet in the same two points.
+            // Each half is on its side of the cut, and both meet in the same two points.
             for (part, sign) in parts.iter().zip([-1.0, 1.0]) {
                 assert!(part.iter().all(|p| (*p - middle).dot(along) * sign >= -1e-12), "{parts:?}");
             }
@@ -635,8 +640,9 @@ mod tests {
         assert!(work[2] < 60 * 4000, "{work:?}");
     }
 
-    /// Slivers of a cone of this height over a unit circle, with its bottom or without, and distances that points
-    /// beyond its apex ask for: for each sliver one where the sliver would go on, at a tenth of its length.
+    /// Counts the calls of `distance` for points beyond the apex of a cone of `count` slivers over a unit circle, with
+    /// a bottom or without. There is one query for each sliver: on the sliver's continuation, a tenth of its length
+    /// beyond the apex.
     fn work_of_cone(count: u32, height: f64, has_bottom: bool) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
@@ -663,7 +669,7 @@ mod tests {
 
     #[test]
     fn work_beyond_the_apex_of_a_cone_is_linear() {
-        // Needles, cones of 45°, where the nearest slivers are across, and flat ones.
+        // Needles, cones of 45°, for which the nearest slivers are on the opposite side, and flat cones.
         for height in [20.0, 2.0, 1.0, 0.5, 0.05] {
             for has_bottom in [false, true] {
                 for count in [1000, 4000] {

@@ -1,7 +1,8 @@
 //! Voronoi cell of a point among its neighbours in the tangent plane.
 //!
-//! A surface has no holes if every splat covers its own cell. The distance of the cell's farthest corner is therefore
-//! the smallest possible radius, and the cell's second moments show how the sampling is stretched.
+//! A surface has no holes if every splat covers its own cell. The distance from the point to its cell's farthest corner
+//! is therefore the smallest possible radius. The cell's second moments show by how much, and in which direction, the
+//! points are spaced more widely.
 
 use crate::lanes::{LANES, numbers};
 use fearless_simd::prelude::*;
@@ -9,12 +10,13 @@ use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::Vec2;
 
 /// Largest number of neighbours from which a cell is built.
-pub(crate) const MOST_IN_CELL: usize = 64;
-/// Largest number of corners of a cell: four corners of the initial square and one more for each neighbour, plus one.
-const MOST_CORNERS: usize = MOST_IN_CELL + 5;
-/// Capacity of the buffers for a cell's corners. It allows for half as many corners more, because cutting one corner
+pub(crate) const MAX_IN_CELL: usize = 64;
+/// Largest number of corners that a cell may have before it is clipped again. Four corners belong to the initial
+/// square, each neighbour adds one, and one is spare.
+const MAX_CORNERS: usize = MAX_IN_CELL + 5;
+/// Capacity of the buffers for a cell's corners. It exceeds the number of corners by a half, because cutting one corner
 /// off a polygon that rounding has bent may leave two.
-const ROOM: usize = MOST_CORNERS + MOST_CORNERS / 2;
+const ROOM: usize = MAX_CORNERS + MAX_CORNERS / 2;
 
 /// Voronoi cell of the origin: a convex polygon clipped by the bisectors between the origin and its neighbours. The
 /// buffers are reused between cells.
@@ -35,7 +37,7 @@ impl Default for Cell {
 }
 
 impl Cell {
-    /// Builds the cell of the origin inside a square of half-width 1. Its at most [`MOST_IN_CELL`] neighbours are at
+    /// Builds the cell of the origin inside a square of half-width 1. Its at most [`MAX_IN_CELL`] neighbours are at
     /// (x, y), nearest first.
     #[inline(always)]
     pub(crate) fn build<S: Simd>(&mut self, simd: S, x: &[f32], y: &[f32]) {
@@ -83,12 +85,12 @@ impl Cell {
         }
     }
 
-    /// Cuts off the part that is nearer to `n` than to the origin, corner by corner. Polygons may have any number of
-    /// corners. `half` is half of the squared length of `n`.
+    /// Cuts off the part of the cell that is nearer to the neighbour `n` than to the origin, corner by corner. The cell
+    /// may have any number of corners. `half` is half of the squared length of `n`.
     fn clip(&mut self, n: Vec2, half: f32) {
         let from = self.clone();
         let beyond = |i: usize| from.x[i] * n.x + from.y[i] * n.y - half;
-        if half == 0.0 || from.len >= MOST_CORNERS || (0..from.len).all(|i| beyond(i) <= 0.0) {
+        if half == 0.0 || from.len >= MAX_CORNERS || (0..from.len).all(|i| beyond(i) <= 0.0) {
             return;
         }
         (self.bisectors, self.len) = (0, 0);
@@ -118,7 +120,7 @@ impl Cell {
         self.bisectors == (1 << self.len) - 1
     }
 
-    /// Returns the corners between two bisectors, which excludes corners on the initial square.
+    /// Returns the corners at which two bisectors meet, without corners on the initial square.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
         let mut both = match self.len {
             0 => 0,
@@ -136,7 +138,8 @@ impl Cell {
         self.corners().map(Vec2::length_squared).fold(0.0, f32::max).sqrt()
     }
 
-    /// Returns the area, and the second moments xx, xy, yy about the centroid, divided by the area.
+    /// Returns the cell's area, and its second moments xx, xy, yy about its centroid, divided by the area. All are 0
+    /// for a cell without area.
     pub(crate) fn moments(&self) -> (f32, [f32; 3]) {
         let (mut area, mut first, mut second) = (0.0, Vec2::ZERO, [0.0; 3]);
         for i in 0..self.len {
@@ -171,8 +174,8 @@ enum Clip<S: Simd> {
     /// Polygon unchanged, because the bisector doesn't meet it.
     Missed,
     Cut(Few<S>),
-    /// No polygon: it would get more corners than there are lanes, or rounding has bent it. It must be clipped corner
-    /// by corner.
+    /// No result: the polygon would get more corners than there are lanes, or rounding has bent it. It must be clipped
+    /// corner by corner.
     Other,
 }
 
@@ -210,8 +213,8 @@ impl<S: Simd> Few<S> {
         }
         let (first, after) = (first.trailing_zeros(), after.trailing_zeros());
         let after = if after == 0 { len as u32 } else { after };
-        // Edges that cross the bisector, and the lanes of their crossings among the remaining corners, whose order is
-        // preserved.
+        // Edges that cross the bisector, as bits, and the lanes at which their crossings are inserted among the
+        // remaining corners. The corners' order is preserved.
         let crossed = out ^ (out >> 1 | (out & 1) << (len - 1));
         let is_around = (first == 0 || first > after) && after < len as u32;
         let below = |bit: u32| bisectors & ((1 << bit) - 1);
@@ -235,8 +238,8 @@ impl<S: Simd> Few<S> {
     }
 }
 
-/// Merges the lanes of `old` selected by `kept` with the lanes of `new` selected by `taken`, both in order. The latter
-/// go to the lanes `places`. Lanes outside of `used` repeat the first lane.
+/// Merges the lanes of `old` selected by `kept` with the lanes of `new` selected by `taken`, both in order. The lanes
+/// of `new` go to the lanes `places`, and those of `old` to the others. Lanes outside of `used` repeat the first lane.
 #[inline(always)]
 fn merge<S: Simd>(
     old: f32x16<S>,
@@ -309,13 +312,13 @@ mod tests {
 
     #[test]
     fn cells_among_the_most_neighbours_on_a_circle_have_a_corner_for_each() {
-        let at = |i: usize| Vec2::from_angle(i as f32 / MOST_IN_CELL as f32 * std::f32::consts::TAU) * 0.5;
+        let at = |i: usize| Vec2::from_angle(i as f32 / MAX_IN_CELL as f32 * std::f32::consts::TAU) * 0.5;
         let mut cell = Cell::default();
-        build(&mut cell, &(0..MOST_IN_CELL).map(at).collect::<Vec<_>>());
+        build(&mut cell, &(0..MAX_IN_CELL).map(at).collect::<Vec<_>>());
         assert!(cell.is_closed());
         // The bisectors form a regular polygon: a disk of radius ¼, except at its corners.
-        let radius = 0.25 / (std::f32::consts::PI / MOST_IN_CELL as f32).cos();
-        assert!((cell.reach() - radius).abs() < 1e-6 && cell.corners().count() >= MOST_IN_CELL);
+        let radius = 0.25 / (std::f32::consts::PI / MAX_IN_CELL as f32).cos();
+        assert!((cell.reach() - radius).abs() < 1e-6 && cell.corners().count() >= MAX_IN_CELL);
     }
 
     #[test]
@@ -348,13 +351,13 @@ mod tests {
     #[test]
     fn bent_polygons_of_the_most_corners_have_room() {
         // Every other corner is beyond the bisector.
-        let mut cell = Cell { len: MOST_CORNERS - 1, ..Cell::default() };
+        let mut cell = Cell { len: MAX_CORNERS - 1, ..Cell::default() };
         for i in 0..cell.len {
             (cell.x[i], cell.y[i]) = (if i % 2 == 0 { 1.0 } else { -1.0 }, i as f32);
         }
         cell.clip(Vec2::X, 0.5);
-        assert_eq!(cell.len, MOST_CORNERS - 1 + (MOST_CORNERS - 1) / 2);
+        assert_eq!(cell.len, MAX_CORNERS - 1 + (MAX_CORNERS - 1) / 2);
         cell.clip(Vec2::X, 0.25);
-        assert_eq!(cell.len, MOST_CORNERS - 1 + (MOST_CORNERS - 1) / 2);
+        assert_eq!(cell.len, MAX_CORNERS - 1 + (MAX_CORNERS - 1) / 2);
     }
 }

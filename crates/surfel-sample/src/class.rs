@@ -2,8 +2,8 @@
 //!
 //! A neighbourhood is measured once ([`Measured`]). Each piece of evidence compares one or two of the measurements with
 //! named thresholds, and [`TABLE`] gives the class of every combination of evidence. Each class has one rule for the
-//! radius ([`PointClass::radius`], limited by [`PointClass::most`]). It has another rule for the normal of a point
-//! without a stored normal, which [`crate::points`] applies:
+//! radius of the splat's disk ([`PointClass::radius`], limited by [`PointClass::most`]). Each class also has a rule for
+//! the normal of a point without a stored normal, which [`crate::points`] applies:
 //!
 //! | class | radius | normal |
 //! | --- | --- | --- |
@@ -14,14 +14,14 @@
 //! | line | up to the second neighbour | across the line, toward the outside |
 //! | isolated | up to the second neighbour | toward the outside |
 //!
-//! Points of the last three classes belong to no surface. Their disks are at most as large as the density radius for
-//! the cloud's typical spacing, or 1.5 times as large on lines.
+//! Points of the classes foliage, line and isolated belong to no surface. Their disks are at most as large as the
+//! density radius ([`DENSITY`]) for the cloud's typical spacing, or 1.5 times as large on lines.
 //!
 //! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints). A *cell* is a point's
 //! Voronoi cell in its tangent plane ([`Cell`](crate::cell::Cell)).
 
-/// Density radius of a splat, relative to the square root of the surface area per point. Neighbouring splats of this
-/// radius blend without holes.
+/// Density radius of a splat, relative to the spacing: the square root of the surface area per point. Neighbouring
+/// splats of this radius blend without holes.
 pub const DENSITY: f64 = 1.65;
 /// Radius that covers a point's Voronoi cell, relative to the distance of the cell's farthest corner. The margin makes
 /// up for curvature and tilted neighbours. The weight at a corner, where three or more splats meet, rises from exp(−2)
@@ -68,15 +68,15 @@ impl PointClass {
         matches!(self, Self::Surface | Self::Border | Self::Crease)
     }
 
-    /// Returns the radius of a disk that covers its point's cell; `reach` is the distance of the cell's farthest
-    /// corner. The radius is at least [`Measured::least_radius`]; its maximum depends on the class.
+    /// Returns the radius, in grid steps, of a disk that covers its point's cell; `reach` is the distance of the cell's
+    /// farthest corner. The radius is at least [`Measured::least_radius`]; its maximum depends on the class.
     pub(crate) fn covering(self, m: &Measured, reach: f32) -> f32 {
-        let largest = if self == Self::Border { LARGEST_AT_BORDER } else { LARGEST };
+        let largest = if self == Self::Border { MAX_AT_BORDER } else { LARGEST };
         (COVER as f32 * reach).clamp(m.least_radius(), (largest * DENSITY) as f32 * m.spacing)
     }
 
-    /// Returns the radius of a disk in grid steps, from the measurements of its neighbourhood. `reach` is the distance
-    /// of the cell's farthest corner.
+    /// Returns the radius, in grid steps, of the disk of a point of this class, from the measurements of its
+    /// neighbourhood. `reach` is the distance of the point's farthest cell corner.
     pub(crate) fn radius(self, m: &Measured, reach: f32) -> f32 {
         let fourth = DENSITY as f32 * m.fourth;
         match self {
@@ -88,11 +88,12 @@ impl PointClass {
         }
     }
 
-    /// Returns the largest radius of a disk of this class, in units of the cloud's typical spacing.
+    /// Returns the largest radius of a disk of this class, in units of the cloud's typical spacing; infinite for points
+    /// of surfaces.
     pub(crate) fn most(self) -> f64 {
         match self {
             Self::Surface | Self::Border | Self::Crease => f64::INFINITY,
-            Self::Line => LARGEST_ON_LINE * DENSITY,
+            Self::Line => MAX_ON_LINE * DENSITY,
             Self::Foliage | Self::Isolated => DENSITY,
         }
     }
@@ -103,10 +104,10 @@ impl PointClass {
 const LARGEST: f64 = 2.5;
 /// Largest radius of a border point's disk, relative to the density radius for the point's spacing. Corners of a border
 /// point's cell may be far outside the surface.
-const LARGEST_AT_BORDER: f64 = 1.5;
+const MAX_AT_BORDER: f64 = 1.5;
 /// Largest radius of the disk of a point on a line, relative to the density radius for the cloud's typical spacing. The
 /// limit exceeds 1, because a limb with few points around it has gaps that only larger disks cover.
-const LARGEST_ON_LINE: f64 = 1.5;
+const MAX_ON_LINE: f64 = 1.5;
 /// Largest angle, in radians, by which a surface may turn within a disk. At larger angles, the disk would stick out
 /// past the outline. The turn is a root mean square over the nearest neighbours. If the surface turns by this angle
 /// within the density radius, the disk ends there, unless it needs a larger radius to cover its cell.
@@ -115,32 +116,33 @@ pub(crate) const FLAT: f32 = 0.7;
 /// per point.
 const LEAST: f32 = 1.0;
 
-/// Ratio of a point's spacing to a neighbour's spacing from which the neighbour is far denser. A point is isolated if
-/// most neighbours are.
+/// Smallest ratio of a point's spacing to a neighbour's spacing at which the neighbour is in a far denser place. A
+/// point is isolated if most of its neighbours are.
 pub(crate) const ALONE: f64 = 8.0;
-/// Range of sparseness ([`Measured::sparseness`]) over which the limits for a surface change from the usual to the
-/// strictest values.
+/// Range of sparseness ([`Measured::sparseness`]) over which the limits of roughness and coherence for a surface change
+/// from their usual to their strictest values.
 const SPARSE: (f32, f32) = (2.0, 8.0);
 /// Largest mean squared sine at which neighbours form a plane, at points that aren't sparse (0.1 is 18°). The angle is
 /// between the point's tangent plane and the directions to the neighbours.
 pub(crate) const ROUGH: f32 = 0.1;
 /// Largest mean squared sine at which neighbours form a plane, at the sparsest points ([`SPARSE`]). Groups of stray
-/// points, whose normals may agree by chance, measure 0.17 and more; sparse parts of scans measure less than 0.05.
+/// points, whose normals may agree by chance, have values of 0.17 and more, and sparse parts of scans less than 0.05.
 const ROUGH_WHERE_SPARSE: f32 = 0.05;
 /// Smallest coherence of normals ([`Measured::coherence`]) at which points that aren't sparse form a surface. Half of
-/// all leaves measure 0.5 or less. Thin limbs, whose neighbours are all around the limb, measure more than 0.8.
+/// all points on leaves have a coherence of 0.5 or less. Points on thin limbs, whose neighbours are all around the
+/// limb, have more than 0.8.
 const COHERENT: f32 = 0.6;
 /// Smallest coherence of normals at which the sparsest points ([`SPARSE`]) form a surface.
 const COHERENT_WHERE_SPARSE: f32 = 0.9;
-/// Inverse of the smallest fraction of closed cells at which points form a surface. The cells are those of a point and
-/// of its neighbours that face the same way. Of 17 cells, about 10 are closed at a straight border, and 7 in a square's
-/// corner.
+/// Inverse of the smallest fraction of closed cells at which points form a surface. A cell is closed if neighbours
+/// bound it on all sides. The cells of a point and of its neighbours that face the same way are counted. Of 17 cells,
+/// about 10 are closed at a straight border, and 7 in a square's corner.
 const SURROUNDED: usize = 3;
 /// Fraction of neighbours in other planes ([`Measured::elsewhere`]) above which another surface meets the point's
 /// surface. Such neighbours are leaves, stray points, or the other side of a thin edge.
 const CUT: f32 = 0.25;
 
-/// Measurements of one point's neighbourhood; lengths are in grid steps.
+/// Measurements of one point's neighbourhood, by which the point is classified; lengths are in grid steps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Measured {
     /// Square root of the surface area per point around the point. It is the distance of the second neighbour if few
@@ -150,9 +152,10 @@ pub(crate) struct Measured {
     pub(crate) second: f32,
     /// Distance from the point to its fourth nearest neighbour.
     pub(crate) fourth: f32,
-    /// Distance along the surface at which the surface has turned by [`FLAT`].
+    /// Distance along the surface, from the point, at which the surface has turned by [`FLAT`]; infinite if it doesn't
+    /// turn.
     pub(crate) flat_reach: f32,
-    /// Distance of the farthest neighbour, relative to the median of this distance over the cloud.
+    /// Distance of the point's farthest listed neighbour, relative to the median of this distance over the cloud.
     pub(crate) sparseness: f32,
     /// Mean squared sine of the angle between the point's tangent plane and the directions to its neighbours.
     pub(crate) roughness: f32,
@@ -163,7 +166,7 @@ pub(crate) struct Measured {
     pub(crate) denser: f32,
     /// Number of neighbours whose normals face the same way as the point's, plus the point itself.
     pub(crate) together: usize,
-    /// Number of closed cells among the points that [`Self::together`] counts.
+    /// Number of points counted by [`Self::together`] whose cells are closed: bounded by neighbours on all sides.
     pub(crate) closed: usize,
     /// True if the point's own cell isn't closed, as at a border.
     pub(crate) is_open: bool,
@@ -176,8 +179,8 @@ pub(crate) struct Measured {
 
 impl Measured {
     /// Returns the smallest radius of the point's disk, in grid steps: the density radius, or less where the surface
-    /// turns. Between scan lines that are far apart, the smallest radius is 0, and the disk only covers its cell. At
-    /// the last line, a larger disk would stick out by more than the gap's width.
+    /// turns. Between scan lines that are far apart, the smallest radius is 0, so that the disk only covers its cell.
+    /// At the last line, a larger disk would stick out of the surface by more than the distance between lines.
     fn least_radius(&self) -> f32 {
         if self.is_between_lines {
             return 0.0;
@@ -226,7 +229,8 @@ pub(crate) fn needs_coherence(sparseness: f32, roughness: f32) -> bool {
     roughness > ROUGH || sparse(sparseness) > 0.0
 }
 
-/// Returns where a sparseness is within the range [`SPARSE`]: from 0 to 1, on a logarithmic scale.
+/// Returns the position of a sparseness in the range [`SPARSE`], on a logarithmic scale: 0 at its start or below, 1 at
+/// its end or above.
 fn sparse(sparseness: f32) -> f32 {
     if sparseness <= SPARSE.0 { 0.0 } else { ((sparseness / SPARSE.0).ln() / (SPARSE.1 / SPARSE.0).ln()).min(1.0) }
 }
@@ -241,14 +245,15 @@ fn between(from: f32, to: f32, share: f32) -> f32 {
 pub(crate) struct Evidence(u8);
 
 impl Evidence {
-    /// Bit of an isolated point: most neighbours have a far smaller spacing, or it is one of few sparse points.
+    /// Bit of an isolated point: most of its neighbours have a far smaller spacing, or its spacing is large and few
+    /// other sparse points are near it.
     pub(crate) const ALONE: u8 = 1 << 0;
     /// Bit of a sparse point whose neighbours form no plane or whose normals disagree too much for a surface.
     pub(crate) const SCATTERED: u8 = 1 << 1;
     /// Bit of an incoherent point: its neighbours form no plane, and their normals disagree.
     pub(crate) const INCOHERENT: u8 = 1 << 2;
-    /// Bit of a foliage point: many of the points around it are incoherent ([`Self::INCOHERENT`]), and they are about
-    /// as thick as wide.
+    /// Bit of a foliage point: many of the points around it are incoherent ([`Self::INCOHERENT`]), and the points
+    /// around it form no thin layer.
     pub(crate) const AMONG_INCOHERENT: u8 = 1 << 3;
     /// Bit of a point around which too few cells are closed for a surface ([`SURROUNDED`]).
     pub(crate) const FEW_CLOSED_CELLS: u8 = 1 << 4;
@@ -256,7 +261,7 @@ impl Evidence {
     pub(crate) const OPEN: u8 = 1 << 5;
     /// Bit of a point where the surface turns within a disk, or where another surface meets it.
     pub(crate) const BENT: u8 = 1 << 6;
-    /// Number of pieces of evidence.
+    /// Number of pieces of evidence, which is the number of bits used.
     const COUNT: u32 = 7;
 
     /// Returns this evidence, with the bit `piece` added if `is_there` is true.
@@ -328,7 +333,7 @@ mod tests {
         }
     }
 
-    /// Measures of a point in an even, flat surface.
+    /// Returns the measurements of a point in an even, flat surface.
     fn flat() -> Measured {
         Measured {
             spacing: 1.0,

@@ -39,7 +39,8 @@ impl Distances {
         Self { shapes: Shapes::Triangles(triangles), boxes }
     }
 
-    /// Returns the distance of each point to the nearest shape; infinite if there are no shapes.
+    /// Returns the distance of each point to the nearest point or triangle of the index; infinite if the index is
+    /// empty.
     pub fn of(&self, points: &[DVec3], progress: &dyn Progress) -> Vec<f64> {
         progress.stage("measuring distances", points.len() as u64);
         map_each(points.len(), progress, || (), |(), i| self.of_point(points[i]))
@@ -53,8 +54,8 @@ impl Distances {
     }
 }
 
-/// Returns the distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson,
-/// Real-Time Collision Detection, §5.1.5).
+/// Returns the distance of a point to a triangle, and the barycentric coordinates of the triangle's nearest point
+/// (Ericson, Real-Time Collision Detection, §5.1.5).
 pub(crate) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));

@@ -5,9 +5,9 @@ use glam::{DMat3, DVec2, DVec3};
 /// Symmetric 3×3 matrix as its six entries xx, xy, xz, yy, yz, zz.
 pub(crate) type Symmetric3 = [f64; 6];
 
-/// Computes the eigenvalues, in ascending order, and the unit eigenvectors of a symmetric matrix by cyclic Jacobi
-/// rotations. The method is unconditionally stable, and exact for diagonal matrices (Golub and Van Loan, Matrix
-/// Computations, §8.5).
+/// Computes the eigenvalues of a symmetric matrix, in ascending order, and its unit eigenvectors in the same order. The
+/// method, cyclic Jacobi rotations, is unconditionally stable, and exact for diagonal matrices (Golub and Van Loan,
+/// Matrix Computations, §8.5). A zero or non-finite matrix gives zeros and the coordinate axes.
 pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     let scale = m.iter().fold(0.0_f64, |s, x| s.max(x.abs()));
     if scale == 0.0 || !scale.is_finite() {
@@ -49,8 +49,8 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
 /// smallest one.
 ///
 /// Newton's method finds the smallest root of the characteristic polynomial from below, where the polynomial is
-/// concave. The eigenvector is the cross product of two rows. If all rows are nearly parallel, [`symmetric3`] is used
-/// instead.
+/// concave. The eigenvector is the cross product of two rows of the matrix from which the eigenvalue is subtracted. If
+/// all rows are nearly parallel, [`symmetric3`] is used instead.
 pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
     let trace = m[0] + m[3] + m[5];
     if !(trace > 0.0 && trace.is_finite()) {
@@ -90,9 +90,9 @@ pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
 
 /// Maximum number of Newton steps in [`smallest3`]. From a triple root, each step covers a third of the way.
 const NEWTON: usize = 24;
-/// Squared length of the largest cross product of two rows, for a matrix of trace 1, below which [`smallest3`] calls
-/// [`symmetric3`]. Below this limit the two smaller eigenvalues differ by less than 1e-6, and rounding would turn the
-/// eigenvector by 1e-4.
+/// Squared length of the largest cross product of two rows of the matrix minus its smallest eigenvalue, scaled to trace
+/// 1, below which [`smallest3`] calls [`symmetric3`]. Below this limit the two smaller eigenvalues differ by less than
+/// 1e-6, and rounding would turn the eigenvector by 1e-4.
 const PARALLEL: f64 = 1e-12;
 
 /// Computes the eigenvalues of the matrix [[xx, xy], [xy, yy]], larger first, and the unit eigenvector of the larger

@@ -2,16 +2,16 @@
 
 use surfel_model::ModelError;
 
-/// Reason why no splats could be made.
+/// Reason why a conversion or a fit failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SampleError {
     /// The input has no points, vertices or triangles.
     #[error("the {what} has no {missing}, expected at least one: check that the file is complete")]
     Empty {
-        /// Kind of the input: "point cloud" or "mesh".
+        /// Name of the input: "point cloud" or "mesh".
         what: &'static str,
-        /// Kind of the missing elements: "points", "vertices" or "triangles".
+        /// Name of the missing elements: "points", "vertices" or "triangles".
         missing: &'static str,
     },
     /// Every triangle of a mesh has zero area.
@@ -35,7 +35,7 @@ pub enum SampleError {
     /// The input has more elements than indices can address.
     #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
     TooMany {
-        /// Kind of the elements, such as "points".
+        /// Name of the elements, such as "points".
         what: &'static str,
         /// Number of elements that were found.
         found: usize,
@@ -57,8 +57,8 @@ pub enum SampleError {
     Model(#[from] ModelError),
 }
 
-/// Largest number of elements in one call: tables of neighbours have up to 16 entries per element, which are indexed by
-/// 32 bits.
+/// Largest number of points, triangles or splats in one call: tables of neighbours have up to 16 entries per element,
+/// which are indexed by 32 bits.
 pub(crate) const MAX_ELEMENTS: usize = u32::MAX as usize / 16;
 
 impl SampleError {

@@ -16,12 +16,12 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Smallest fraction of incoherent neighbours at which a point is foliage. The second value is for points with large
-/// disks and for forests.
+/// Smallest fraction of incoherent points ([`Evidence::INCOHERENT`]) among a point's neighbours at which the point may
+/// be foliage. The second value is for points with large disks ([`LARGE`]) and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
-/// Smallest variance perpendicular to the neighbours' best-fitting plane at which a neighbourhood is thick, as a
-/// fraction of the total variance. The second value is for points with large disks and for forests. A ball measures a
-/// third; a plane with noise as large as its points' spacing measures a tenth.
+/// Smallest variance of the neighbours' positions perpendicular to their best-fitting plane at which a neighbourhood is
+/// thick, as a fraction of the total variance. The second value is for points with large disks and for forests. The
+/// value is a third for points in a ball, and a tenth for a plane with noise as large as its points' spacing.
 const THICK: [f64; 2] = [0.08, 0.04];
 /// Fraction of incoherent points ([`Evidence::INCOHERENT`]) in a cloud above which the cloud may be a forest. In a
 /// forest, every point is tested as foliage.
@@ -35,7 +35,8 @@ const FOREST_SAMPLE: usize = 4096;
 /// Cosine of the largest tilt (60°) at which a disk in a forest counts as ground. Steeper disks, as on trunks, are
 /// limited in size ([`MOST`]).
 const STEEP: f64 = 0.5;
-/// Weight of the direction to the outside of the cloud in a foliage normal, relative to the spread of the neighbours.
+/// Weight of the direction to the outside of the cloud in the normal of a foliage point, relative to the spread of the
+/// point's neighbours.
 const OUTSIDE: f64 = 0.5;
 /// Largest radius of an incoherent point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius
 /// for the typical spacing.
@@ -43,8 +44,9 @@ const MOST: f64 = 1.3;
 /// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
 const LARGE: f64 = 2.0;
 
-/// Reclassifies foliage points without stored normals, and gives them the normals of the crown. Their disks reach to
-/// the fourth neighbour at most, because the space between leaves was not measured.
+/// Finds and reclassifies foliage among the points without stored normals (`is_given` is false), and turns their
+/// normals out of the crown. Their disks reach to the fourth neighbour at most, because the space between leaves was
+/// not measured.
 pub(crate) fn find(
     points: &SortedPoints,
     oriented: &mut [Oriented],
@@ -92,7 +94,7 @@ pub(crate) fn find(
         }
     }
     let beside = all(beside);
-    // Steep disks in a forest are trunks, not walls.
+    // Steep disks in a forest are on trunks, not on walls, so their size is limited.
     let is_steep = |normal: Vec3, slot: usize| normal.as_dvec3().dot(outside.at(points.point(slot))).abs() < STEEP;
     for (slot, leaf) in first.into_iter().chain(beside) {
         let slot = slot as usize;
@@ -123,7 +125,8 @@ fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) 
     thick as f64 > FOREST_THICK * count as f64
 }
 
-/// Properties of a foliage point: its normal, its largest disk radius, and its nearest neighbours.
+/// Properties of a foliage point: its normal, the largest radius of its disk in grid steps, and the slots of its
+/// nearest neighbours.
 #[derive(Clone)]
 struct Leaf {
     normal: Vec3,

@@ -1,5 +1,6 @@
-//! Estimation of the interior weight: the sum of splat weights (Σw) inside a cloud's own surface. A *probe* is a splat
-//! at whose centre the weights are summed, and a *cell* is a cube of the grid that finds the splats close to probes.
+//! Estimation of the interior weight: the sum of splat weights (Σw) inside a cloud's own surface. A *probe* is a line
+//! along a splat's normal, along which the weights of all splats are summed. A *cell* is a cube of the grid that finds
+//! the splats close to probes.
 
 use crate::parallel::map_tasks;
 use crate::tree::KdTree;
@@ -8,14 +9,14 @@ use std::collections::HashMap;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
-/// Maximum number of probes: splats at whose places Σw is measured.
+/// Maximum number of probes: lines, each along the normal of one splat, along which Σw is measured.
 const PROBES: usize = 4096;
 /// Number of splats per parallel task. The number is fixed, so that the order of summation doesn't depend on the number
 /// of threads.
 const CHUNK: usize = 1 << 14;
 
-/// Largest mean number of probes whose lines a splat may meet. If more disks overlap, as with slivers around one
-/// corner, fewer splats are probed. Otherwise the work would grow with the product of splats and probes.
+/// Largest mean number of probes that a splat may meet. If more disks overlap, as with slivers around one corner, fewer
+/// splats are probed. Otherwise the work would grow with the product of splats and probes.
 const MAX_MEAN_PROBES: usize = 256;
 /// Number of splats for which the probes they meet are counted, to check [`MAX_MEAN_PROBES`].
 const EXAMINED: usize = 256;
@@ -23,8 +24,9 @@ const EXAMINED: usize = 256;
 /// Smallest number of splats of a cloud for which a grid first excludes splats far from all probes.
 const MIN_GRID_SPLATS: usize = 16 * PROBES;
 
-/// Line along a splat's normal, through the middle of one quarter of the splat, along which the weights of all splats
-/// are summed.
+/// Line along a splat's unit normal, along which the weights of all splats are summed. The line passes through `at`,
+/// the splat's centre plus half of both half-axes. Only splats whose planes it meets within `reach` of `at` count;
+/// `reach` is the splat's larger half-axis.
 struct Probe {
     at: DVec3,
     normal: DVec3,
@@ -34,14 +36,17 @@ struct Probe {
 /// Computes the interior weight: Σw inside the cloud's own surface at cutoff 2, as defined in rendering model §5
 /// (coverage).
 ///
-/// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums the weights w_j at the
-/// point p_k + ½s_k + ½t_k, projected along the normal of splat k. The sum includes all splats (also k) whose normals
-/// agree within 60° and whose plane the line meets within r_max of that point. Clips are ignored. The weight is
-/// dimensionless. Returns `None` for an empty cloud, and for balls.
+/// Of the n splats, m = min(n, 4096) are probed: k = ⌊i·n/m⌋ for i < m. The interior weight is the lower median of
+/// their sums. The sum for splat k adds the weights of all splats j (also k) at the point p_k + ½s_k + ½t_k. The point
+/// is projected onto splat j along the normal of splat k. Here p is a splat's centre, and s and t are its half-axes.
+/// Splat j counts if both normals agree within 60°, and if the projection moves the point by at most the larger
+/// half-axis of splat k. Clips are ignored. The weight is dimensionless. Returns `None` for an empty cloud, and for
+/// balls.
 ///
-/// If a splat may meet more than 256 probes on average, m is reduced in proportion, as the rendering model defines.
+/// If the lines of more than 256 probes on average may meet a splat, m is reduced in proportion, as the rendering model
+/// defines.
 ///
-/// Only the probes are stored in a tree, and all splats are tested against it, which limits memory.
+/// A tree stores only the probes, not the splats, which limits memory; all splats are tested against the tree.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
     if cloud.is_balls() {
@@ -78,7 +83,7 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
 
 /// Probes of a cloud, in a tree by which the probes that a splat meets are found.
 struct Probes {
-    /// Probes without repetition; splats in the same place have equal ones.
+    /// Different probes. Splats in the same place have equal probes, which are stored once.
     all: Vec<Probe>,
     /// Index in `all` of each requested probe, including repeated ones.
     of: Vec<usize>,
@@ -116,7 +121,8 @@ impl Probes {
         if met <= most { probes } else { Self::new(cloud, (m * most).div_ceil(met)) }
     }
 
-    /// Calls `visit` with the index of every probe whose line may meet a splat. Some other probes are visited too.
+    /// Calls `visit` with the index in `all` of every probe whose line may meet a splat. Some other probes are visited
+    /// too.
     fn visit(&self, splat: &Splat, visit: &mut impl FnMut(usize)) {
         let enters = |node: usize| splat.may_meet(&self.bounds[node]);
         self.tree.visit_below(&enters, &mut |slot| visit(self.tree.index(slot)));
@@ -137,9 +143,10 @@ struct ProbeBounds {
     middle: DVec3,
     /// Half of the box's size along each axis.
     half: DVec3,
-    /// Largest reach of the probes.
+    /// Largest [`Probe::reach`] of the probes.
     reach: f64,
-    /// Tolerance for rounding, also of the coordinates themselves. [`Splat::hair`] is added.
+    /// Length, in object units, by which tests are widened for rounding, also of the coordinates themselves.
+    /// [`Splat::hair`] is added to it.
     hair: f64,
 }
 
@@ -156,8 +163,8 @@ fn nth(i: usize, m: usize, count: usize) -> usize {
     (i as u128 * count as u128 / m as u128) as usize
 }
 
-/// Set of the grid cells that are close to probes. In a large cloud, most splats are far from all probes and need no
-/// exact test.
+/// Set of the grid cells that are close to probes, by which most splats are excluded. In a large cloud, most splats are
+/// far from all probes and need no exact test.
 struct ProbeGrid {
     /// Side of a grid cell, which is also the largest radius of splats that the grid can exclude.
     side: f64,
@@ -169,7 +176,7 @@ impl ProbeGrid {
     /// Number of bits of a cell's hash. The table has 512 KiB, and about 500,000 cells are usually close to probes.
     const BITS: u32 = 22;
     /// Maximum number of cells along a probe's reach; about five are usual.
-    const MOST_ALONG: i64 = 16;
+    const MAX_ALONG: i64 = 16;
 
     /// Marks the cells close to probes at `places` with these reaches. `None` if the reaches vary too much for one
     /// grid.
@@ -180,7 +187,7 @@ impl ProbeGrid {
             // A margin that covers rounding.
             let apart = (reach + side) * (1.0 + 1e-6) + place.abs().max_element() * 1e-15;
             let [lo, hi] = [nearby.cell(*place - apart), nearby.cell(*place + apart)];
-            if (0..3).any(|k| hi[k].saturating_sub(lo[k]) > Self::MOST_ALONG) {
+            if (0..3).any(|k| hi[k].saturating_sub(lo[k]) > Self::MAX_ALONG) {
                 return None;
             }
             for z in lo[2]..=hi[2] {
@@ -214,7 +221,8 @@ impl ProbeGrid {
     }
 }
 
-/// Merges equal probes, and returns the index of each probe's representative. Splats in the same place have equal sums.
+/// Merges equal probes. Returns the different probes, and the index of each given probe's equal among them. Equal
+/// probes have equal sums.
 fn distinct(probes: Vec<Probe>) -> (Vec<Probe>, Vec<usize>) {
     let mut known = HashMap::with_capacity(probes.len());
     let mut different = Vec::with_capacity(probes.len());
@@ -240,13 +248,14 @@ struct Splat {
     radius: f64,
     normal: DVec3,
     axes: Axes,
-    /// Unit directions in the splat's plane, and the splat's extent along each.
+    /// Unit directions of both half-axes, and the splat's extent along each: the largest distance from its centre.
     sides: [(DVec3, f64); 2],
-    /// Tolerance for rounding, also of the coordinates themselves. [`ProbeBounds::hair`] is added.
+    /// Length, in object units, by which tests are widened for rounding, also of the coordinates themselves.
+    /// [`ProbeBounds::hair`] is added to it.
     hair: f64,
 }
 
-/// Axes of a splat by which (u, v) of a point in its plane is computed.
+/// Axes of a splat, by which a point in its plane is converted to (u, v), its coordinates in units of the half-axes.
 enum Axes {
     /// Axes of a disk: unit vectors and the radius.
     Disk { s: DVec3, t: DVec3, r: f64 },
@@ -410,7 +419,7 @@ mod tests {
         assert!(work.windows(2).all(|w| w[1] <= 23 * w[0] / 10) && work[3] < 100 * 4000, "{work:?}");
     }
 
-    /// Disks that all contain the origin, in all directions or in those of a book's pages.
+    /// Returns disks that all contain the origin, turned in all directions or like the pages of a book.
     fn crowd(count: u32, is_book: bool) -> SplatCloud {
         let mut random = crate::mesh::random::Random::new(31);
         let mut vector = || DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;

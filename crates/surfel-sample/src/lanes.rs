@@ -3,7 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
-/// Number of values in a SIMD register as the crate uses it.
+/// Number of values of a SIMD vector in this crate: sixteen of 32 bits.
 pub(crate) const LANES: usize = 16;
 
 /// Indices of the sixteen lanes, 0 to 15.
@@ -15,7 +15,8 @@ pub(crate) fn numbers<S: Simd>(simd: S, first: u32) -> u32x16<S> {
     u32x16::load_array(simd, NUMBERS) + u32x16::splat(simd, first)
 }
 
-/// Writes the lanes selected by `kept` to `to`, starting at index `at`. Up to sixteen elements are overwritten.
+/// Writes the lanes selected by `kept` to `to`, consecutively from index `at` on. Up to sixteen elements are
+/// overwritten.
 #[inline(always)]
 pub(crate) fn compress<S: Simd, T: SimdElement, V>(values: V, kept: mask32x16<S>, to: &mut [T], at: usize)
 where
@@ -55,7 +56,7 @@ pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [
     }
 }
 
-/// Returns the best instruction level of this machine, and lower levels.
+/// Returns the SIMD instruction sets that this machine supports, the best one last.
 #[cfg(test)]
 pub(crate) fn levels() -> Vec<fearless_simd::Level> {
     use fearless_simd::Level;

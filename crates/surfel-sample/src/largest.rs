@@ -1,8 +1,8 @@
 //! Limit of a splat's size by the sizes of its neighbours.
 //!
-//! No splat is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A quick test exempts most
-//! points without a neighbour search. It shows that no radius within the possible distance of those neighbours is small
-//! enough.
+//! No splat is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A splat can exceed the limit
+//! only if the radius of some neighbour is less than 1/[`TIMES`] of its own. A quick test exempts most points from a
+//! neighbour search, because no radius around them is that small.
 
 use crate::nearest::Search;
 use crate::parallel::map_each;
@@ -14,14 +14,14 @@ use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 const AROUND: usize = 100;
 /// Largest radius of a splat, relative to the median radius of its [`AROUND`] nearest neighbours.
 const TIMES: f64 = 6.0;
-/// Maximum number of rounds in which splats are shortened. A smaller disk lowers the medians of its neighbours, so
-/// rounds repeat; three have always sufficed.
+/// Maximum number of rounds in which splats are shortened. A shortened splat lowers the median radius around its
+/// neighbours, so that these may exceed their limits. Three rounds have always sufficed.
 const ROUNDS: usize = 16;
 /// Fraction of the limit to which a splat that exceeds it is shortened. The margin allows for the rounding of an
 /// ellipse's axis ratio.
 const ROUNDING: f64 = 1.0 - 2e-4;
 
-/// Shortens splats that are larger than [`TIMES`] the median of their neighbours.
+/// Shortens splats that are larger than [`TIMES`] the median radius of their [`AROUND`] nearest neighbours.
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
@@ -60,7 +60,7 @@ pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     }
 }
 
-/// Returns the lower median of at most [`AROUND`] values.
+/// Returns the lower median of the first [`AROUND`] values; `None` if there are none.
 fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     let mut all = [0.0; AROUND];
     let mut count = 0;
@@ -88,13 +88,14 @@ impl SmallestRadii {
         Self { levels }
     }
 
-    /// True if a splat in box `index` of a level may exceed its limit. A radius that is small enough for this then
-    /// occurs near the box.
+    /// True if a splat in box `index` of a level may exceed its limit, because a splat near the box has a radius small
+    /// enough for a low median.
     fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
         let mut size = LEAF * FAN.pow(level as u32);
         let largest = radii[index * size..points.len().min((index + 1) * size)].iter().copied().fold(0.0, f32::max);
         let small = (f64::from(largest) / TIMES) as f32 * (1.0 + 1e-6);
-        // Find a box around with enough points: no neighbour is farther away than that box is wide.
+        // Finds a box around the splat's box with more than [`AROUND`] points. None of the nearest neighbours is
+        // farther away than the box's diagonal.
         let (mut level, mut index) = (level, index);
         let top = points.levels().len() - 1;
         while level > top || size <= AROUND || (index + 1) * size > points.len() {

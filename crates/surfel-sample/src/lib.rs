@@ -8,13 +8,15 @@
 //! - [`outliers()`]: finds isolated points by statistics.
 //! - [`splats_from_mesh`]: makes one splat per face, one per vertex, or blue-noise samples ([`MeshOptions`],
 //!   [`MeshReport`]).
-//! - [`octree_from_mesh`]: makes an octree with splats of every size and the polygons themselves.
+//! - [`octree_from_mesh`]: makes an octree of levels of detail, with splats in all nodes and the mesh's triangles in
+//!   the leaves.
 //! - [`sharp_splats_from_mesh`] (feature `sharp`): makes few, large splats clipped along the mesh's creases and
 //!   borders.
 //! - [`sharpen_points`] (feature `sharp`): clips the splats of points along edges detected in the points.
-//! - [`fit_to_mesh`], [`fit_point_colors`]: fit colours and normals so that their blend equals the surface's
-//!   (docs/textures.md).
-//! - [`interior_weight`]: computes the Σw of a cloud inside its own surface (rendering model §5, coverage).
+//! - [`fit_to_mesh`], [`fit_point_colors`]: fit the colours and normals of splats so that the blend of overlapping
+//!   splats equals the surface's colours and normals (docs/textures.md).
+//! - [`interior_weight`]: computes the typical sum of splat weights, Σw, inside a cloud's own surface (rendering model
+//!   §5, coverage).
 //!
 //! ```
 //! use surfel_model::glam::Vec3;
@@ -40,10 +42,10 @@
 //! `sharp`, on by default: splats clipped along creases and edges.
 //!
 //! # Neighbour search
-//! Points are sorted along a Morton curve and processed in blocks. A search gathers the points near a leaf of 16 points
-//! once for all queries from that leaf. Unlike the search of a general crate, this one never allocates in a query and
-//! breaks ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several
-//! times as fast. A small k-d tree serves queries at other positions than the points.
+//! Points are sorted along a Morton curve, in leaves of 16 points, and processed in blocks. A search gathers the points
+//! near a leaf once for all queries from that leaf. Unlike the search of a general crate, this one never allocates in a
+//! query and breaks ties of equal distance in a fixed order. It also accepts any number of coincident points, and is
+//! several times as fast. A small k-d tree serves queries at positions that aren't points of the cloud.
 
 mod assemble;
 mod block;
@@ -88,7 +90,7 @@ pub use mesh::{
 };
 pub use options::{PointOptions, PointReport};
 pub use outliers::outliers;
-pub use points::{MOST_SPACINGS, OF_POINTS, splats_from_points};
+pub use points::{MAX_SPACINGS, OF_POINTS, splats_from_points};
 pub use progress::{NoProgress, Progress};
 #[cfg(feature = "sharp")]
 pub use sharp::{SharpErrors, SharpOptions, SharpPointsReport, SharpReport, sharp_splats_from_mesh, sharpen_points};

@@ -16,14 +16,15 @@ pub(crate) struct Spread {
 }
 
 impl Spread {
-    /// Returns the largest value that is no outlier. It is [`DEVIATIONS`] above the median in the logarithm, or `times`
-    /// the median, whichever is larger.
+    /// Returns the largest value that is no outlier. It is [`DEVIATIONS`] standard deviations above the median in the
+    /// logarithm, or `times` the median, whichever is larger.
     pub(crate) fn most(&self, times: f64) -> f64 {
         self.median * (DEVIATIONS * self.spread).exp().max(times)
     }
 }
 
-/// Measures the median and spread of the positive values with indices 0..`count`; `None` if there are none.
+/// Measures the median and spread of those of `count` values that are positive; `None` if there are none. `value` maps
+/// an index to a value.
 pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Spread> {
     let median = median_of(count, &value)?;
     // The larger of v/median and median/v has the same order as the absolute difference of the logarithms.
@@ -35,7 +36,8 @@ pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Optio
     Some(Spread { median: f64::from(median), spread })
 }
 
-/// Returns the lower median of the positive values with indices 0..`count`, without copying all of them.
+/// Returns the lower median of those of `count` values that are positive, without copying all of them; `None` if there
+/// are none. `value` maps an index to a value.
 pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
     /// Number of low bits of a float that are ignored by the histogram from which the median is found.
     const SHIFT: u32 = 16;

@@ -10,33 +10,37 @@ use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, u32x16};
 
 /// Largest number of candidates that are scanned for neighbours; with more, a tree search is faster.
 const MOST: usize = 2048;
-/// Capacity of the candidates' columns: [`MOST`], the leaf that exceeds this limit, and the last SIMD write.
+/// Capacity of the candidates' columns: [`MOST`], plus one leaf that exceeds this limit, plus one SIMD write beyond the
+/// end.
 const ROOM: usize = MOST + 2 * LEAF;
-/// Maximum number of times that candidates are gathered for one query. Then the query falls back to a tree search.
+/// Maximum number of times that candidates are gathered for one query. After that, the query falls back to a tree
+/// search.
 const MAX_GATHERS: usize = 8;
 /// Ratio of the first search radius of a query to the distance of the previous query's farthest neighbour, both
 /// squared. Most queries need no larger radius.
 const LIKELY: f32 = 1.5;
 /// Largest number of survivors (candidates within the search radius) that are ranked by SIMD; more are sorted.
 const RANKED: usize = 96;
-/// Number of survivors beyond the requested neighbours up to which the search radius needn't be narrowed, if [`RANKED`]
-/// isn't larger.
+/// Largest number of survivors in excess of the requested neighbours that is sorted as it is. If there are more, and
+/// more than [`RANKED`], the search radius is narrowed first.
 const SPARE: usize = LANES;
 /// Maximum number of bisection steps that narrow the search radius; equal distances can't be separated.
 const MAX_NARROWING_STEPS: usize = 16;
 /// Maximum number of levels in the hierarchy of bounding boxes, with [`FAN`] boxes per group.
-const MOST_LEVELS: usize = 10;
+const MAX_LEVELS: usize = 10;
 /// Largest number of neighbours that a query can return.
-pub(crate) const MOST_NEIGHBOURS: usize = 128;
+pub(crate) const MAX_NEIGHBOURS: usize = 128;
 
-/// Returns the squared distance between two points in squared grid steps. All searches use this function.
+/// Returns the squared distance between two points in squared grid steps. All searches use this formula in the same
+/// order, so that results agree to the last bit.
 #[inline(always)]
 pub(crate) fn distance2(p: [i32; 3], q: [i32; 3]) -> f32 {
     let [x, y, z] = [(p[0] - q[0]) as f32, (p[1] - q[1]) as f32, (p[2] - q[2]) as f32];
     x * x + y * y + z * z
 }
 
-/// Points near a leaf in slot order, as columns with capacity for whole SIMD steps.
+/// Points near a leaf of [`SortedPoints`], in slot order: their coordinates in grid steps and their slots, as columns
+/// with capacity for whole SIMD steps.
 #[derive(Clone, Debug, Default)]
 struct Candidates {
     x: Vec<i32>,
@@ -46,7 +50,7 @@ struct Candidates {
     count: usize,
 }
 
-/// Candidates within the search radius of a query, in slot order.
+/// Candidates within the search radius of a query, in slot order, with buffers for sorting them by distance.
 #[derive(Clone, Debug, Default)]
 struct Survivors {
     distances2: Vec<f32>,
@@ -66,9 +70,11 @@ pub(crate) struct Search<'a> {
     candidates: Candidates,
     /// Index of the leaf for whose points the candidates were gathered.
     leaf: usize,
-    /// Squared distance from each of the leaf's points up to which the candidates include all points.
+    /// Squared distance from each of the leaf's points up to which the candidates include all points; negative if none
+    /// were gathered.
     complete2: f32,
-    /// Last query from this leaf: position, squared distance of its farthest neighbour, and number of neighbours.
+    /// Last query from this leaf: the position of its point, the squared distance of its farthest neighbour, and the
+    /// number of neighbours.
     last: Option<([i32; 3], f32, usize)>,
     /// Largest ratio, over the queries from the previous leaf, of the farthest neighbour's squared distance to the
     /// number of neighbours. It gives the distance within which candidates are gathered for the next leaf.
@@ -78,9 +84,9 @@ pub(crate) struct Search<'a> {
     largest2: f32,
     survivors: Survivors,
     /// Slots of the neighbours that the last query found, nearest first.
-    slots: [u32; MOST_NEIGHBOURS],
+    slots: [u32; MAX_NEIGHBOURS],
     /// Squared distances of the neighbours that the last query found.
-    distances2: [f32; MOST_NEIGHBOURS],
+    distances2: [f32; MAX_NEIGHBOURS],
 }
 
 impl<'a> Search<'a> {
@@ -95,16 +101,16 @@ impl<'a> Search<'a> {
             typical2: 0.0,
             largest2: 0.0,
             survivors: Survivors::default(),
-            slots: [0; MOST_NEIGHBOURS],
-            distances2: [0.0; MOST_NEIGHBOURS],
+            slots: [0; MAX_NEIGHBOURS],
+            distances2: [0.0; MAX_NEIGHBOURS],
         }
     }
 
-    /// Returns the `count` (at most [`MOST_NEIGHBOURS`]) nearest neighbours of a point, nearest first, without the
+    /// Returns the `count` (at most [`MAX_NEIGHBOURS`]) nearest neighbours of a point, nearest first, without the
     /// point itself. The second value is the squared distance of the farthest one. A small cloud may have fewer
-    /// neighbours. `guess2` is an estimate of the squared distance, or 0.
+    /// neighbours. `guess2` is an estimate of that squared distance, or 0 if there is none; it affects only the speed.
     pub(crate) fn nearest(&mut self, slot: usize, count: usize, guess2: f32) -> (&[u32], f32) {
-        let count = count.min(self.points.len() - 1).min(MOST_NEIGHBOURS);
+        let count = count.min(self.points.len() - 1).min(MAX_NEIGHBOURS);
         if count == 0 {
             return (&[], 0.0);
         }
@@ -117,7 +123,7 @@ impl<'a> Search<'a> {
         (&self.slots[..count], farthest2)
     }
 
-    /// Prepares for queries from a leaf by gathering all points within a squared distance.
+    /// Prepares for queries from a leaf by gathering all points within the squared distance `reach2` of the leaf's box.
     pub(crate) fn expect(&mut self, leaf: usize, reach2: f32) {
         self.enter(leaf);
         if reach2 > 0.0 && self.points.len() > MOST {
@@ -136,7 +142,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Searches the leaf's candidates; returns false if they are too many or too few.
+    /// Searches the neighbours among the leaf's candidates. Returns false if the search would need too many candidates
+    /// or attempts ([`MOST`], [`MAX_GATHERS`]).
     fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
         let leaf = slot / LEAF;
         self.enter(leaf);
@@ -221,7 +228,7 @@ impl<'a> Search<'a> {
         if n <= RANKED {
             for ((d2, place), rank) in distances2.iter().zip(&*places).zip(&*ranks).take(n) {
                 // Writes survivors beyond `count` too, because a branch would cost more.
-                let rank = *rank as usize % MOST_NEIGHBOURS;
+                let rank = *rank as usize % MAX_NEIGHBOURS;
                 (self.slots[rank], self.distances2[rank]) = (candidates.slots[*place as usize], *d2);
             }
             return all;
@@ -239,7 +246,8 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// Searches the hierarchy of boxes from its root, without candidates.
+    /// Searches the hierarchy of boxes from its root, without candidates. Returns true if `count` neighbours were
+    /// found.
     fn alone(&mut self, q: [i32; 3], count: usize) -> bool {
         let levels = self.points.levels();
         let mut found: Vec<u64> = Vec::with_capacity(count + 1);
@@ -284,13 +292,14 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Collects the points in `region` in the order of their slots; returns false if there are too many.
+/// Collects the points in `region` as candidates, in the order of their slots; returns false if there are more than
+/// [`MOST`].
 #[inline(always)]
 fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidates: &mut Candidates) -> bool {
     let levels = points.levels();
     candidates.count = 0;
     // Per level: the current group, and one bit for each of its boxes that remain to be visited.
-    let (mut groups, mut left) = ([0; MOST_LEVELS], [0; MOST_LEVELS]);
+    let (mut groups, mut left) = ([0; MAX_LEVELS], [0; MAX_LEVELS]);
     let top = levels.len() - 1;
     let mut level = top;
     left[top] = levels[top][0].meeting(simd, region);
@@ -315,7 +324,7 @@ fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidat
     }
 }
 
-/// Collects the points of a leaf that are in `region`.
+/// Appends the points of a leaf that are in `region` to the candidates.
 #[inline(always)]
 fn collect_leaf<S: Simd>(simd: S, points: &SortedPoints, leaf: usize, region: &Bounds, candidates: &mut Candidates) {
     let c = candidates;
@@ -356,8 +365,8 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
 }
 
 /// Selects the candidates within a squared distance `bound2` of `q`. If far more than `count` are selected, the
-/// farthest are dropped. The rest is ranked unless still too many. Returns the number of selected and of remaining
-/// candidates.
+/// farthest are dropped. The remaining ones are ranked by distance if they are at most [`RANKED`]. Returns the number
+/// of selected and of remaining candidates.
 #[inline(always)]
 fn scan_by<S: Simd>(
     simd: S,
@@ -394,8 +403,8 @@ fn scan_by<S: Simd>(
     (n, left)
 }
 
-/// Drops the farthest of `n` survivors. At least `count` remain and, unless many distances are equal, at most `most`.
-/// Returns the number of remaining survivors.
+/// Drops the farthest of `n` survivors (candidates within the search radius). At least `count` remain and, unless many
+/// distances are equal, at most `most`. Returns the number of remaining survivors.
 #[inline(always)]
 fn narrow<S: Simd>(simd: S, survivors: &mut Survivors, n: usize, (count, most): (usize, usize)) -> usize {
     let room = n.next_multiple_of(LANES);
@@ -449,7 +458,7 @@ mod tests {
     use crate::mesh::random::Random;
     use glam::DVec3;
 
-    /// Returns all other points sorted by squared distance and slot, cut off at `count`.
+    /// Returns the slots of all other points sorted by squared distance and slot, cut off at `count`.
     fn brute_force(points: &SortedPoints, slot: usize, count: usize) -> Vec<u32> {
         let q = points.at(slot);
         let mut all: Vec<(f32, u32)> =
@@ -460,7 +469,7 @@ mod tests {
 
     fn check(name: &str, positions: &[DVec3], step: usize) {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
-        for (level, count) in levels().into_iter().flat_map(|l| [1, 16, 48, MOST_NEIGHBOURS].map(|count| (l, count))) {
+        for (level, count) in levels().into_iter().flat_map(|l| [1, 16, 48, MAX_NEIGHBOURS].map(|count| (l, count))) {
             let mut search = Search { level, ..Search::new(&points) };
             for slot in (0..points.len()).step_by(step) {
                 let expected = brute_force(&points, slot, count);

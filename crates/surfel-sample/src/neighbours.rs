@@ -27,7 +27,8 @@ impl Neighbours {
     /// Finds the `degree` nearest neighbours of each of the distinct `positions`.
     ///
     /// # Errors
-    /// [`SampleError::NotFinite`] or [`SampleError::TooMany`].
+    /// [`SampleError::NotFinite`] if a position isn't finite, [`SampleError::TooMany`] for more points than indices
+    /// address.
     pub(crate) fn new(positions: &[DVec3], degree: usize, progress: &dyn Progress) -> Result<Self, SampleError> {
         progress.stage("neighbours", positions.len() as u64);
         let points = SortedPoints::new(positions.len(), |i| positions[i])?;

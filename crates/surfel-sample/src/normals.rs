@@ -5,15 +5,15 @@
 
 use crate::eigen::{Symmetric3, smallest3, symmetric3};
 use crate::lanes::LANES;
-use crate::nearest::{MOST_NEIGHBOURS, Search};
+use crate::nearest::{MAX_NEIGHBOURS, Search};
 use crate::sorted::SortedPoints;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
 use glam::{DVec3, Vec3};
 
 /// Largest ratio of the middle to the largest variance of a neighbourhood at which its points count as collinear, as on
-/// a single scan line. A wider search then follows. A neighbourhood of 16 that touches the adjacent scan lines is above
-/// 0.05.
+/// a single scan line. A wider search then follows. Sixteen neighbours that include points of adjacent scan lines have
+/// a ratio above 0.05.
 pub(crate) const COLLINEAR: f64 = 0.02;
 
 /// Number of neighbours in the second search for a normal, if the first neighbours are collinear. A circle of 48 points
@@ -22,10 +22,10 @@ pub(crate) const WIDE: usize = 48;
 
 /// Number of neighbours in the last search for a normal, if those of the second search are collinear too. A circle of
 /// 128 points reaches the adjacent scan line up to a spacing ratio of 1:50.
-pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
+pub(crate) const WIDEST: usize = MAX_NEIGHBOURS;
 /// Largest ratio of the smallest to the middle variance at which neighbours form a plane that may override a stored
-/// normal. The first value is for neighbours on the point's side of the surface. The stricter second one is for all
-/// neighbours, used if fewer than [`FEWEST`] are on that side: the point may be in a corner.
+/// normal. The first value applies to the neighbours on the point's side of the surface. If fewer than [`FEWEST`] are
+/// on that side, as in a corner, all neighbours are used, with the stricter second value.
 const PLANAR: [f64; 2] = [0.1, 0.01];
 /// Smallest cosine (20°) between a stored normal and the normal of the neighbours' plane at which the stored normal
 /// fits.
@@ -34,15 +34,15 @@ const FITS: f64 = 0.94;
 /// the surface.
 const SAME_SIDE: f32 = 0.5;
 /// Largest mean squared sine at which stored normals fit a curved surface. The angle is between the line to a neighbour
-/// and the plane perpendicular to the mean of both stored normals. Spheres and cylinders measure 0; a common tilt of
-/// 14° measures the limit.
+/// and the plane perpendicular to the mean of both stored normals. The value is 0 on spheres and cylinders, and reaches
+/// the limit if all normals are tilted alike by 14°.
 const CURVED: f32 = 0.03;
 /// Smallest number of neighbours on the point's side of the surface at which only they determine the plane
 /// ([`PLANAR`]).
 const FEWEST: usize = 6;
 
 /// Estimates the unit normal of a point, with arbitrary sign, from its nearest neighbours `near`. `farthest2` is the
-/// distance of the farthest one, in squared grid steps.
+/// squared distance of the farthest one, in squared grid steps.
 pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
     let is_line = |values: [f64; 3]| values[1] <= COLLINEAR * values[2];
     let (values, normal) = smallest3(covariance(points, slot, near));
@@ -59,9 +59,10 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
     smallest3(covariance(points, slot, widest)).1
 }
 
-/// Returns the unit normal of the disk of a point with a stored normal. The stored normal is used if it fits the
-/// arrangement of the neighbours, else the normal of the neighbours' plane on the same side. Neighbours whose stored
-/// normals disagree are ignored, because they are beyond a crease or on the back of a thin surface.
+/// Returns the unit normal of the disk of a point with a stored normal. The stored normal is used if it fits the plane
+/// or the curve of the neighbours, else the normal of the neighbours' plane on the same side. `given` returns a
+/// neighbour's stored normal, or zero. Neighbours whose stored normals disagree are ignored, because they are beyond a
+/// crease or on the back of a thin surface.
 ///
 /// On a curved surface, the neighbours to one side of a point form another plane than the point's own. Stored normals
 /// reveal such curvature: on a circle, the line between two points is perpendicular to the mean of their normals.
@@ -76,7 +77,7 @@ pub(crate) fn fitted_stored_normal(
         let other = given(*j as usize);
         other == Vec3::ZERO || other.dot(stored) >= SAME_SIDE
     };
-    let mut side = [0; MOST_NEIGHBOURS];
+    let mut side = [0; MAX_NEIGHBOURS];
     let mut count = 0;
     for j in near.iter().filter(|j| is_of_side(j)) {
         side[count] = *j;
@@ -98,22 +99,22 @@ pub(crate) fn fitted_stored_normal(
     (if cosine < 0.0 { -normal } else { normal }).as_vec3()
 }
 
-/// Returns the normal of a disk on a line of points: perpendicular to the line, and toward the outside as far as
-/// possible. `None` if the neighbours aren't collinear, because a plane through them is a better estimate.
+/// Returns the unit normal of the disk of a point on a line of points: perpendicular to the line, and toward `outside`
+/// as far as possible. `None` if the neighbours aren't collinear, because a plane through them is a better estimate.
 pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
     let (values, vectors) = symmetric3(covariance(points, slot, near));
     let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;
     is_line.then(|| outside.reject_from_normalized(vectors[2]).try_normalize()).flatten()
 }
 
-/// Estimates the squared distance of the farthest of [`WIDE`] neighbours from that of `count`. The estimate is somewhat
-/// too large for points spread evenly over a surface.
+/// Estimates the squared distance of the farthest of [`WIDE`] neighbours from `farthest2`, that of the farthest of
+/// `count`. The estimate is somewhat too large for points spread evenly over a surface.
 pub(crate) fn wider(farthest2: f32, count: usize) -> f32 {
     1.3 * farthest2 * (WIDE as f32 / count.max(1) as f32)
 }
 
-/// Returns the covariance of a point and `neighbours` about their mean, times the number of points, in squared grid
-/// steps.
+/// Returns the covariance matrix of the positions of a point and its `neighbours`, times the number of points, in
+/// squared grid steps.
 pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32]) -> Symmetric3 {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) =
         dispatch!(Level::new(), simd => sums_by(simd, points, slot, neighbours));
@@ -135,7 +136,8 @@ pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
     Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
-/// Sums the offsets of `neighbours` from a point, and the offsets' products xx xy xz yy yz zz.
+/// Returns the sum of the offsets of `neighbours` from a point, in grid steps, and the sums of the offsets' products
+/// xx, xy, xz, yy, yz, zz.
 #[inline(always)]
 fn sums_by<S: Simd>(simd: S, points: &SortedPoints, slot: usize, neighbours: &[u32]) -> ([f64; 3], [f64; 6]) {
     let p = points.at(slot);

@@ -11,15 +11,15 @@ pub struct PointOptions {
     /// Number of neighbours from which normals and spacing are estimated; 6 to 64, default 16.
     pub neighbours: usize,
     /// Position that estimated normals face, in world coordinates. `None` uses the scanner's position if the file
-    /// states one; otherwise normals face outward, as far as the points allow to detect it.
+    /// states one. Otherwise normals face out of the surface, as far as the points show its outside.
     pub viewpoint: Option<DVec3>,
     /// Largest number of coincident points that become splats, at least 1; default all. Further splats in the same
     /// place look the same and slow rendering down.
     pub coincident: usize,
     /// True to make elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
-    /// True to make the splats of foliage level (normal +z), for points without stored normals. Seen from above, level
-    /// splats leave no gaps. Default false.
+    /// True to make splats level (normal +z) where the points form no surface, as in foliage, unless a normal is
+    /// stored. Seen from above, level splats leave no gaps. Default false.
     pub level_where_scattered: bool,
     /// True to orient disks by stored normals even if these don't fit the arrangement of the neighbours. Suitable for
     /// normals that come from the faces of a mesh. Default false.
@@ -67,12 +67,13 @@ pub struct PointReport {
     pub normals_given: usize,
     /// Number of points whose normal was estimated.
     pub normals_estimated: usize,
-    /// Number of splats that got a radius stored in the file.
+    /// Number of splats whose radius is the one stored in the file.
     pub radii_given: usize,
-    /// Median of the radii stored in the file, relative to the cloud's spacing, if it is too large for splats; else
-    /// `None`. Radii are then estimated, and the stored ones become an extra column.
+    /// Median of the radii stored in the file, relative to the cloud's spacing, if they are too large for splats
+    /// ([`MAX_SPACINGS`](crate::MAX_SPACINGS)); else `None`. Radii are then estimated, and the stored ones become an
+    /// extra column.
     pub radii_too_large: Option<f64>,
-    /// Number of points at the position of an earlier one.
+    /// Number of points at the position of an earlier point, so that they coincide.
     pub duplicates: usize,
     /// Number of coincident points dropped because of [`PointOptions::coincident`]. Points coincide if their distance
     /// is below 2⁻³⁰ of half the cloud's extent.
@@ -82,8 +83,8 @@ pub struct PointReport {
     /// Number of points of class [`PointClass::Isolated`]: far from their neighbours, or too sparse and uneven for a
     /// surface. Their radii are no larger than the cloud's typical radius.
     pub isolated: usize,
-    /// Number of points whose stored normal doesn't fit the arrangement of the points around. Such a normal is used for
-    /// shading only.
+    /// Number of points whose stored normal doesn't fit the surface that the points around them form. Such a normal is
+    /// used for shading only.
     pub normals_off: usize,
     /// Indices, ascending, of the splats made level because of [`PointOptions::level_where_scattered`].
     pub level: Vec<u32>,

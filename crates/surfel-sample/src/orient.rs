@@ -28,13 +28,14 @@ const BLOCK: usize = RUN;
 /// With noise as large as one spacing, 0.95 turns 2 to 3.5 % of a torus's points the wrong way. A limit of 0.75 turns 2
 /// to 9 %.
 const STRONG: f32 = 0.95;
-/// Absolute mean relation of the edges between two patches below which the patches are joined only if one of them is
-/// small ([`SMALL`]).
+/// Absolute mean of the relations ([`relation`]) of the edges between two patches below which the patches are joined
+/// only if one of them is small ([`SMALL`]).
 const WEAK: f32 = 0.25;
 /// Number of points below which a patch of consistent normals is small.
 const SMALL: u32 = 16;
-/// Ratio above which an edge may lead to a stray point and is ignored at first. It is the edge's length over the
-/// distance from the neighbour to its own farthest neighbour.
+/// Ratio of lengths above which an edge, from a point to one of its nearest neighbours, may start at a stray point and
+/// is ignored at first. The ratio is the edge's length over the distance from the neighbour to the neighbour's own
+/// farthest neighbour.
 const ALONE: f32 = 3.0;
 /// Number of nearest neighbours of a point that are tested for strong edges, and compared for the coherence of normals.
 pub(crate) const NEAREST: usize = 8;
@@ -70,7 +71,8 @@ pub(crate) enum Outside {
 }
 
 impl Outside {
-    /// Returns the unit direction toward the outside for a point in no surface; `place` is in grid steps.
+    /// Returns the unit direction toward the outside for a point in no surface; `place` is its position in grid steps
+    /// from the centre of all points.
     pub(crate) fn at(self, place: DVec3) -> DVec3 {
         match self {
             Self::Toward(viewpoint) => (viewpoint - place).normalize_or(DVec3::Z),
@@ -79,11 +81,11 @@ impl Outside {
     }
 }
 
-/// Computes a unit normal for each slot: the normal in `given` if it isn't zero, else one estimated from the `degree`
-/// nearest neighbours.
+/// Computes a unit normal for each slot: from its normal in `given` if this isn't zero, else from the `degree` nearest
+/// neighbours.
 ///
-/// A given normal is preserved if it fits the arrangement of the neighbours. The majority of the given normals decides
-/// the sign of all points connected with them.
+/// A given normal is preserved if it fits the neighbours ([`fitted_stored_normal`]). The majority of the given normals
+/// decides the sign of all points connected with them.
 ///
 /// With `level_where_scattered`, estimated normals point up (+z) if the neighbours form no plane. The second result
 /// flags the slots of such points, or is empty if there are none.
@@ -159,8 +161,8 @@ struct Block<'a> {
     patches: Patches,
 }
 
-/// Returns the relation of the normals at two points: 1 for the same side of the surface, −1 for opposite sides, near 0
-/// if unclear.
+/// Returns the relation of the unit normals `n` and `m` at the slots `a` and `b`: 1 for the same side of the surface,
+/// −1 for opposite sides, near 0 if unclear.
 #[inline]
 fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3)) -> f32 {
     let d = offset(points, a, b);
@@ -170,7 +172,7 @@ fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3))
     mirrored * (1.0 - (above * above).max(other * other) * scale)
 }
 
-/// True if the neighbours of a point with this normal form no plane.
+/// True if the neighbours of a point form no plane perpendicular to its normal.
 fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> bool {
     let sine2 = |j: &u32| {
         let d = offset(points, slot, *j as usize);
@@ -191,8 +193,8 @@ pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usiz
     near.iter().map(mirrored).sum::<f32>() / near.len() as f32
 }
 
-/// True if point `a` may be a stray point next to `b`. All neighbours of `b` are then more than [`ALONE`] times nearer
-/// to `b` than `a` is.
+/// True if the point `a` may be a stray point near `b`: all neighbours of `b` are more than [`ALONE`] times nearer to
+/// `b` than `a` is.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
     offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
@@ -244,7 +246,7 @@ impl SignedSets {
     }
 }
 
-/// Sum of the relations of all edges between two patches; the sign decides their relative orientation.
+/// Sum of the relations ([`relation`]) of all edges between two patches; its sign decides their relative orientation.
 #[derive(Clone, Copy, Debug)]
 struct Vote {
     patches: [u32; 2],
@@ -283,9 +285,9 @@ fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
     votes
 }
 
-/// Joins sets in rounds until no vote counts. In each round, every set is joined along its clearest vote (the largest
-/// absolute sum) for which `counts` returns true. The votes between the new sets are then summed. Returns the votes
-/// between the remaining sets.
+/// Joins sets in rounds until `counts` is false for all votes. In each round, every set is joined along its clearest
+/// vote (the largest absolute sum) for which `counts` returns true. The votes between the new sets are then summed.
+/// Returns the votes between the remaining sets.
 fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &SignedSets) -> bool) -> Vec<Vote> {
     let mut clearest = vec![None; sets.parent.len()];
     loop {
@@ -463,7 +465,7 @@ fn orient(
     });
 }
 
-/// Joins sets without edges between them (distant scan lines, stray points) by a search for more neighbours.
+/// Joins sets of patches without edges between them (distant scan lines, stray points) by a search for more neighbours.
 fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &AllPatches, sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..sets.parent.len() as u32).map(|p| sets.find(p).0).collect();
     // The other sets find the largest one: searches from its points would cost far more.
@@ -486,7 +488,8 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &AllPatches, sets: &mu
     join_by(votes.concat(), sets, |_, _| true);
 }
 
-/// Returns the 14 directions in which a set's extreme points vote: toward the faces and corners of a cube.
+/// Returns the 14 unit directions along which the extreme points of a set of patches are found: toward the faces and
+/// corners of a cube. The normals at these points vote for the outside.
 fn directions() -> [DVec3; 14] {
     let mut all = [DVec3::ZERO; 14];
     for (i, d) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
@@ -499,11 +502,14 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// Number of outward votes below which a set of patches counts as an open surface. A valley whose sides rise by 10°
-/// gets about as many votes from below.
+/// Number of outward votes below which a set of patches counts as an open surface. A vote is the component of an
+/// extreme point's normal along the direction in which the point is extreme ([`directions`]). A valley whose sides rise
+/// by 10° gets about as many votes from below.
 const MIN_OUTWARD_VOTES: f64 = 2.0;
 
-/// Evidence for the sign of a patch, or of a set of patches: given normals, upward parts, and extreme points.
+/// Evidence for the sign of a patch, or of a set of patches. `given` is the number of given normals that agree with the
+/// patch's normals, less those that don't. `up` is the sum of its normals' components along the up axis, and `count`
+/// its number of points.
 #[derive(Clone)]
 struct Evidence {
     given: i64,
@@ -520,8 +526,8 @@ impl Default for Evidence {
     }
 }
 
-/// Returns a flag per root, true if its set must be flipped so that normals point outward. The last argument is the up
-/// axis, and true if it is certain.
+/// Returns a flag per set of patches, by its root, true if the set must be flipped so that its normals point outward.
+/// The last argument is the up axis, and true if it is certain.
 fn signs(
     points: &SortedPoints,
     all: &[Oriented],

@@ -24,7 +24,7 @@ use surfel_model::PointCloud;
 /// Number of nearest neighbours in a point's mean distance, as in PDAL's `filters.outlier`.
 const NEIGHBOURS: usize = 8;
 /// Number of distinct points from which rules 1 and 2 of [`outliers`] apply; in smaller clouds they find no outliers.
-const LEAST_POINTS: usize = 2 * NEIGHBOURS;
+const MIN_POINTS: usize = 2 * NEIGHBOURS;
 /// Distance from the cloud's centre beyond which a point is always an outlier, in units of the points' median distance
 /// from it. A grid that contained such a point would have all other points in one cell.
 const FARTHEST: f64 = 1e4;
@@ -55,7 +55,7 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     let mut found = far(count, &position);
     let near: Vec<u32> = (0..count as u32).filter(|i| !found[*i as usize]).collect();
     let sorted = SortedPoints::new(near.len(), |i| position(near[i] as usize))?;
-    if sorted.len() >= LEAST_POINTS {
+    if sorted.len() >= MIN_POINTS {
         let distances = distances(&sorted);
         let limit = spread(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |spread| spread.most(ALONE));
         let least = distances.iter().copied().fold(f32::INFINITY, f32::min);

@@ -16,30 +16,31 @@ use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
-/// Radius of splats in a cloud that has no spacing (one point, or all points in one place), in object units.
+/// Radius, in object units, of the splats of a cloud without a spacing: one point, or all points in one place.
 const FALLBACK_RADIUS: f64 = 1.0;
 
-/// Comment of a cloud that was made of points. Detection of the up axis uses the comment.
+/// Comment in a splat file that its splats were made of points. The up axis of a cloud with this comment is estimated
+/// as that of a point cloud.
 pub const OF_POINTS: &str = "made of points";
 
 /// Largest median of a file's stored radii, in units of the cloud's typical spacing, at which these radii are used for
 /// splats.
-pub const MOST_SPACINGS: f64 = 5.0;
+pub const MAX_SPACINGS: f64 = 5.0;
 
 /// Converts a point cloud to splats, one per point, except for coincident points that the options drop.
 ///
-/// A stored normal (finite, not zero) becomes the disk's normal if it fits the arrangement of the neighbouring points.
-/// Otherwise the disk gets the normal of the neighbours' plane, on the stored normal's side, and the stored normal
-/// becomes the shading normal. Points without normals get estimated normals, oriented by [`PointOptions::viewpoint`].
+/// A stored normal (finite, not zero) becomes the disk's normal if it fits the surface that the neighbouring points
+/// form. Otherwise the disk gets the normal of the neighbours' plane, on the stored normal's side, and the stored
+/// normal becomes the shading normal. Points without normals get estimated normals, oriented by
+/// [`PointOptions::viewpoint`].
 ///
-/// Stored radii are used unless their median exceeds [`MOST_SPACINGS`]. All other radii are estimated from the local
+/// Stored radii are used unless their median exceeds [`MAX_SPACINGS`]. All other radii are estimated from the local
 /// spacing and the class of the point ([`PointClass`]), so that surfaces have no holes and other points stay small. If
 /// the sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
 ///
 /// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is
-/// estimated.
-/// The cloud is declared oriented if no normal is stored, because estimated normals all point to the outside of a
-/// surface.
+/// estimated. The cloud is declared oriented if no normal is stored, because estimated normals all point to the outside
+/// of a surface.
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
@@ -89,7 +90,7 @@ pub fn splats_from_points(
     let off = (0..sorted.len()).filter(|slot| layout.is_off(*slot));
     report.normals_off = off.map(|slot| sorted.inputs(slot).iter().filter(|i| is_off(i)).count()).sum();
     let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
-    // A single place has no spacing.
+    // If all points are in one place, there is no spacing.
     let spacing = if slots > 1 { sizes.typical * sorted.step } else { f64::INFINITY };
     let given_radii = points.radii.as_deref().and_then(|radii| GivenRadii::new(radii, spacing, options, &mut report));
     let slot_of = sorted.into_slots();
@@ -142,7 +143,7 @@ pub fn splats_from_points(
     Ok((splats, report))
 }
 
-/// Normals stored in a file; zero and non-finite ones count as missing.
+/// Column of normals stored in a file, if there is one; zero and non-finite normals count as missing.
 struct GivenNormals<'a>(Option<&'a Column3>);
 
 impl GivenNormals<'_> {
@@ -163,13 +164,13 @@ struct GivenRadii<'a> {
 }
 
 impl<'a> GivenRadii<'a> {
-    /// Checks the stored radii of a cloud with this spacing. `None` if no radius is valid, or if the radii are too
-    /// large.
+    /// Checks the stored radii of a cloud with this spacing, in object units. `None` if no radius is valid, or if the
+    /// radii are too large ([`MAX_SPACINGS`]), which is reported.
     fn new(radii: &'a [f32], spacing: f64, options: &PointOptions, report: &mut PointReport) -> Option<Self> {
         let is_radius = |r: f32| r > 0.0 && r.is_finite();
         let value = |i: usize| if is_radius(radii[i]) { radii[i] } else { 0.0 };
         let times = f64::from(median::median_of(radii.len(), value)?) / spacing;
-        if times > MOST_SPACINGS {
+        if times > MAX_SPACINGS {
             report.radii_too_large = Some(times);
             return None;
         }
@@ -183,14 +184,14 @@ impl<'a> GivenRadii<'a> {
     }
 }
 
-/// Normals of the splats' disks, one per slot.
+/// Normals of the splats' disks, one per slot (distinct position), and flags that tell how they were found.
 struct Layout {
     oriented: Vec<Oriented>,
     /// Flag per slot, true if the neighbours form no plane and the estimated normal therefore points up. Empty if there
     /// are no such slots.
     is_level: Vec<bool>,
-    /// Flag per slot, true if a stored normal doesn't fit the arrangement of the neighbours. Empty if all stored
-    /// normals fit.
+    /// Flag per slot, true if its stored normal doesn't fit the neighbours, so that the disk has another normal. Empty
+    /// if all stored normals fit.
     is_off: Vec<bool>,
 }
 
@@ -250,7 +251,7 @@ fn orient_disks(
     Layout { oriented, is_level, is_off }
 }
 
-/// Counts the points of each class.
+/// Counts the input points of each class, in the order of [`PointClass::ALL`].
 fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len()] {
     let parts = map_tasks(sorted.len().div_ceil(RUN), |task| {
         let mut counts = [0; PointClass::ALL.len()];
@@ -262,8 +263,8 @@ fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len(
     std::array::from_fn(|class| parts.iter().map(|counts| counts[class]).sum())
 }
 
-/// Replaces the estimated normals of isolated points and of points on lines. Isolated points face the outside; normals
-/// on a line are perpendicular to the line, and face the outside as far as possible.
+/// Replaces the normals of isolated points and of points on lines, unless a normal is stored (`is_given`). Isolated
+/// points face the outside. Normals on a line are perpendicular to the line, and face the outside as far as possible.
 fn face_outside(
     sorted: &SortedPoints,
     oriented: &mut [Oriented],
@@ -287,7 +288,7 @@ fn face_outside(
     }
 }
 
-/// Results of the conversion, except for the sizes, from which the columns of the cloud are built.
+/// Results of the conversion, except for the splats' sizes, from which the columns of the cloud are built.
 struct Converted<'a> {
     slot_of: Vec<u32>,
     /// Input index of each splat; `None` if every input point became a splat, so that both indices are the same.
@@ -300,13 +301,13 @@ struct Converted<'a> {
 }
 
 impl Converted<'_> {
-    /// Returns the input index of splat `i`, and its slot.
+    /// Returns the input index of splat `i`, and the slot of its position.
     fn place(&self, i: usize) -> (usize, usize) {
         let input = self.kept.as_ref().map_or(i, |kept| kept[i] as usize);
         (input, self.slot_of[input] as usize)
     }
 
-    /// Returns the normal of an input point's disk. The stored normal is used if it fits the arrangement of its slot,
+    /// Returns the normal of an input point's disk. The stored normal is used if it fits the neighbours of its slot,
     /// else the slot's normal on the same side.
     fn disk_normal(&self, input: usize, slot: usize) -> Vec3 {
         let own = self.layout.oriented[slot].normal;
@@ -333,7 +334,8 @@ impl Converted<'_> {
         is_wanted.then(|| Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i))))
     }
 
-    /// Returns the shape column of all splats. The sizes are freed before the normals are allocated, to save memory.
+    /// Returns the shape of all splats, disks or ellipses, and completes the report. The sizes are freed before the
+    /// normals are allocated, to save memory.
     fn shape(self, sizes: Sizes, report: &mut PointReport) -> Shape {
         let count = report.splats;
         let given_radius = |i: usize| self.given_radii.as_ref()?.get(self.place(i).0);

@@ -34,8 +34,9 @@ const SPARSE: f64 = 2.0;
 const FEW: usize = 24;
 /// Distance from a sparse point within which other sparse points are counted, in units of the point's spacing.
 const FEW_REACH: f64 = 5.0;
-/// Radius above which a sparse point in a surface is tested for too few neighbours, relative to the density radius for
-/// the cloud's typical spacing. Samples of a mesh on a line have at most this radius.
+/// Radius above which a sparse point in a surface is tested for too few sparse neighbours ([`FEW`]), relative to the
+/// density radius for the cloud's typical spacing. It is also the largest radius of a mesh's sample of class
+/// [`PointClass::Line`].
 const LARGE: f64 = 2.5;
 /// Smallest fraction of points in surfaces at which the cloud's typical spacing is computed from these points alone.
 const IN_SURFACES: f64 = 0.1;
@@ -43,8 +44,8 @@ const IN_SURFACES: f64 = 0.1;
 /// Fraction of points with stretched cells in a cloud above which its splats are ellipses. Random samplings have about
 /// 5 % such points by chance.
 const ANISOTROPIC_FRACTION: f64 = 0.1;
-/// Number of points per task. A task also measures the points around its block, which belong to other tasks. For random
-/// points on a surface, these are about a tenth of a block.
+/// Number of points per task. A task also measures the points around its block, which are measured again by other
+/// tasks. For random points on a surface, the additional points are about a tenth of a block.
 const BLOCK: usize = 2 * RUN;
 
 /// Sizes of all splats and the evidence for the classes of their points. Lengths are in grid steps of [`SortedPoints`].
@@ -77,7 +78,8 @@ impl Sizes {
         self.all[slot].evidence
     }
 
-    /// Returns the radius `own` of a slot's disk, limited to what the class of the point allows.
+    /// Returns the radius `own` of a slot's disk, in grid steps, limited by the class of the point. If `own` is 0,
+    /// because the point has no neighbours, the result is the density radius for the typical spacing.
     fn bounded(&self, slot: usize, own: f32) -> f64 {
         if own <= 0.0 {
             return DENSITY * self.typical;
@@ -88,19 +90,20 @@ impl Sizes {
         f64::from(own).min(most * self.typical)
     }
 
-    /// Returns the ellipse of a slot, if it has one.
+    /// Returns the ellipse of the splat at `slot`; `None` if the splat is a disk.
     fn ellipse(&self, slot: usize) -> Option<Ellipse> {
         self.ellipses.get(slot).copied().filter(|ellipse| ellipse.ratio > 0)
     }
 
-    /// Adds a piece of evidence to a slot, and makes its splat a disk of at most this radius.
+    /// Adds a piece of evidence (a bit of [`Evidence`]) to the point at `slot`, and makes its splat a disk of at most
+    /// `radius` grid steps.
     pub(crate) fn reclassify(&mut self, slot: usize, piece: u8, radius: f64) {
         let evidence = self.all[slot].evidence.with(piece, true);
         self.all[slot].evidence = evidence;
         self.limit(slot, radius);
     }
 
-    /// Makes the splat of a slot a disk of at most this radius.
+    /// Makes the splat at `slot` a disk of at most `radius` grid steps.
     pub(crate) fn limit(&mut self, slot: usize, radius: f64) {
         self.all[slot].radius = (radius as f32).min(self.bounded(slot, self.all[slot].radius) as f32);
         self.remove_ellipse(slot);
@@ -113,7 +116,7 @@ impl Sizes {
         }
     }
 
-    /// Limits both axes of a slot's splat to `most`.
+    /// Limits both half-axes of the splat at `slot` to `most` grid steps.
     pub(crate) fn shorten(&mut self, slot: usize, most: f64) {
         let Some(ellipse) = self.ellipse(slot) else {
             self.all[slot].radius = (most as f32).min(self.bounded(slot, self.all[slot].radius) as f32);
@@ -180,7 +183,8 @@ pub(crate) fn sizes(
     let farthest = median_of(count, |slot| oriented[slot].farthest2).map_or(0.0, f32::sqrt);
     let scale = Scale { degree: degree.min(count - 1), known, farthest, ellipses };
     let mut all = vec![Size::default(); count];
-    // Usually few slots have an ellipse; only in a stretched cloud nearly all do.
+    // Usually few slots have an ellipse, so that a list of them is small; only in a stretched cloud nearly all have
+    // one.
     let ellipses = Mutex::new(Vec::new());
     for_chunks(&mut all, BLOCK, &|first, sizes| {
         let mut block = Block::new(points, (oriented, level), scale);
@@ -209,8 +213,8 @@ pub(crate) fn sizes(
     sizes
 }
 
-/// Returns the typical spacing of a cloud: the median over points in surfaces, or over all points if few are in
-/// surfaces.
+/// Returns the typical spacing of a cloud: the median spacing of the points in surfaces, or of all points if few are in
+/// surfaces. `None` if no point has a spacing.
 fn typical(all: &[Size]) -> Option<f64> {
     let is_in_surface = |size: &Size| size.evidence.class().is_surface();
     let in_surfaces = all.iter().filter(|size| is_in_surface(size)).count();

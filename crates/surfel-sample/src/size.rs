@@ -22,12 +22,13 @@ pub(crate) struct Size {
     pub(crate) evidence: Evidence,
 }
 
-/// Ellipse of a splat, in 64 bits. A ratio of 0 means that the splat is a disk.
+/// Ellipse of a splat, stored in 64 bits. A ratio of 0 means that the splat is a disk.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ellipse {
     /// Geometric mean of the half-axes, in grid steps.
     pub(crate) mean: f32,
-    /// Angle of the long axis in the normal's tangent frame, as a multiple of π / [`Self::STEPS`].
+    /// Angle of the long axis in the tangent frame of the splat's normal ([`crate::block::tangents`]), as a multiple of
+    /// π / [`Self::STEPS`].
     angle: u16,
     /// Ratio of the long to the short axis, as a multiple of [`MAX_AXIS_RATIO`] / [`Self::STEPS`]; 0 for a disk.
     pub(crate) ratio: u16,

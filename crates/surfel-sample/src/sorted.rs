@@ -11,12 +11,12 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Number of points per leaf: one SIMD step. On 1 M points, leaves of 32 are slower by 1/20, and leaves of 64 by 1/7.
 pub(crate) const LEAF: usize = 16;
-/// Number of points per run, the unit that is sorted in k-d order: a power of two of leaves.
+/// Number of points per run, the unit that is sorted in k-d order: a power-of-two number of leaves.
 pub(crate) const RUN: usize = 256 * LEAF;
 /// Number of child boxes per box in the hierarchy of bounding boxes.
 pub(crate) const FAN: usize = 8;
-/// Largest absolute coordinate of a point, in grid steps from the centre of all points. The difference of two
-/// coordinates fits an i32.
+/// Largest absolute coordinate of a point, in grid steps from the centre of all points. The limit makes the difference
+/// of two coordinates fit an i32.
 const REACH: f64 = 1_073_741_823.0;
 /// Number of points per parallel task.
 const CHUNK: usize = 1 << 15;
@@ -88,7 +88,7 @@ impl Boxes {
         Bounds { lo: self.lo.map(|c| c[i]), hi: self.hi.map(|c| c[i]) }
     }
 
-    /// Returns one bit per box, set if the box meets `region`.
+    /// Returns one bit per box, set if the box meets `region`; the first box has the lowest bit.
     #[inline(always)]
     pub(crate) fn meeting<S: Simd>(&self, simd: S, region: &Bounds) -> u32 {
         let mut meets = mask32x8::splat(simd, true);
@@ -132,23 +132,24 @@ fn spread(x: u32) -> u64 {
     (x | x << 2) & 0x1249_2492_4924_9249
 }
 
-/// Returns the upper 63 of the 93 bits of a Morton code.
+/// Returns the upper 63 of the 93 bits of the Morton code of a point, given in grid steps.
 fn upper(p: [i32; 3]) -> u64 {
     let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 >> 10));
     x | y << 1 | z << 2
 }
 
-/// Returns the lower 30 bits of a Morton code.
+/// Returns the lower 30 bits of the Morton code of a point, given in grid steps.
 fn lower(p: [i32; 3]) -> u64 {
     let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 & 0x3ff));
     x | y << 1 | z << 2
 }
 
 impl SortedPoints {
-    /// Sorts `total` positions.
+    /// Sorts `total` points. `position` returns the position of point i, in object coordinates.
     ///
     /// # Errors
-    /// [`SampleError::NotFinite`] or [`SampleError::TooMany`].
+    /// [`SampleError::NotFinite`] if a position isn't finite, [`SampleError::TooMany`] for more points than indices
+    /// address.
     pub(crate) fn new(total: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Result<Self, SampleError> {
         SampleError::check_count("points", total)?;
         let (lo, hi) = extent(total, &position)?;
@@ -222,13 +223,13 @@ impl SortedPoints {
         DVec3::new(f64::from(self.x[slot]), f64::from(self.y[slot]), f64::from(self.z[slot]))
     }
 
-    /// Returns the indices of the input points at `slot`, ascending; at least one.
+    /// Returns the input indices of the coincident points at `slot`, ascending; at least one.
     #[inline]
     pub(crate) fn inputs(&self, slot: usize) -> &[u32] {
         inputs(&self.order, &self.starts, slot)
     }
 
-    /// Returns the slot of each input point.
+    /// Returns the slot of each input point, the place of its position in the sorted order.
     #[cfg(any(test, feature = "sharp"))]
     pub(crate) fn slots(&self) -> Vec<u32> {
         slots(&self.order, &self.starts)
@@ -253,7 +254,7 @@ impl SortedPoints {
         self.levels[0][leaf / FAN].get(leaf % FAN)
     }
 
-    /// Returns the slots of a leaf.
+    /// Returns the slots of a leaf: up to [`LEAF`] consecutive ones.
     pub(crate) fn leaf(&self, index: usize) -> std::ops::Range<usize> {
         index * LEAF..((index + 1) * LEAF).min(self.len())
     }
@@ -278,7 +279,7 @@ fn slots(order: &[u32], starts: &[u32]) -> Vec<u32> {
     slots.into_iter().map(AtomicU32::into_inner).collect()
 }
 
-/// Returns the corners of the points' bounding box.
+/// Returns the two corners of the points' bounding box; zero without points. Fails if a position isn't finite.
 fn extent(total: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Result<(DVec3, DVec3), SampleError> {
     let parts = map_tasks(total.div_ceil(CHUNK), |task| {
         let (mut lo, mut hi, mut finite) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
@@ -353,7 +354,8 @@ fn split(items: &mut [([i32; 3], u32)]) {
     split(right);
 }
 
-/// Moves the inputs of slots: slot `i` gets the inputs that slot `from[i]` had.
+/// Reorders the columns `order` and `starts` of [`SortedPoints`]: slot `i` gets the input points that slot `from[i]`
+/// had.
 fn reordered(order: Vec<u32>, starts: Vec<u32>, from: &[u32]) -> (Vec<u32>, Vec<u32>) {
     if starts.is_empty() {
         let mut new = vec![0_u32; order.len()];
@@ -404,7 +406,7 @@ mod tests {
     #[test]
     fn slots_lead_to_all_coincident_points_in_order_far_from_the_origin() {
         let mut random = Random::new(2);
-        // A few hundred places for a thousand points.
+        // About five hundred places for a thousand points.
         let mut level = || (random.unit() * 8.0).floor() - 1e7;
         let positions: Vec<DVec3> = (0..1000).map(|_| DVec3::new(level(), level(), level())).collect();
         let points = of(&positions);

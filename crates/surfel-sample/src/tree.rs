@@ -101,8 +101,9 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits, leaf by leaf, all slots whose item is within `radius` plus its own reach of `query`. Some other slots
-    /// are visited too. `largest` comes from [`KdTree::largest_below`], or is empty for items without reach.
+    /// Visits, leaf by leaf, the slots of all items whose distance from `query` is at most `radius` plus the item's own
+    /// reach. Some other slots are visited too. `largest` comes from [`KdTree::largest_below`], or is empty for items
+    /// without reach.
     pub(crate) fn near(&self, query: DVec3, radius: f64, largest: &[f64], visit: &mut impl FnMut(usize)) {
         self.walk(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, radius, largest, visit);
     }
@@ -144,7 +145,7 @@ impl KdTree {
         }
     }
 
-    /// Returns, for each node, the bounding box of the items below it.
+    /// Returns, for each node, the lower and upper corner of the bounding box of the items below it.
     pub(crate) fn bounds_below(&self) -> Vec<(DVec3, DVec3)> {
         let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); self.nodes.len()];
         self.fill_bounds(0, self.nodes.len(), 0, self.items.len(), &mut bounds);
@@ -170,8 +171,8 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits, leaf by leaf, the slots below every node for which `enters` is true, as it is for all of the node's
-    /// ancestors.
+    /// Visits the tree from its root, and enters the nodes for which `enters` returns true. Calls `visit` with all
+    /// slots of every leaf that is reached.
     pub(crate) fn visit_below(&self, enters: &impl Fn(usize) -> bool, visit: &mut impl FnMut(usize)) {
         self.walk_below((0, self.nodes.len()), (0, self.items.len()), enters, visit);
     }

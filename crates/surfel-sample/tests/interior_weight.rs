@@ -11,7 +11,7 @@ fn cloud(origin: DVec3, centers: &[DVec3], shape: Shape) -> SplatCloud {
     SplatCloud::new(CloudData::new(origin, Column3::from_f64(centers), shape), OnInvalid::Refuse).unwrap().0
 }
 
-/// Computes the interior weight literally by rendering model §5.
+/// Computes the interior weight literally by its definition in rendering model §5, over all pairs of splats.
 fn brute(cloud: &SplatCloud) -> f64 {
     let n = cloud.len();
     let m = n.min(4096);

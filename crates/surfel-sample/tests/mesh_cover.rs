@@ -22,7 +22,7 @@ fn cube() -> Mesh {
     mesh(&positions, quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect())
 }
 
-/// Returns a sphere of unit radius with `rows` rows, poles included.
+/// Returns a sphere of unit radius with vertices at `rows` + 1 latitudes, including the poles.
 fn globe(rows: u32) -> Mesh {
     let (columns, mut positions, mut triangles) = (2 * rows, Vec::new(), Vec::new());
     for j in 0..=rows {
@@ -40,7 +40,7 @@ fn globe(rows: u32) -> Mesh {
     mesh(&positions, triangles)
 }
 
-/// Returns uniformly distributed points of a mesh, with face normals.
+/// Returns points that are uniformly distributed over a mesh, with the normals of their faces.
 fn places(mesh: &Mesh, count: usize) -> Vec<(DVec3, DVec3)> {
     let mut random = Lcg(77);
     let corners = |t: &[u32; 3]| t.map(|i| mesh.positions.get(i as usize));
@@ -277,7 +277,8 @@ fn texture_seams_weld_and_hard_edges_do_not() {
     assert_eq!(report.feature_edges, 12, "the diagonals are no creases");
 }
 
-/// Counts vertices that repeat another's place and normal, but not those of the first one there.
+/// Counts the vertices that repeat the position and normal of an earlier vertex, unless that is the normal of the first
+/// vertex at the position.
 fn split_doubles(mesh: &Mesh) -> usize {
     let normals = mesh.normals.as_ref().unwrap();
     let place = |i: usize| mesh.positions.get(i);

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use surfel_model::{Column3, Mesh, MeshMaterial, NormalMap, SplatCloud, Texture, TriangleMaterials};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, splats_from_mesh};
 
-/// Returns a map of `size`² texels. `normal` gives the components right, up and out at a place in the image, with v
-/// down.
+/// Returns a normal map of `size`² texels. `normal` maps a place in the image (u right, v down, 0 to 1) to a normal
+/// with the components right, up and out.
 fn map(size: u32, scale: f32, normal: impl Fn(DVec2) -> DVec3) -> NormalMap {
     let level = |v: f64| (127.5 * (v + 1.0)).round() as u8;
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size);
@@ -19,7 +19,8 @@ fn map(size: u32, scale: f32, normal: impl Fn(DVec2) -> DVec3) -> NormalMap {
     NormalMap { image: Arc::new(image), scale }
 }
 
-/// Returns a turned unit square; right and up are x and y before the turn. `uv` maps a place to texture coordinates.
+/// Returns a unit square turned by `turned`, whose image axes right and up are x and y before the turn. `uv` maps a
+/// place of the square to texture coordinates.
 fn square(turned: DMat3, uv: impl Fn(DVec2) -> [f32; 2], map: NormalMap) -> Mesh {
     let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(DVec2::from);
     let material = MeshMaterial { normal_map: Some(map), ..MeshMaterial::default() };

@@ -1,5 +1,5 @@
-//! Tests of point classes: points in no surface stay small, surfaces have no holes at any sampling, and disks follow
-//! the layout of the points.
+//! Tests of point classes: splats of points in no surface stay small, surfaces have no holes at any sampling, and disks
+//! follow the layout of the points.
 
 use crate::common;
 
@@ -37,13 +37,13 @@ fn too_large(cloud: &SplatCloud) -> usize {
     (0..all.len()).filter(|i| is_too_large(*i)).count()
 }
 
-/// Returns the larger half-axis.
+/// Returns the length of splat `i`'s larger half-axis.
 fn largest(cloud: &SplatCloud, i: usize) -> f64 {
     let (s, t) = cloud.axes(i);
     s.length().max(t.length())
 }
 
-/// Returns the facade of 1200 points from the case's file, and its 60 strays.
+/// Returns the 1200 points of a facade from a data file, and the 60 stray points around it.
 fn facade_with_strays() -> (Vec<DVec3>, Vec<DVec3>) {
     let line = |line: &str| {
         let numbers: Vec<f64> = line.split_whitespace().map(|n| n.parse().unwrap()).collect();
@@ -94,15 +94,16 @@ fn strays_about_a_facade_stay_small_whatever_their_number() {
     }
 }
 
-/// A scene scanned by a spinning sensor: beams that hit the ground, walls, poles, a car, and crowns of trees.
+/// Points of a scene that a spinning sensor scans: ground, walls, poles, a car, and crowns of trees.
 struct Sweep {
     positions: Vec<DVec3>,
-    /// True for points of crowns, poles, and distant objects.
+    /// Flag per point, true for points of crowns, poles, and distant objects.
     is_clutter: Vec<bool>,
 }
 
 impl Sweep {
-    /// Scans with this number of beams, `step_deg` apart, the lowest at `lowest_deg`, with returns `turn_deg` apart.
+    /// Scans the scene with `beams` beams that are `step_deg` apart in elevation, the lowest at `lowest_deg`. Each beam
+    /// has a return every `turn_deg` degrees. `axes` turns the resulting points.
     fn new([beams, lowest_deg, step_deg, turn_deg]: [f64; 4], axes: DMat3) -> Self {
         let mut random = Lcg(12);
         let mut crown = |x: f64, y: f64| {
@@ -190,7 +191,8 @@ fn no_disk_is_larger_than_six_times_the_median_of_the_hundred_nearest() {
     assert_eq!(too_large(&splats(&points(&positions, None)).0), 0);
 }
 
-/// Returns a flat grid with unit normals tilted by a number of degrees toward a direction in degrees, both from `lean`.
+/// Returns the points of a flat grid, and their unit normals, which are tilted. `lean` returns the tilt of a normal and
+/// the direction of the tilt, both in degrees.
 fn leaning(side: usize, axes: DMat3, lean: &mut dyn FnMut() -> (f64, f64)) -> (Vec<DVec3>, Vec<DVec3>) {
     let place = |i: usize| axes * DVec3::new((i / side) as f64 * 0.1, (i % side) as f64 * 0.1, 0.0);
     let mut normal = || {
@@ -212,7 +214,8 @@ fn layout_lays_disks_whose_stored_normals_lean_from_it() {
         ("45, far", DMat3::IDENTITY * 1e6, &mut || (45.0, 200.0)),
         ("70, tiny", turned * 1e-6, &mut || (70.0, 10.0)),
         ("inward", DMat3::IDENTITY, &mut || (150.0, 90.0)),
-        // Like those of CloudCompare on ripple_ascii.ply: half of them by more than 21°.
+        // Noise like that of normals that CloudCompare estimated for ripple_ascii.ply, half of which are tilted by more
+        // than 21°.
         ("noise", DMat3::IDENTITY, &mut || (80.0 * random.unit(), 360.0 * random.unit())),
     ];
     for (name, axes, lean) in cases {

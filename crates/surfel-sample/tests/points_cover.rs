@@ -11,7 +11,7 @@ fn splats(positions: &[DVec3]) -> (SplatCloud, PointReport) {
     splats_from_points(&points(positions, None), &PointOptions::default(), &NoProgress).unwrap()
 }
 
-/// Returns places on the unit square without a rim of width `rim`, where the cloud's border is.
+/// Returns `count` random places on the unit square, except within `rim` of its border, and their normals.
 fn square_places(count: usize, rim: f64) -> Vec<(DVec3, DVec3)> {
     let mut random = Lcg(99);
     let mut coordinate = || rim + (1.0 - 2.0 * rim) * random.unit();

@@ -235,7 +235,7 @@ fn isolated_points_get_no_large_radius() {
     assert!((splats.normal(2001) - toward).length() < 1e-6, "{}", splats.normal(2001));
 }
 
-/// Returns the indices of the outliers.
+/// Returns the indices of the points that [`outliers`] finds.
 fn outliers_of(positions: &[DVec3]) -> Vec<usize> {
     let found = outliers(&points(positions, None), &NoProgress).unwrap();
     (0..positions.len()).filter(|i| found[*i]).collect()

@@ -15,7 +15,7 @@ fn radii(cloud: &SplatCloud) -> Vec<f64> {
     (0..cloud.len()).map(|i| cloud.radius_max(i)).collect()
 }
 
-/// Returns the value below which this share of all values is.
+/// Returns the quantile of some values: the value below which the fraction `share` of them is.
 fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);

@@ -37,7 +37,8 @@ fn cube(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// Returns the centre, the normal and two unit directions of each square that bounds a union of unit cubes.
+/// Returns the squares that bound a union of unit cubes, each as its centre, its normal and two unit directions along
+/// its sides. `cells` are the centres of the cubes.
 fn squares(cells: &[[i32; 3]]) -> Vec<[DVec3; 4]> {
     let mut found = Vec::new();
     for cell in cells {
@@ -55,7 +56,8 @@ fn squares(cells: &[[i32; 3]]) -> Vec<[DVec3; 4]> {
     found
 }
 
-/// Returns unit cubes at these places, with each square of their surface divided into `n`×`n`.
+/// Returns the surface of a union of unit cubes with centres `cells`, with each bounding square divided into `n`×`n`
+/// squares.
 fn blocks(cells: &[[i32; 3]], n: u32) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for [center, _, across, along] in squares(cells) {
@@ -120,7 +122,7 @@ fn cylinder(n: u32, rings: u32, capped: bool) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// Returns visible points of splat `i` from a grid of `steps`² over its disk's square.
+/// Returns the visible points of splat `i` among those of a grid of `steps`² points over the square around its disk.
 fn kept(cloud: &SplatCloud, i: usize, steps: u32) -> impl Iterator<Item = DVec3> {
     let ((s, t), p) = (cloud.axes(i), cloud.center(i));
     let clip = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact));
@@ -131,8 +133,8 @@ fn kept(cloud: &SplatCloud, i: usize, steps: u32) -> impl Iterator<Item = DVec3>
         .map(move |uv| p + s * uv.x + t * uv.y)
 }
 
-/// Counts the splats whose visible part has a point within `distance` of their plane, with their normal within 60° of
-/// `normal`.
+/// Counts the splats that cover the point `p`: `p` is within `distance` of their plane, over their visible part, and
+/// their normals are within 60° of `normal`.
 fn covering(cloud: &SplatCloud, p: DVec3, normal: DVec3, distance: f64) -> usize {
     let covers = |i: &usize| {
         let (s, t) = cloud.axes(*i);

@@ -13,9 +13,10 @@
 //! ```
 //!
 //! # Parts
-//! - `request_handler` answers the requests of pages with a [`surfel_app::session::Session`] per backend and inputs, which
-//!   `sessions` stores;
-//! - [`Painter`] is a request handler for a single page without a server, in a notebook or in a page that draws by WebAssembly;
+//! - `request_handler` answers the requests of pages with a [`surfel_app::session::Session`] per backend and inputs,
+//!   which `sessions` stores;
+//! - [`Painter`] is a request handler for a single page without a server, in a notebook or in a page that draws by
+//!   WebAssembly;
 //! - `server` serves the page's files over HTTP, and one WebSocket per page; `http` limits the size of requests, and
 //!   `guard` controls access;
 //! - `hub` queues the newest request of each page and the newest image for it, so that memory is bounded;

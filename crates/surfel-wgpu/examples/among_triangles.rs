@@ -1,5 +1,6 @@
-//! Draws splats into the image of another renderer's triangle: a ring of splats that passes through the triangle, each
-//! in part before and behind the other. The triangle's own pipeline writes the depth buffer.
+//! Draws splats into an image in which the application's own pipeline has drawn a triangle. The splats form a ring that
+//! passes through the triangle, so that each lies in part before the other and in part behind. The triangle's pipeline
+//! writes the depth buffer against which the splats are tested.
 //!
 //! `cargo run -p surfel-wgpu --example among_triangles -- image.png`
 

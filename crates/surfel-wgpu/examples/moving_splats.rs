@@ -14,7 +14,8 @@ use surfel_wgpu::{HostAttribute, HostDepth, HostFormat, HostLayout, HostSplats, 
 const SIZE: [u32; 2] = [480, 320];
 const NEAR: f64 = 0.1;
 
-/// The application's shader that moves the splats: waves of a sheet of side×side splats. A splat has seven words.
+/// The application's shader that moves the splats: waves of a sheet of side×side splats. A splat has seven words in the
+/// buffer: three of its centre, one of its colour, three of its normal.
 const WAVES: &str = "
 struct Params { time: f32, side: u32 }
 @group(0) @binding(0) var<uniform> params: Params;
@@ -42,7 +43,7 @@ fn move_splats(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_in
 }
 ";
 
-/// The layout of these words for Surfel, and the box that the waves stay in.
+/// Returns the layout of the buffer that `WAVES` writes, for Surfel, and the box that the waves stay in.
 fn layout(splats: u32) -> HostLayout {
     HostLayout {
         count: splats,
@@ -71,10 +72,10 @@ fn triangle_fragment() -> @location(0) vec4f {
 }
 ";
 
-/// Pixels of the last frame, and the costs of each frame.
+/// Pixels of the last frame, linear RGBA row by row, and the costs of each frame.
 pub(crate) type Drawn = (Vec<[f32; 4]>, Vec<FrameCost>);
 
-/// Costs of a frame on the CPU's side.
+/// Costs of a frame on the CPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameCost {
     /// Bytes that Surfel wrote to the queue.
@@ -215,7 +216,7 @@ fn texture(device: &wgpu::Device, format: wgpu::TextureFormat, usage: wgpu::Text
     })
 }
 
-/// The application's own renderer.
+/// The application's own renderer: the pipeline that draws its triangle.
 struct Triangle(wgpu::RenderPipeline);
 
 impl Triangle {

@@ -1,11 +1,11 @@
-//! Adapters of this machine, and opening the device of one of them.
+//! Lists the adapters (GPUs, or software in place of one) of this machine, and opens the device of one of them.
 
 use crate::error::failed;
 use crate::options::Options;
 use crate::{CAPABILITIES, NAME};
 use surfel_render::{RenderError, RendererInfo};
 
-/// Description of an adapter that wgpu found.
+/// Description of an adapter that wgpu found: a GPU, or software in place of one, through one graphics API.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterSummary {
     /// Name reported by the driver.
@@ -29,6 +29,7 @@ pub fn adapters() -> Vec<AdapterSummary> {
     found(&instance(false)).iter().map(summary).collect()
 }
 
+/// Returns the description of an adapter.
 fn summary(adapter: &wgpu::Adapter) -> AdapterSummary {
     let (info, limits) = (adapter.get_info(), adapter.limits());
     let facts = vec![
@@ -51,11 +52,13 @@ fn summary(adapter: &wgpu::Adapter) -> AdapterSummary {
     }
 }
 
+/// Returns the name and version of an adapter's driver; empty if the graphics API doesn't report them.
 fn driver(info: &wgpu::AdapterInfo) -> String {
     let words = [info.driver.as_str(), info.driver_info.as_str()];
     words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
+/// Creates an instance of wgpu, with the graphics API's validation if `validation` is true.
 fn instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.flags = wgpu::InstanceFlags::empty();
@@ -83,7 +86,7 @@ fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     adapters
 }
 
-/// Open device with its queue, and the description of its adapter.
+/// Device that was opened, with its queue and the description of its adapter.
 pub(crate) struct OpenDevice {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
@@ -95,6 +98,7 @@ fn wanted_features() -> wgpu::Features {
     wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
 }
 
+/// Opens the device of the adapter that the options select.
 pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
     // Without any graphics API, wgpu panics instead of returning an instance.
     if wgpu::Instance::enabled_backend_features().is_empty() {
@@ -131,6 +135,7 @@ pub(crate) fn blends_f32(device: &wgpu::Device) -> bool {
     device.features().contains(wgpu::Features::FLOAT32_BLENDABLE)
 }
 
+/// Returns the description of a renderer on an adapter. `f32_sums` is true if the adapter can sum attributes in f32.
 pub(crate) fn renderer_info(info: &wgpu::AdapterInfo, f32_sums: bool) -> RendererInfo {
     let mut driver = format!("{}: {}", info.backend, driver(info));
     if !f32_sums {

@@ -1,4 +1,5 @@
-//! Compute path: its buffers, and recording of a tile's dispatches.
+//! Compute path, which draws by compute shaders instead of raster hardware: its buffers, and recording of the
+//! dispatches for a tile.
 
 use crate::execute::{TileInputs, compute};
 use crate::pipelines::CellPipeline;
@@ -19,7 +20,7 @@ pub(crate) struct CellBuffers {
 }
 
 impl CellBuffers {
-    /// Creates buffers with the capacity `room` for a tile, unless the existing ones are large enough.
+    /// Creates buffers with the capacity `room` for a tile and its samples, unless the existing ones are large enough.
     pub(crate) fn prepare(&mut self, device: &wgpu::Device, tiles: &CellTiles, room: CellCapacity) {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
@@ -38,6 +39,7 @@ impl CellBuffers {
         self.buffers.values().map(wgpu::Buffer::size).sum()
     }
 
+    /// Returns a buffer; `None` before [`CellBuffers::prepare`].
     pub(crate) fn get(&self, buffer: CellBuffer) -> Option<&wgpu::Buffer> {
         self.buffers.get(&buffer)
     }
@@ -47,11 +49,14 @@ impl CellBuffers {
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
     stages: &'a [CellStage],
-    /// Bind groups of each dispatch, stage by stage; `None` if a resource is missing.
+    /// Bind groups of each dispatch, stage by stage: the frame's group and the dispatch's own. `None` if a resource is
+    /// missing.
     groups: Vec<Vec<Option<[wgpu::BindGroup; 2]>>>,
 }
 
 impl<'a> CellTile<'a> {
+    /// Creates the resources of a tile. `counts` are its counts for the compute path, `room` is the capacity of
+    /// `buffers`, and `stages` draw the tile.
     pub(crate) fn new(
         device: &wgpu::Device,
         queue: &Queue,
@@ -126,7 +131,7 @@ impl<'a> CellTile<'a> {
         Self { inputs: *inputs, stages, groups }
     }
 
-    /// Records all stages.
+    /// Records the dispatches of all stages, and queries of their times.
     pub(crate) fn record(&self, encoder: &mut wgpu::CommandEncoder, queries: &mut Queries) {
         let TileInputs { pipelines, .. } = self.inputs;
         for (stage, groups) in self.stages.iter().zip(&self.groups) {

@@ -4,11 +4,13 @@ use crate::NAME;
 use std::sync::{Arc, Mutex, PoisonError};
 use surfel_render::RenderError;
 
+/// Returns an error of this backend with a message.
 pub(crate) fn failed(message: impl Into<String>) -> RenderError {
     RenderError::Backend { backend: NAME, message: message.into() }
 }
 
-/// Receiver of errors that arrive outside of any call: a lost device, or an error that no error scope caught.
+/// Receiver of errors that wgpu reports outside of any call: a lost device, or an error that no error scope caught. It
+/// stores the first one until [`ErrorSink::check`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ErrorSink(Arc<Mutex<Option<String>>>);
 
@@ -28,12 +30,13 @@ impl ErrorSink {
         mailbox
     }
 
+    /// Stores an error's message, unless there is one.
     fn put(&self, message: String) {
         // Only the first error is stored, since later ones usually follow from it.
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
     }
 
-    /// Returns an error if one arrived since the last call.
+    /// Returns the first error that arrived since the last call of this function, if any.
     pub(crate) fn check(&self) -> Result<(), RenderError> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), |message| Err(failed(message)))
     }

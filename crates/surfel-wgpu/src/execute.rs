@@ -15,7 +15,7 @@ use surfel_gpu::{
     binding_slots, layer_draw_offset, layer_draw_words, workgroups,
 };
 
-/// Resources that the steps of a tile read.
+/// Resources that the steps of a tile read, as bind groups and draw calls.
 pub(crate) struct Tile<'a> {
     pub scene: &'a ResidentScene,
     pub pipelines: &'a Pipelines,
@@ -24,15 +24,20 @@ pub(crate) struct Tile<'a> {
     setup_frame_group: wgpu::BindGroup,
     /// Bind groups of each segment; `None` for segments that can't touch the tile.
     segments: Vec<Option<SegmentGroups>>,
+    /// Draw calls of splats at the near plane.
     near: Vec<RecordDraw>,
+    /// Bind group of the polygons.
     polygons_group: wgpu::BindGroup,
+    /// Number of polygons.
     polygon_count: u32,
+    /// Bind group of each pixel pass.
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
-    /// Bind group for compositing into the application's render target.
+    /// Bind group for compositing sums and layers into the application's render target.
     composite_group: wgpu::BindGroup,
     /// Bind group for compositing the planes into the application's render target.
     host_planes_group: wgpu::BindGroup,
-    /// Bind group of the pass that binds like a pixel pass ([`Draw::binds_as_pixel_pass`]), if the tile has one.
+    /// Bind group of the pass that binds the same group as a pixel pass ([`Draw::binds_as_pixel_pass`]), if the tile
+    /// has one.
     steps_group: Option<wgpu::BindGroup>,
     /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
@@ -58,18 +63,20 @@ pub(crate) struct TileInputs<'a> {
     pub shadow_texels: &'a wgpu::Buffer,
     /// Texels of the shadow maps that the tile writes.
     pub drawn_shadow_texels: &'a wgpu::Buffer,
-    /// Depth buffer of the application, which occludes transparent splats.
+    /// Depth buffer of the application, which occludes transparent splats; `None` if the tile isn't drawn into the
+    /// application's render target, or the buffer can't be read.
     pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
 /// Bind groups of a segment.
 struct SegmentGroups {
-    /// Bind groups of setup: the first counts drawn splats, the second doesn't.
+    /// Bind groups of setup. The first counts the splats that are drawn, the second doesn't, for repeated setups.
     setup: [wgpu::BindGroup; 2],
+    /// Draw call of the segment's records.
     drawn: RecordDraw,
 }
 
-/// Draw call of a run of records.
+/// Draw call of some ranges of one buffer of records.
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
@@ -83,7 +90,8 @@ struct RecordDraw {
 }
 
 /// Creates the bind groups of each segment of splats; `None` for segments that can't touch the tile. `counters` are two
-/// buffers for the number of drawn splats. The first counts splats at their first setup, the second at repeated setups.
+/// buffers for the number of drawn splats. The first counts splats at their first setup in the tile, the second at
+/// repeated setups.
 fn segment_groups(
     device: &wgpu::Device,
     queue: &Queue,
@@ -257,14 +265,14 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Records `times` repetitions of the pass over Gaussians.
+    /// Records the tile's steps, the pass over trained Gaussians, `times` times again.
     pub(crate) fn dispatch_again(&self, encoder: &mut wgpu::CommandEncoder, steps: &[Step], times: u32) {
         for step in (0..times).flat_map(|_| steps) {
             self.step(encoder, step, None);
         }
     }
 
-    /// Composes the image into the application's render target.
+    /// Records the compositing of a part of the image, `host.part`, into the application's render target.
     pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
         let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
         let view = target.index.filter(|_| host.part == Part::Index).unwrap_or(target.color);
@@ -289,6 +297,7 @@ impl<'a> Tile<'a> {
         }
     }
 
+    /// Records the setup of splats. `first` is true if they are set up for the first time in the tile, and counted.
     fn setup(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -313,6 +322,7 @@ impl<'a> Tile<'a> {
         });
     }
 
+    /// Records a render pass. `first` is true for the first step of this pass in the tile, which clears its targets.
     fn draw(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -356,6 +366,7 @@ impl<'a> Tile<'a> {
         }
     }
 
+    /// Records the draw calls of a render pass.
     fn record(&self, pass: &mut wgpu::RenderPass<'_>, draw: Draw, segments: &[usize], first: bool) {
         let bound = |pass: &mut wgpu::RenderPass<'_>, variant| {
             let Some(pipeline) = self.pipelines.draw(draw, variant, self.targets.key.precision) else { return };
@@ -394,7 +405,7 @@ impl<'a> Tile<'a> {
     }
 }
 
-/// Records a compute pass with one dispatch.
+/// Records a compute pass whose commands the function `record` records, and queries of its time and invocations.
 pub(crate) fn compute(
     encoder: &mut wgpu::CommandEncoder,
     name: &'static str,
@@ -414,6 +425,7 @@ pub(crate) fn compute(
     }
 }
 
+/// Returns the operations of a render pass on a target: clear it to `value`, or load it; then store it.
 fn operations<V>(clear: bool, value: V) -> wgpu::Operations<V> {
     let load = if clear { wgpu::LoadOp::Clear(value) } else { wgpu::LoadOp::Load };
     wgpu::Operations { load, store: wgpu::StoreOp::Store }

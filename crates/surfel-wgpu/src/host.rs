@@ -10,19 +10,19 @@ use surfel_gpu::{FrameScene, FrameTiles, GpuPath, PixelPass, SamplePart, Step, T
 use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, FramePlan, Identity, Pass, Planes, RenderError, View, plan};
 
-/// Features that drawing into the application's target lacks: those that no GPU backend draws, and A-buffers. Only a
-/// readback shows how many layers an A-buffer has, and nothing is read back here.
+/// Capabilities of drawing into the application's render target. It lacks the features that no GPU backend draws, and
+/// A-buffers. Only a readback shows how many layers an A-buffer has, and nothing is read back here.
 const CAPABILITIES: Capabilities =
     Capabilities { backend: crate::NAME, lacks: &[Feature::ABuffer, Feature::Margin, Feature::Sky] };
 
-/// Names the pixels of the application's texture of numbers ([`HostTarget::index`]) for one call of
-/// [`Renderer::render_to_view`].
+/// Table that resolves the pairs of numbers in the application's index texture ([`HostTarget::index`]). It belongs to
+/// one call of [`Renderer::render_to_view`].
 pub struct HostIndex(TileData);
 
 impl HostIndex {
     /// Returns the row, object and label of a pixel's nearest splat, polygon or ball. `pixel` is the pixel's pair of
-    /// numbers, and `scene` the scene that was drawn. Other pairs than the call has written have no identity:
-    /// [`Identity::NOTHING`]. An application that clears its texture to −1 can thus recognise its own pixels.
+    /// numbers, and `scene` the scene that was drawn. Returns [`Identity::NOTHING`] for a pair that the call has not
+    /// written. An application that clears its texture to −1 can thus recognise its own pixels.
     pub fn identity(&self, scene: &ResidentScene, pixel: [i32; 2]) -> Identity {
         match (pixel, usize::try_from(pixel[1])) {
             ([-1, _], _) | (_, Err(_)) => Identity::NOTHING,
@@ -31,17 +31,18 @@ impl HostIndex {
     }
 }
 
-/// Decisions about a frame in the application's target.
+/// Decisions about how a frame is drawn into the application's render target.
 struct HostFrame {
     /// Parts of the composition, in order.
     parts: Vec<Part>,
     /// True if shaders read the application's depth buffer.
     reads_depth: bool,
-    /// True if the planes are shaded before they are composited.
+    /// True if shading writes the planes, because they are composited or have the numbers of the nearest splats.
     has_planes: bool,
 }
 
 impl HostFrame {
+    /// Decides how the frame of a plan is drawn into a target.
     fn of(plan: &FramePlan, target: &HostTarget<'_>) -> Self {
         // Means of samples, Gaussians and balls are complete only in the planes.
         let by_planes = plan.has(Pass::EdgeSamples) || plan.has(Pass::Gaussians) || plan.has(Pass::Balls);
@@ -59,7 +60,7 @@ impl HostFrame {
         Self { parts, reads_depth, has_planes: by_planes || target.index.is_some() }
     }
 
-    /// Returns a pixel pass, or the pass that replaces it where the application's depth is read.
+    /// Returns a pixel pass, or the pass that replaces it if the application's depth buffer is read.
     fn pass(&self, pass: PixelPass) -> PixelPass {
         match pass {
             PixelPass::BeginLayers if self.reads_depth => PixelPass::BeginLayersInHost,
@@ -74,27 +75,30 @@ impl Renderer {
     /// colour and depth; other pixels don't change. The scene's background is not drawn, and antialiased edges blend
     /// over the application's colours.
     ///
-    /// Everything that a frame has is drawn, too, with the colours of a frame over the application's:
+    /// Everything else that a frame may contain is drawn, too. Its colours are those of a frame, over the application's
+    /// image:
     /// - *Transparent splats* blend over the application's colours and don't write the depth. Splats that the
     ///   application's geometry occludes are not drawn, which requires reading the depth buffer. If it can't be read
     ///   (see [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the
     ///   whole pixel and writes its depth. The application's geometry between these surfaces is then lost: layers are
     ///   composited front to back, but blending with the application's image is back to front.
-    /// - *Trained Gaussians* do the same. If the depth buffer can't be read, their mean depth decides and is written.
+    /// - *Trained Gaussians* blend in the same way. If the depth buffer can't be read, their mean depth decides for the
+    ///   whole pixel and is written.
     /// - *Edges by samples* and *balls*: one depth decides for the whole pixel, that of the nearest surface at its
     ///   centre. Where only samples beside the centre show a surface, it is the nearest depth of the eight neighbours.
     ///   Transparent splats follow the same rule here, whether or not the depth can be read.
-    /// - *Numbers of splats* go to [`HostTarget::index`], and the result resolves them.
+    /// - *Numbers of the nearest splats* are written to [`HostTarget::index`]. The returned [`HostIndex`] resolves
+    ///   them.
     ///
-    /// One rule says what is refused: whatever needs a readback to know how many passes it takes. These are A-buffers,
-    /// Gaussians sorted by pixel, and more than 32,768 Gaussians before 16×16 pixels.
+    /// Frames are refused if only a readback tells how many passes they take. These are frames with A-buffers, with
+    /// Gaussians sorted by pixel, and with more than 32,768 Gaussians before 16×16 pixels.
     ///
     /// Records into `encoder`, which the application submits to the renderer's queue before the next call on this
     /// renderer. Nothing is read back, and no times are measured. `target` must have the size of the view's region.
     ///
     /// # Errors
     /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] and
-    ///   [`RenderError::NoRows`] for clouds that lack one;
+    ///   [`RenderError::NoRows`] for clouds that lack an interior weight or rows;
     /// - [`RenderError::Unsupported`] for A-buffers, and for skies whose light isn't stored;
     /// - [`RenderError::Backend`] for other refused frames, for a region larger than the largest texture, for
     ///   balls on a device with WebGPU's core limit of eight storage buffers per stage, and for targets that wgpu
@@ -176,7 +180,8 @@ impl Renderer {
         Ok(HostIndex(data))
     }
 
-    /// Returns the data of the single tile that is drawn into the application's target.
+    /// Returns the data of the single tile that is drawn into the application's target. Fails for trained Gaussians
+    /// that take several tiles or dispatches.
     fn host_tile(
         &self,
         scene: &ResidentScene,
@@ -205,7 +210,7 @@ impl Renderer {
     }
 }
 
-/// True if shaders can read a depth buffer.
+/// True if shaders can read a depth buffer: it has the usage, one sample per pixel and no stencil.
 fn is_readable(depth: &wgpu::TextureView) -> bool {
     let texture = depth.texture();
     let stencil = texture.format().has_stencil_aspect();

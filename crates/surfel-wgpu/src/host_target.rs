@@ -35,12 +35,12 @@ pub struct HostTarget<'a> {
     /// Format of `color`.
     pub color_format: wgpu::TextureFormat,
     /// Depth buffer, which is tested and written. If it is single-sampled, has the usage `TEXTURE_BINDING` and a format
-    /// without stencil, it is also read. Transparent splats are then drawn before the application's own geometry and
-    /// occluded behind it.
+    /// without stencil, it is also read. Each transparent splat is then drawn where it lies in front of the
+    /// application's geometry, and hidden where it lies behind.
     pub depth: &'a wgpu::TextureView,
     /// Format of `depth`.
     pub depth_format: wgpu::TextureFormat,
-    /// Mapping of the depths in `depth`.
+    /// Mapping from planar depth to the values in `depth`, and their comparison.
     pub mapping: HostDepth,
     /// Texture of format `Rg32Sint` for two numbers of the nearest splat, polygon or ball, which
     /// [`HostIndex::identity`](crate::HostIndex::identity) resolves; `None` if they aren't needed. Where the scene's

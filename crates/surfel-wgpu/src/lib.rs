@@ -6,8 +6,8 @@
 //!
 //! 1. [`Renderer`]: uploads scenes and draws frames; implements [`surfel_render::Renderer`]. [`Renderer::new`] opens a
 //!    device, [`Renderer::from_device`] uses the application's own;
-//! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`adapters`] lists what
-//!    there is;
+//! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`adapters`] lists this
+//!    machine's adapters;
 //! 3. [`ResidentScene`]: an uploaded scene;
 //! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into the application's textures;
 //! 5. [`Renderer::set_shader`]: a shader of the application, as a WGSL function;
@@ -116,5 +116,5 @@ use surfel_render::Capabilities;
 /// Name of the backend in messages and on the command line.
 const NAME: &str = "wgpu";
 
-/// Features that the backend supports, on any adapter.
+/// Capabilities of the backend, the same on any adapter: its name, and the features that it lacks.
 pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

@@ -7,7 +7,7 @@ use surfel_model::Storage;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Case-insensitive part of the adapter's name; `None` for the fastest kind of adapter.
+    /// Part of the name of the adapter to open, in any case. `None` for the first adapter of the fastest kind.
     pub adapter: Option<String>,
     /// True if the graphics API's validation, where installed, checks every call. Its messages go to the `log` crate.
     pub validation: bool,
@@ -15,12 +15,12 @@ pub struct Options {
     pub limits: Limits,
     /// Storage format of splats in the device's memory.
     pub storage: Storage,
-    /// GPU path that draws frames: compute shaders or raster hardware.
+    /// Way in which frames are drawn: by compute shaders or by raster hardware.
     pub path: GpuPath,
 }
 
 impl Options {
-    /// Sets the case-insensitive part of the adapter's name; `None` allows any adapter.
+    /// Sets the part of the adapter's name, in any case; `None` allows any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();

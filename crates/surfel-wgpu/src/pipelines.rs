@@ -1,4 +1,4 @@
-//! Bind group layouts and pipelines, built once per device or per precision of the sums.
+//! Bind group layouts and pipelines. Each is built when it is first used, and then kept.
 
 use std::collections::HashMap;
 use surfel_gpu::{
@@ -25,20 +25,23 @@ pub(crate) enum Part {
     Whole,
     /// The opaque surface.
     Opaque,
-    /// The transparent layers, in front of everything else.
+    /// The transparent layers, blended over the target without a depth test. They are cut off at the application's
+    /// depth.
     Layers,
-    /// The whole image from the planes.
+    /// The whole image from the planes, with the application's depth test.
     Planes,
-    /// The image of the planes over everything else.
+    /// The whole image from the planes, blended over the target without a depth test. It is cut off at the
+    /// application's depth.
     PlanesOver,
     /// Numbers of the nearest splats, from the planes, into a texture of [`INDEX_FORMAT`].
     Index,
 }
 
-/// Format of the application's texture of numbers.
+/// Format of the application's index texture, for the numbers of the nearest splats.
 pub(crate) const INDEX_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Sint;
 
 impl Part {
+    /// Returns the name of the fragment entry point that composites the part.
     fn fragment(self) -> &'static str {
         match self {
             Self::Whole => "composite_fragment",
@@ -50,12 +53,12 @@ impl Part {
         }
     }
 
-    /// True if the application's depth buffer is tested and written.
+    /// True if the pass tests against the application's depth buffer.
     pub(crate) fn has_depth(self) -> bool {
         !matches!(self, Self::Layers | Self::PlanesOver)
     }
 
-    /// True if the part is read from the planes.
+    /// True if the pass reads the planes, false if it reads sums and layers.
     pub(crate) fn reads_planes(self) -> bool {
         matches!(self, Self::Planes | Self::PlanesOver | Self::Index)
     }
@@ -80,15 +83,19 @@ struct DrawKey {
 
 /// Shader module, layouts and pipelines of a device; each is built once.
 pub(crate) struct Pipelines {
+    /// Shader module of the passes, with the application's shader function if there is one.
     module: wgpu::ShaderModule,
+    /// Layout of the group `frame`: the frame's uniform, objects, lights, shadow maps and matcap.
     pub frame_group: wgpu::BindGroupLayout,
     /// Layout of those bindings of the group `frame` that splat setup uses. With the whole group, setup would bind more
     /// buffers than the limit that all adapters support.
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
+    /// Layout of the sums and layers that are composited into the application's render target.
     pub composite_group: wgpu::BindGroupLayout,
     /// Layout of the planes that are composited into the application's render target.
     pub host_planes_group: wgpu::BindGroupLayout,
+    /// Layout of the group of polygons.
     pub polygons_group: wgpu::BindGroupLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
     draws: HashMap<DrawKey, DrawPipeline>,
@@ -123,6 +130,7 @@ pub(crate) struct DrawPipeline {
     pub reads_group: wgpu::BindGroupLayout,
 }
 
+/// Creates the layout of bind group number `number` from the bindings that the entry points use.
 fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number: u32) -> wgpu::BindGroupLayout {
     let entries: Vec<wgpu::BindGroupLayoutEntry> = binding_slots(entries, number)
         .iter()
@@ -142,6 +150,7 @@ fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
 
+/// Returns the type of a binding in a layout.
 fn binding_type(kind: BindingKind) -> wgpu::BindingType {
     let buffer = |ty| wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None };
     let texture = |sample_type| wgpu::BindingType::Texture {
@@ -158,14 +167,14 @@ fn binding_type(kind: BindingKind) -> wgpu::BindingType {
     }
 }
 
-/// Creates a module of the passes.
+/// Creates the shader module of a WGSL text of the passes.
 pub(crate) fn module(device: &wgpu::Device, text: &str) -> wgpu::ShaderModule {
     let source = wgpu::ShaderSource::Wgsl(text.into());
     device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("surfel passes"), source })
 }
 
-/// Returns the largest number of storage buffers that any of these passes binds. Passes share the layout of the frame's
-/// buffers.
+/// Returns the largest number of storage buffers that any of these passes binds in compute shaders, including the
+/// buffers of the group `frame`, which all passes share.
 pub(crate) fn storage_buffers(passes: &[PixelPass]) -> u32 {
     let is_stored = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
     let count = |slots: &[BindingSlot]| {
@@ -176,7 +185,8 @@ pub(crate) fn storage_buffers(passes: &[PixelPass]) -> u32 {
     count(&binding_slots(&drawn_entries(), 0)) + own.unwrap_or(0)
 }
 
-/// Returns the entry points that share the layout of the frame's buffers.
+/// Returns the names of the entry points that share the layout of the group `frame`: all except setup and the compute
+/// path.
 fn drawn_entries() -> Vec<&'static str> {
     let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
     let is_drawn = |name: &&str| !is_cell_entry(name) && !setups.iter().any(|setup| setup == name);
@@ -184,11 +194,12 @@ fn drawn_entries() -> Vec<&'static str> {
 }
 
 impl Pipelines {
+    /// Creates the layouts for the passes without a shader function of the application. No pipeline is built yet.
     pub(crate) fn new(device: &wgpu::Device) -> Self {
         Self::of(device, module(device, PASSES))
     }
 
-    /// Returns the pipelines of a module, none of which is built yet.
+    /// Creates the layouts for a shader module of the passes. No pipeline is built yet.
     pub(crate) fn of(device: &wgpu::Device, module: wgpu::ShaderModule) -> Self {
         let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
         let setup_frame_group = group(device, "frame of setup", &setups, 0);
@@ -220,6 +231,7 @@ impl Pipelines {
         });
     }
 
+    /// Returns the pipeline of a pixel pass, if it was built.
     pub(crate) fn pixels(&self, pixels: PixelPass) -> Option<&PixelPipeline> {
         self.pixels.get(&pixels)
     }
@@ -233,11 +245,12 @@ impl Pipelines {
         });
     }
 
+    /// Returns the pipeline of an entry point of the compute path, if it was built.
     pub(crate) fn cells(&self, entry: &str) -> Option<&CellPipeline> {
         self.cells.get(entry)
     }
 
-    /// Builds the setup pipeline of a variant, if it doesn't exist.
+    /// Builds the setup pipeline of a clip variant of splats, if it doesn't exist.
     pub(crate) fn prepare_splats(&mut self, device: &wgpu::Device, variant: Variant) -> &SplatPipeline {
         self.splats.entry(variant).or_insert_with(|| {
             let entry = variant.setup();
@@ -248,6 +261,7 @@ impl Pipelines {
         })
     }
 
+    /// Returns the setup pipeline of a clip variant, if it was built.
     pub(crate) fn splats(&self, variant: Variant) -> Option<&SplatPipeline> {
         self.splats.get(&variant)
     }
@@ -284,11 +298,13 @@ impl Pipelines {
         });
     }
 
+    /// Returns the pipeline of a draw, if it was built.
     pub(crate) fn draw(&self, draw: Draw, variant: Variant, precision: Precision) -> Option<&DrawPipeline> {
         self.draws.get(&DrawKey { draw, variant, precision })
     }
 
-    /// Builds the pipeline that composites into the application's render target, if it doesn't exist.
+    /// Builds the pipeline that composites a part of the image into the application's render target, if it doesn't
+    /// exist.
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
@@ -308,11 +324,13 @@ impl Pipelines {
         });
     }
 
+    /// Returns the pipeline that composites a part of the image, if it was built.
     pub(crate) fn composite(&self, host: HostKey) -> Option<&wgpu::RenderPipeline> {
         self.composites.get(&host)
     }
 }
 
+/// Creates the compute pipeline of an entry point. `workgroups` are the layouts of its bind groups.
 fn compute(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,
@@ -329,6 +347,7 @@ fn compute(
     })
 }
 
+/// Creates a pipeline layout from the layouts of bind groups.
 fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
     let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = workgroups.iter().copied().map(Some).collect();
     device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
@@ -343,6 +362,7 @@ fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }
 
+/// Returns the state of a depth buffer that is tested with `compare` and written.
 fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> wgpu::DepthStencilState {
     wgpu::DepthStencilState {
         format,

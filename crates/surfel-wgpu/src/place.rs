@@ -7,22 +7,22 @@ use crate::scene::{ResidentScene, bind_some, filled};
 use surfel_gpu::{HostLayout, workgroups};
 use surfel_render::RenderError;
 
-/// Entry point of the pass.
+/// Name of the entry point that places splats.
 const ENTRY: &str = "place_splats";
 
-/// Splats in the application's buffer.
+/// Buffer of the application from which splats are placed, and its layout.
 #[derive(Clone, Copy, Debug)]
 pub struct HostSplats<'a> {
     /// Buffer on the renderer's device, with the usage `STORAGE`.
     pub buffer: &'a wgpu::Buffer,
-    /// Layout of the splats in the buffer, and the box that contains them.
+    /// Layout of the splats in the buffer, and the box that contains their centres.
     pub layout: HostLayout,
 }
 
 impl Renderer {
-    /// Places the splats of an object where a buffer of the application says, for all frames until the next call.
-    /// `object` is the object's index in the uploaded scene. A compute pass reads centres, normals and colours from the
-    /// buffer and writes them into the resident scene. The CPU neither reads nor uploads any splat.
+    /// Moves the splats of an object to the positions in a buffer of the application, for all frames until the next
+    /// call. `object` is the object's index in the uploaded scene. A compute pass reads centres, normals and colours
+    /// from the buffer and writes them into the resident scene. The CPU neither reads nor uploads any splat.
     ///
     /// The pass is submitted by this call: submit the commands that fill the buffer before. The scene may afterwards be
     /// drawn in any way.
@@ -36,12 +36,12 @@ impl Renderer {
     /// - those beyond [`HostLayout::count`];
     /// - those whose centre is outside of [`HostLayout::bounds`];
     /// - those whose centre, normal or colour isn't finite, or whose normal is 0;
-    /// - those before the near plane, and those that span at least half of their distance from the eye. The CPU draws
-    ///   such splats of other objects, but it doesn't have these.
+    /// - those before the near plane, and those that span at least half of their distance from the eye. For other
+    ///   objects the CPU sets such splats up, but it doesn't have the positions of these.
     ///
-    /// The CPU uses the box where it otherwise uses positions: the object is culled as a whole, and shadow
-    /// maps show the box and the object as it was uploaded. Centres are f32 numbers about the origin of the object, so
-    /// the object should be near its origin in units of its splats' radii.
+    /// The CPU uses the box where it otherwise uses positions: the object is culled as a whole. The bounds of shadow
+    /// maps contain both the box and the object as it was uploaded. Centres are f32 numbers about the origin of the
+    /// object, so the object should be near its origin in units of its splats' radii.
     ///
     /// The first call for an object uploads four bytes per splat, the order in which its splats are stored. Further
     /// calls upload 64 bytes per million splats. There is no way back to the uploaded places other than a new upload.

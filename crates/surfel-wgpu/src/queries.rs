@@ -4,7 +4,7 @@ use surfel_render::{PassTime, Stats};
 
 /// Maximum number of passes of a tile that are measured. Further passes, in scenes with very many segments, aren't
 /// measured.
-const MOST_PASSES: u32 = 512;
+const MAX_PASSES: u32 = 512;
 
 /// Shader stages whose invocations are counted, in the order of the flags' bits, in which wgpu writes the counts.
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VERTEX_SHADER_INVOCATIONS
@@ -13,7 +13,7 @@ const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VE
 /// Names of the counts of [`COUNTED`] in the statistics, in the same order.
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
-/// Queries of the passes of a tile.
+/// GPU queries that measure the passes of a tile.
 pub(crate) struct Queries {
     /// Query set of timestamps, and the duration of a timestamp tick in nanoseconds. `None` if the device has no
     /// timestamps.
@@ -22,7 +22,7 @@ pub(crate) struct Queries {
     invocations: Option<wgpu::QuerySet>,
     /// Names of the passes measured so far.
     names: Vec<&'static str>,
-    /// Name that replaces the names of all following passes; `None` if they have their own names.
+    /// Name that replaces the names of all following passes in the statistics; `None` if they have their own names.
     label: Option<&'static str>,
 }
 
@@ -34,23 +34,24 @@ pub(crate) struct Query<'a> {
 }
 
 impl Queries {
-    /// Creates those queries that the device's features allow.
+    /// Creates the query sets that the device's features allow.
     pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
         let set = |wanted, label, ty, count| {
             let descriptor = wgpu::QuerySetDescriptor { label: Some(label), ty, count };
             device.features().contains(wanted).then(|| device.create_query_set(&descriptor))
         };
-        let times = set(wgpu::Features::TIMESTAMP_QUERY, "pass times", wgpu::QueryType::Timestamp, 2 * MOST_PASSES);
+        let times = set(wgpu::Features::TIMESTAMP_QUERY, "pass times", wgpu::QueryType::Timestamp, 2 * MAX_PASSES);
         let counted = wgpu::QueryType::PipelineStatistics(COUNTED);
         Self {
             times: times.map(|set| (set, queue.get_timestamp_period().into())),
-            invocations: set(wgpu::Features::PIPELINE_STATISTICS_QUERY, "invocations", counted, MOST_PASSES),
+            invocations: set(wgpu::Features::PIPELINE_STATISTICS_QUERY, "invocations", counted, MAX_PASSES),
             names: Vec::new(),
             label: None,
         }
     }
 
-    /// Starts the queries of a tile. If `label` is set, it replaces the names of the tile's passes.
+    /// Starts the queries of a tile anew. If `label` is set, it replaces the names of the tile's passes in the
+    /// statistics.
     pub(crate) fn restart(&mut self, label: Option<&'static str>) {
         self.names.clear();
         self.rename(label);
@@ -94,7 +95,8 @@ impl Queries {
         [times.next_multiple_of(wgpu::QUERY_RESOLVE_BUFFER_ALIGNMENT), invocations]
     }
 
-    /// Returns the layout of the results. It stays valid after further passes are recorded.
+    /// Returns the layout of the buffer that [`Queries::resolve`] fills. The layout stays valid after further passes
+    /// are recorded.
     pub(crate) fn pass_record(&self) -> PassRecord {
         let [times, _] = self.bytes();
         PassRecord {
@@ -106,11 +108,14 @@ impl Queries {
     }
 }
 
-/// Layout of a buffer of query results, which interprets its words.
+/// Layout of a buffer of query results, by which its words are interpreted.
 pub(crate) struct PassRecord {
     names: Vec<&'static str>,
+    /// Duration of a timestamp tick in nanoseconds; `None` without timestamps.
     period: Option<f64>,
+    /// True if the buffer has counts of invocations after the timestamps.
     counts: bool,
+    /// Size of the timestamps in words, padding included.
     times_words: usize,
 }
 
@@ -141,33 +146,38 @@ impl PassRecord {
 }
 
 impl<'a> Query<'a> {
-    /// Reserves the next queries for the pass `name`; `None` if there are no queries left.
+    /// Reserves the next queries for the pass `name`; `None` without queries, or if none are left.
     pub(crate) fn next(queries: Option<&'a mut Queries>, name: &'static str) -> Option<Self> {
         let queries = queries?;
         let index = queries.names.len() as u32;
-        if index >= MOST_PASSES {
+        if index >= MAX_PASSES {
             return None;
         }
         queries.names.push(queries.label.unwrap_or(name));
         Some(Self { queries, index })
     }
 
+    /// Returns the query set of timestamps, and the indices for the begin and end of the pass; `None` without
+    /// timestamps.
     fn timestamps(self) -> Option<(&'a wgpu::QuerySet, [Option<u32>; 2])> {
         let (set, _) = self.queries.times.as_ref()?;
         Some((set, [Some(2 * self.index), Some(2 * self.index + 1)]))
     }
 
+    /// Returns the timestamps that a render pass writes; `None` without timestamps.
     pub(crate) fn of_render(self) -> Option<wgpu::RenderPassTimestampWrites<'a>> {
         let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.timestamps()?;
         Some(wgpu::RenderPassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
+    /// Returns the timestamps that a compute pass writes; `None` without timestamps.
     pub(crate) fn of_compute(self) -> Option<wgpu::ComputePassTimestampWrites<'a>> {
         let (query_set, [beginning_of_pass_write_index, end_of_pass_write_index]) = self.timestamps()?;
         Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// Returns the query set that counts invocations, and the index of this pass's query.
+    /// Returns the query set that counts invocations, and the index of this pass's query; `None` if invocations aren't
+    /// counted.
     pub(crate) fn invocations(self) -> Option<(&'a wgpu::QuerySet, u32)> {
         Some((self.queries.invocations.as_ref()?, self.index))
     }

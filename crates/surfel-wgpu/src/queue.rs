@@ -1,4 +1,4 @@
-//! Queue of a device that counts what is written to it.
+//! Queue of a device that counts the bytes written through it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -19,6 +19,7 @@ impl Queue {
         self.written.fetch_add(bytes.len() as u64, Ordering::Relaxed);
     }
 
+    /// Submits commands to the device.
     pub(crate) fn submit(&self, commands: impl IntoIterator<Item = wgpu::CommandBuffer>) {
         self.raw.submit(commands);
     }

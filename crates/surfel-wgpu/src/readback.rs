@@ -5,9 +5,10 @@ use crate::scene::empty;
 use std::sync::mpsc;
 use surfel_render::RenderError;
 
-/// Regions of device buffers, copied into one buffer that the host can map.
+/// Copies of the beginnings of several device buffers, one after another in a buffer that the host can map.
 pub(crate) struct Readback {
     buffer: wgpu::Buffer,
+    /// Length of each copied region, in bytes.
     lengths: Vec<u64>,
 }
 
@@ -21,8 +22,8 @@ impl Readback {
         Self::record_into(None, device, encoder, parts)
     }
 
-    /// Records copies like [`Readback::record`] into the buffer that [`Readback::read_and_keep`] returned, if its size
-    /// fits. Mapping the memory pages of a new buffer would take longer.
+    /// Records copies like [`Readback::record`] into `kept`, a buffer that [`Readback::read_and_keep`] returned, if its
+    /// size fits. Mapping the memory pages of a new buffer would take longer.
     pub(crate) fn record_into(
         kept: Option<wgpu::Buffer>,
         device: &wgpu::Device,

@@ -27,13 +27,15 @@ pub struct Renderer {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: Queue,
     pub(crate) info: RendererInfo,
+    /// True if the adapter computes on the CPU.
     is_software: bool,
     /// True if the adapter can blend targets of f32.
     f32_sums: bool,
     pub(crate) errors: ErrorSink,
     pub(crate) pipelines: Pipelines,
+    /// Textures and buffers of the last tile, which the next tile reuses if they fit.
     pub(crate) targets: Option<Targets>,
-    /// Targets of the last frame's shadow maps.
+    /// Textures and buffers into which the last frame's shadow maps were drawn.
     pub(crate) map_targets: Option<Targets>,
     queries: Queries,
     /// Buffers of the compute path.
@@ -43,11 +45,13 @@ pub struct Renderer {
     pub(crate) host_work: HostWork,
     /// Buffer through which the last frame was read back, to be reused.
     readback: Option<wgpu::Buffer>,
-    /// Shadow maps of the last frame.
+    /// Shadow maps of the last frame, which the next frame reuses if nothing changed.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
     /// The smaller of the device's limits and the limits in the options.
     pub(crate) limits: Limits,
+    /// Storage format of splats in the device's memory.
     storage: Storage,
+    /// Way in which frames are drawn: by compute shaders or by raster hardware.
     path: GpuPath,
     /// True if the embedding application's shader function replaces the shader `phong`.
     pub(crate) has_host_shader: bool,
@@ -78,6 +82,7 @@ impl Renderer {
         Self::start(device, queue, &info, &Options::default())
     }
 
+    /// Creates a renderer on an open device.
     fn start(
         device: wgpu::Device,
         queue: wgpu::Queue,
@@ -136,7 +141,7 @@ impl Renderer {
         self.queue.written()
     }
 
-    /// Returns the key of a tile's targets.
+    /// Returns the key of the textures and buffers that raster hardware needs for a tile.
     pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
         TargetKey {
             size: data.target_size(plan),
@@ -146,7 +151,8 @@ impl Renderer {
         }
     }
 
-    /// Checks that the device can bind the buffers of a plan's passes. With balls they exceed WebGPU's core limits.
+    /// Checks that the device can bind the storage buffers of a plan's passes. The passes of balls bind more than
+    /// WebGPU's core limits allow.
     pub(crate) fn check_bindings(&self, plan: &FramePlan) -> Result<(), RenderError> {
         let (needed, most) =
             (storage_buffers(&PixelPass::of(plan)), self.device.limits().max_storage_buffers_per_shader_stage);
@@ -159,7 +165,8 @@ impl Renderer {
         )))
     }
 
-    /// Creates the pipelines and targets that don't exist from an earlier frame.
+    /// Creates the pipelines and targets that don't exist from an earlier frame: those of the key's draws for these
+    /// clip variants, and of the pixel passes.
     pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[PixelPass]) {
         for &pixels in pixels {
             self.pipelines.prepare_pixels(&self.device, pixels);
@@ -182,8 +189,8 @@ impl Renderer {
         }
     }
 
-    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed. Their costs can be
-    /// read once the device has drawn them.
+    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed. The costs of drawing
+    /// them can be read once the device has drawn them; there are none for cached maps.
     pub(crate) fn shadow_maps(
         &mut self,
         scene: &ResidentScene,
@@ -207,6 +214,7 @@ impl Renderer {
         Ok((buffer, costs))
     }
 
+    /// Draws one shadow map into the buffer `texels`, and appends the costs of its tiles.
     fn shadow_map(
         &mut self,
         scene: &ResidentScene,
@@ -252,7 +260,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Draws one tile into the frame.
+    /// Draws one tile into the frame, by the compute path if the tile's data are for it and fit, otherwise by raster
+    /// hardware.
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
@@ -330,8 +339,8 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Records and submits the dispatches of a tile, and the copies that the host reads: planes, counters and costs.
-    /// Returns `None` if a resource is missing.
+    /// Records and submits the dispatches of a tile and its samples, and the copies that the host reads: planes,
+    /// counters and query results. Returns `None` if a resource is missing.
     fn record_cells(&mut self, job: &FrameJob<'_>, tiles: &CellTiles, room: CellCapacity) -> Option<Readback> {
         let device = self.device.clone();
         let targets = self.targets.as_ref()?;
@@ -403,8 +412,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes steps, waits for them, and passes the words of the planes to `read`. The returned flag is true if no
-    /// A-buffer layers remain to be drawn.
+    /// Executes the steps of a tile, waits for them, and returns what `read` makes of the words of the planes. The
+    /// returned flag is true if no A-buffer layers remain to be drawn.
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
@@ -521,13 +530,13 @@ impl Renderer {
     }
 }
 
-/// Costs of drawing a shadow map, before they are read back.
+/// Query results of a tile of a shadow map, before they are read back.
 pub(crate) struct MapCost {
     readback: Readback,
     pass_record: PassRecord,
 }
 
-/// Data that all tiles of a frame share.
+/// Inputs that all tiles of a frame share.
 struct FrameJob<'a> {
     scene: &'a ResidentScene,
     /// Texels of the frame's shadow maps.
@@ -537,13 +546,14 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// Steps to be executed for a tile, with their data.
+/// Steps that raster hardware executes for a tile, with their data.
 struct TileJob<'a> {
     data: &'a TileData,
     key: TargetKey,
+    /// Pixel passes among the steps.
     pixel_passes: &'a [PixelPass],
     steps: &'a [Step],
-    /// Samples of the tile's edges.
+    /// Parts of the samples of the tile's edge pixels; empty without edge antialiasing by samples.
     samples: &'a [SamplePart],
 }
 

@@ -9,27 +9,30 @@ use surfel_model::Scene;
 use surfel_model::Storage;
 use surfel_render::{RenderError, UploadProgress};
 
-/// Scene as this backend stores it: splats in the device's memory, chunks and clouds in the host's.
+/// Scene as this backend stores it: splats in the device's memory, their chunks and clouds in the main memory.
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
+    /// Buffers of each segment, in the order of the segments of `cpu`.
     pub(crate) segments: Vec<ResidentSegment>,
     /// Textures of polygons.
     pub(crate) texels: wgpu::Buffer,
     /// True if all segments share one buffer of records.
     pub(crate) shared_records: bool,
+    /// Device memory of the splats in bytes, without their records.
     pub(crate) bytes: u64,
 }
 
+/// Buffers of a segment of splats, and the number of splats.
 pub(crate) struct ResidentSegment {
     pub uniform: wgpu::Buffer,
     pub splats: wgpu::Buffer,
     pub records: Records,
     pub count: u32,
-    /// Index in the object's cloud of each splat, if the application places the splats.
+    /// Index in the object's cloud of each splat, if the application places the splats, else `None`.
     pub members: Option<wgpu::Buffer>,
 }
 
-/// Records of splats.
+/// Buffers of the records of splats.
 #[derive(Clone)]
 pub(crate) struct Records {
     pub records: wgpu::Buffer,
@@ -38,7 +41,7 @@ pub(crate) struct Records {
 }
 
 impl Records {
-    /// Returns the bind group through which draws read the records.
+    /// Creates the bind group through which draws read the records and, for the variant `Clipped`, their clips.
     pub(crate) fn group(&self, device: &wgpu::Device, pipeline: &SplatPipeline, variant: Variant) -> wgpu::BindGroup {
         let clips = self.clips.iter().filter(|_| variant == Variant::Clipped);
         bind(device, "records", &pipeline.records_group, &[&self.records].into_iter().chain(clips).collect::<Vec<_>>())
@@ -63,7 +66,7 @@ pub(crate) fn filled(
     filled_before(device, queue, label, words, 0, usage)
 }
 
-/// Creates a buffer with these words, followed by zero bytes.
+/// Creates a buffer with these words, followed by `more` zero bytes.
 pub(crate) fn filled_before(
     device: &wgpu::Device,
     queue: &Queue,
@@ -78,13 +81,14 @@ pub(crate) fn filled_before(
     buffer
 }
 
-/// Creates a buffer of zeros.
+/// Creates a buffer of at least four zero bytes.
 pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     // An empty binding is an error.
     let size = bytes.max(4);
     device.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
 }
 
+/// Uploads a scene, and reports the progress after each segment.
 pub(crate) fn upload(
     device: &wgpu::Device,
     queue: &Queue,
@@ -132,7 +136,7 @@ pub(crate) fn upload(
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
-/// Creates a bind group of buffers, numbered from 0.
+/// Creates a bind group of buffers, whose binding numbers count from 0.
 pub(crate) fn bind(
     device: &wgpu::Device,
     label: &str,
@@ -142,7 +146,7 @@ pub(crate) fn bind(
     bind_with(device, label, layout, buffers, &[])
 }
 
-/// Creates a bind group of numbered buffers.
+/// Creates a bind group of buffers, given with their binding numbers.
 pub(crate) fn bind_some(
     device: &wgpu::Device,
     label: &str,
@@ -156,7 +160,7 @@ pub(crate) fn bind_some(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
-/// Creates a bind group of buffers, numbered from 0, and other entries.
+/// Creates a bind group of buffers, whose binding numbers count from 0, and of other entries.
 pub(crate) fn bind_with(
     device: &wgpu::Device,
     label: &str,
@@ -172,8 +176,8 @@ pub(crate) fn bind_with(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
-/// Converts an error of the upload. wgpu doesn't report how much memory a device has, so a shortage shows only when an
-/// allocation fails.
+/// Converts an error of the upload. `needed` and `available` are the bytes that the scene needs and those uploaded so
+/// far. wgpu doesn't report how much memory a device has, so a shortage shows only when an allocation fails.
 fn too_large(caught: ScopedError, needed: u64, available: u64) -> RenderError {
     match caught {
         ScopedError::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },

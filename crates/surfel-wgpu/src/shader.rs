@@ -50,8 +50,8 @@ impl Renderer {
     /// All pipelines are built again when they are next used, which takes as long as in a new renderer.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] with the line of the text and naga's message if the text is invalid. The shader is then
-    /// the one before.
+    /// [`RenderError::Backend`] with the line of the text and naga's message if the text is invalid. The renderer then
+    /// continues to use its previous shader.
     pub fn set_shader(&mut self, wgsl: Option<&str>) -> Result<(), RenderError> {
         let device = self.device.clone();
         let pipelines = match wgsl {
@@ -69,14 +69,14 @@ impl Renderer {
             }
         };
         self.pipelines = pipelines;
-        // Their bind groups have the layouts of the old pipelines.
+        // The bind groups of these targets have the layouts of the old pipelines.
         (self.targets, self.map_targets) = (None, None);
         self.has_host_shader = wgsl.is_some();
         Ok(())
     }
 }
 
-/// Refuses what the passes' bindings and entry points don't account for.
+/// Returns an error if the text has bindings or entry points, which the passes don't provide for.
 fn check_text(wgsl: &str) -> Result<(), String> {
     for (line, text) in (1..).zip(wgsl.lines()) {
         let code = text.split("//").next().unwrap_or_default();
@@ -90,7 +90,7 @@ fn check_text(wgsl: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the message for a text that naga refuses, with the line of the application's own text.
+/// Returns the error message for a text that naga refuses, with the line of the application's own text.
 fn refusal(shader: &HostShader, info: &wgpu::CompilationInfo, error: &wgpu::Error) -> String {
     let is_error = |message: &&wgpu::CompilationMessage| message.message_type == wgpu::CompilationMessageType::Error;
     let Some(first) = info.messages.iter().find(is_error) else {
@@ -109,7 +109,7 @@ fn refusal(shader: &HostShader, info: &wgpu::CompilationInfo, error: &wgpu::Erro
     format!("the host's shader isn't valid in line {line}: {text}")
 }
 
-/// Returns the line that a message quotes, behind its arrow and a name.
+/// Returns the line number of the whole text that a message of naga quotes, as in `┌─ name:12:5`; `None` without one.
 fn quoted_line(message: &str) -> Option<u32> {
     let (_, place) = message.split_once("┌─ ")?;
     place.split(':').nth(1)?.parse().ok()

@@ -8,8 +8,11 @@ use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 /// Textures and buffers that a tile's passes write, for one [`TargetKey`].
 pub(crate) struct Targets {
     pub key: TargetKey,
+    /// View of each target's texture.
     views: HashMap<Target, wgpu::TextureView>,
+    /// Bind group of the textures that each draw reads.
     reads: HashMap<Draw, wgpu::BindGroup>,
+    /// Planes of the tile, which shading writes.
     pub planes: wgpu::Buffer,
     /// Composites of the transparent layers, one per pixel.
     pub layer_composites: wgpu::Buffer,
@@ -62,16 +65,17 @@ impl Targets {
         Self { key, views, reads, planes, layer_composites }
     }
 
-    /// Returns bind group entries for the textures of these targets. `reads` are pairs of binding and target.
+    /// Returns bind group entries for some of the textures. `reads` are pairs of binding and target.
     pub(crate) fn entries(&self, reads: &[(u32, Target)]) -> Vec<wgpu::BindGroupEntry<'_>> {
         entries(&self.views, reads)
     }
 
+    /// Returns the view of a target's texture.
     pub(crate) fn view(&self, target: Target) -> Option<&wgpu::TextureView> {
         self.views.get(&target)
     }
 
-    /// Returns the bind group of the textures that a draw reads.
+    /// Returns the bind group of the textures that a draw reads; `None` if it reads none.
     pub(crate) fn reads(&self, draw: Draw) -> Option<&wgpu::BindGroup> {
         self.reads.get(&draw)
     }

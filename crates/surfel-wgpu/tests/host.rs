@@ -58,8 +58,8 @@ fn drawn(
     drawn_with_index(renderer, pair, what, mapping, depth, false).0
 }
 
-/// Returns the application's colours and, if it has a texture of numbers, the identities that they name; `None` where
-/// the texture is as the application cleared it.
+/// Returns the application's colours, and the identities that its index texture names, if it has one. An identity is
+/// `None` where the texture is as the application cleared it.
 fn drawn_with_index(
     renderer: &mut Renderer,
     (device, queue): &(wgpu::Device, wgpu::Queue),
@@ -182,8 +182,8 @@ fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     }
 }
 
-/// Returns the depth at which a pixel of a frame is tested if its colour is that of a pixel of a plane: its own or,
-/// without one, the nearest of its neighbours.
+/// Returns the depth with which pixel `i` of a frame passes the application's depth test if the image is composited
+/// from planes. It is the pixel's own depth or, without one, the nearest of its neighbours.
 fn tested_depth(frame: &Frame, i: usize) -> f32 {
     let [width, height] = SIZE.map(|side| side as usize);
     if frame.depth()[i].is_finite() {
@@ -195,7 +195,7 @@ fn tested_depth(frame: &Frame, i: usize) -> f32 {
     neighbours.map(|at| frame.depth()[at]).fold(f32::INFINITY, f32::min)
 }
 
-/// Returns a ball between and before the disks of `scene`.
+/// Returns the disks of `scene`, with a ball between and before them.
 fn balls() -> Scene {
     let mut scene = scene();
     let cloud = SplatCloud::balls(&[[0.0, 0.3, 0.5]], &[0.4]).unwrap().with_colors(&[[0.2, 0.9, 0.3]]).unwrap();
@@ -236,7 +236,7 @@ fn edges_by_samples_and_balls_equal_those_of_a_frame_over_the_host_s_colours() {
         renderer.render_into(&resident, &view, settings, Planes::ALL, &mut frame).unwrap();
         // The background isn't drawn into the application's target.
         let scene = Scene { background: [1.0; 4], ..scene };
-        // The wall is behind all, between the disks, and before all.
+        // The application's wall is behind all splats, between the disks, and before all splats.
         for (clear, farthest) in [(0.0, f32::INFINITY), (0.5 / 3.0, 3.0), (1.0, 0.0)] {
             let usage = wgpu::TextureUsages::TEXTURE_BINDING;
             let mapping = HostDepth::reversed(0.5);

@@ -1,5 +1,5 @@
-//! Tests splats that an embedding application places from a buffer: they are drawn as if they had been uploaded there,
-//! and cost the CPU nothing per splat.
+//! Tests splats that an embedding application places from a buffer. They are drawn as if they had been uploaded at
+//! these places, and cost the CPU nothing per splat.
 
 #[path = "../examples/among_triangles.rs"]
 #[allow(dead_code, reason = "the example's main isn't called")]
@@ -36,7 +36,7 @@ struct Splats {
 }
 
 impl Splats {
-    /// Disks on a sphere, which a phase turns, stretches and colours.
+    /// Returns `count` disks on an ellipsoid, whose turn, shape and colours depend on `phase`.
     fn ball(count: u32, phase: f32) -> Self {
         let points = (0..count).map(|i| {
             let z = 1.0 - 2.0 * (i as f32 + 0.5) / count as f32;
@@ -118,8 +118,8 @@ fn view() -> View {
 }
 
 /// Compares two frames. The two differ by the rounding of centres to f32, about the chunk or about the object: 2⁻²⁴ of
-/// the extent, which is 1e-6 of a radius and changes weights by a few times as much. A fragment at the rim of a splat
-/// or at the depth tolerance may be on the other side in some pixel.
+/// the extent, which is 1e-6 of a radius and changes weights by a few times as much. In a few pixels, a fragment at the
+/// rim of a splat or at the depth tolerance may be drawn in one frame and not in the other.
 fn compare(got: &Frame, want: &Frame, what: &str) {
     let mut flipped = 0;
     let mut covered = 0;

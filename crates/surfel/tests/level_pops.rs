@@ -88,12 +88,12 @@ const POP: f64 = 0.0135;
 const STEP_POP: f64 = 0.054;
 /// Largest change of all but 0.1 % of the pixels of a smooth surface whose colours differ from point to point.
 /// Measured: 0.0256.
-const MOST_POP: f64 = 0.026;
+const MAX_POP: f64 = 0.026;
 /// Largest change of all but 0.1 % of the pixels at borders and ridges. Measured: 0.0209.
-const MOST_OUTLINE_POP: f64 = 0.022;
+const MAX_OUTLINE_POP: f64 = 0.022;
 /// Smallest second difference of the depths of three pixels in a row at which they count as different surfaces,
 /// relative to the depth of the middle pixel.
-const MOST_BENT: f32 = 0.02;
+const MAX_BENT: f32 = 0.02;
 
 /// Returns the camera of a step. The flight approaches and circles the middle of the terrain; each step reduces the
 /// distance by the same factor. `rise` is the elevation of the camera in radians.
@@ -139,7 +139,7 @@ fn smooth(frame: &Frame) -> Vec<bool> {
         let around = || [0, 1, 2].into_iter().flat_map(|dy| [0, 1, 2].map(|dx| (y + dy - 1) * size + x + dx - 1));
         (2..size - 2).contains(&x)
             && (2..size - 2).contains(&y)
-            && around().all(|j| [1, size].iter().all(|by| bend(j, *by) < MOST_BENT))
+            && around().all(|j| [1, size].iter().all(|by| bend(j, *by) < MAX_BENT))
     };
     (0..z.len()).map(|i| is_smooth(&i)).collect()
 }
@@ -284,18 +284,15 @@ fn levels_of_fields_do_not_pop_and_would_without_fading() {
         let fields = fly(&path, rise, 1);
         println!("{rise}: {fields:?}");
         assert!(fields.is_whole() && fields.rmse < POP_RMSE, "{fields:?}");
-        assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MOST_POP, "{fields:?}");
+        assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MAX_POP, "{fields:?}");
         // Such a pixel shows one of two surfaces, so its largest change is their difference.
-        assert!(fields.outline.within(0.999) < MOST_OUTLINE_POP, "{fields:?}");
+        assert!(fields.outline.within(0.999) < MAX_OUTLINE_POP, "{fields:?}");
     }
     // Without fading, levels pop: images that share a selection don't fade, not even two equal ones.
     let popping = fly(&path, ABOVE, 2);
     println!("without: {popping:?}");
     assert!(popping.rmse > POP_RMSE && popping.surface.within(1.0) > STEP_POP, "{popping:?}");
-    assert!(
-        popping.surface.within(0.999) > MOST_POP && popping.outline.within(0.999) > MOST_OUTLINE_POP,
-        "{popping:?}"
-    );
+    assert!(popping.surface.within(0.999) > MAX_POP && popping.outline.within(0.999) > MAX_OUTLINE_POP, "{popping:?}");
 }
 
 /// Nodes that are cached are read with more values, for later images.
@@ -329,5 +326,5 @@ fn levels_of_estimated_splats_do_not_pop() {
     let fields = fly(&path, ABOVE, 1);
     println!("{fields:?}");
     assert!(fields.is_whole(), "{fields:?}");
-    assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MOST_POP, "{fields:?}");
+    assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MAX_POP, "{fields:?}");
 }

@@ -217,7 +217,7 @@ fn depth_of_coincident_splats_errs_as_stated() {
 
 #[test]
 fn colors_beyond_the_range_of_f32_are_finite() {
-    let largest = surfel_math::srgb::LARGEST_COLOR as f32;
+    let largest = surfel_math::srgb::MAX_COLOR as f32;
     let mut splats = surfel_conformance::build::sphere(300, 1.5, 5);
     splats.iter_mut().for_each(|splat| splat.color = [3e38, -3e38, 0.5]);
     let mut ball = scene(&splats);

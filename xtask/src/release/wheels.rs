@@ -10,7 +10,7 @@ use crate::front_page;
 use crate::python::{self, Platform, TARGETS};
 
 /// Maximum size of a wheel, in bytes.
-const MOST_BYTES: u64 = 25_000_000;
+const MAX_BYTES: u64 = 25_000_000;
 
 /// Python code appended to README.md's program, which checks the drawn image.
 const CHECKS: &str = "\
@@ -92,8 +92,8 @@ pub(super) fn build(place: &Place) -> Verdict {
         for wheel in &made {
             let bytes = bytes_of(wheel);
             println!("{:>8} KB  {}", bytes / 1000, name_of(wheel));
-            if bytes > MOST_BYTES {
-                return Err(format!("{}: {bytes} bytes, expected at most {MOST_BYTES}", name_of(wheel)));
+            if bytes > MAX_BYTES {
+                return Err(format!("{}: {bytes} bytes, expected at most {MAX_BYTES}", name_of(wheel)));
             }
             if std::fs::read(wheel).ok() != std::fs::read(second.join(name_of(wheel))).ok() {
                 return Err(format!("{}: two builds differ", name_of(wheel)));

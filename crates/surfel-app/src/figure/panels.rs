@@ -20,11 +20,11 @@ const FONT_OF_WIDTH: f64 = 1.0 / 46.0;
 /// Default font size of figures without a fixed width, as a fraction of a panel's shorter side.
 const FONT_OF_PANEL: f64 = 0.032;
 /// Smallest default font size, in pixels. Font sizes that the options state may be smaller.
-const LEAST_FONT: f64 = 9.0;
+const MIN_FONT: f64 = 9.0;
 /// Fraction of a figure's fixed width that panels are assumed to fill, before the layout is computed.
 const PANELS_SHARE: f64 = 0.85;
 /// Smallest accepted width of a panel in pixels. If less is left beside words and margins, an error is reported.
-const LEAST_WIDTH: f64 = 16.0;
+const MIN_WIDTH: f64 = 16.0;
 /// Number of typographic points per inch.
 const POINTS: f64 = 72.0;
 /// Margin above and below the content of cropped panels, in ems.
@@ -61,7 +61,7 @@ pub(super) fn first_size(request: &FigureRequest<'_>, given: Option<[u32; 2]>) -
     let [width, height] = given.unwrap_or(PANEL);
     let Some(whole) = fixed_width(request) else { return [width, height] };
     let columns = request.columns() + usize::from(request.has_errors_beside());
-    let own = (PANELS_SHARE * whole / columns as f64).max(LEAST_WIDTH);
+    let own = (PANELS_SHARE * whole / columns as f64).max(MIN_WIDTH);
     sized(own, [width, height])
 }
 
@@ -142,7 +142,7 @@ impl<'a> Panels<'a> {
         for _ in 0..4 {
             let excess = f64::from(self.figure.layout().size[0]) - whole;
             width = (width - (excess / columns as f64)).floor();
-            if width < LEAST_WIDTH {
+            if width < MIN_WIDTH {
                 let found = whole.round();
                 return Err(Error::Usage(format!(
                     "--width leaves no room for {columns} panels: found {found} pixels, expected a larger width, or \
@@ -263,7 +263,7 @@ fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));
     let of_panel = FONT_OF_PANEL * f64::from(width.min(height));
     let own = fixed_width(request).map_or(of_panel, |whole| FONT_OF_WIDTH * whole);
-    points.map_or(own.max(LEAST_FONT), |points| points * request.dpi() / POINTS)
+    points.map_or(own.max(MIN_FONT), |points| points * request.dpi() / POINTS)
 }
 
 fn stem(path: &Path) -> String {

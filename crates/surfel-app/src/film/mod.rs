@@ -57,10 +57,10 @@ impl CameraPath {
     pub fn frames(&self, rate: FrameRate) -> u32 {
         let ways = self.keys() - usize::from(!self.is_closed());
         let seconds = self.seconds().unwrap_or(KEY_SECONDS * ways as f64);
-        let steps = (seconds * rate.per_second()).round().clamp(1.0, f64::from(MOST_FRAMES)) as u32;
+        let steps = (seconds * rate.per_second()).round().clamp(1.0, f64::from(MAX_FRAMES)) as u32;
         steps + u32::from(!self.is_closed())
     }
 }
 
 /// Largest accepted number of frames of a film.
-const MOST_FRAMES: u32 = 1_000_000;
+const MAX_FRAMES: u32 = 1_000_000;

@@ -7,7 +7,7 @@ use super::work::Work;
 
 /// Smallest fraction of a frame's time at which a pass may be listed as far above its bound. In shorter passes, the
 /// fixed cost of a pass dominates.
-const LEAST_SHARE: f64 = 0.02;
+const MIN_SHARE: f64 = 0.02;
 /// Number of passes that the page lists as farthest above their bounds.
 const NAMED: usize = 3;
 
@@ -86,7 +86,7 @@ impl<'a> Roofline<'a> {
 /// their frame are ignored.
 pub(super) fn farthest<'a, 'b>(judged: &'b [PassComparison<'a>]) -> Vec<&'b PassComparison<'a>> {
     let mut sorted: Vec<&PassComparison<'a>> =
-        judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= LEAST_SHARE).collect();
+        judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= MIN_SHARE).collect();
     sorted.sort_by(|a, b| b.ratio_to_bound().total_cmp(&a.ratio_to_bound()));
     let mut named: Vec<&PassComparison<'a>> = Vec::new();
     for pass in sorted {

@@ -190,7 +190,7 @@ const BLACK: usize = 7;
 
 /// Largest ratio of a chart's largest error to the smallest error that its axis shows. Without this limit, a nearly
 /// perfect variant would compress the range of all others.
-const MOST_RANGE: f64 = 100.0;
+const MAX_RANGE: f64 = 100.0;
 
 /// Returns a chart of time against model error, with a point per variant, and with the Pareto front.
 fn chart(figures: &Figures, subject: &str) -> Chart {
@@ -238,7 +238,7 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
     let most = points.iter().map(|p| p.2[1]).fold(0.0, f64::max);
     let least = points.iter().map(|p| p.2[1]).fold(f64::INFINITY, f64::min);
     let error = Axis::new("model error, RMSE of linear colour (1 = white)");
-    let y = if least < most / MOST_RANGE { error.over([most / MOST_RANGE, 1.1 * most]) } else { error };
+    let y = if least < most / MAX_RANGE { error.over([most / MAX_RANGE, 1.1 * most]) } else { error };
     Chart {
         title: format!("{subject}: time against model error"),
         x: Axis::new("milliseconds a frame, one thread"),

@@ -26,7 +26,7 @@ use tile::{Tile, TileInputs};
 
 /// Largest number of entries in tiles' lists that are in memory at once. If a frame has more, its tiles are listed and
 /// drawn in batches. A single tile with more is one batch.
-const MOST_ENTRIES: u64 = 1 << 24;
+const MAX_ENTRIES: u64 = 1 << 24;
 
 /// Draws a frame of Gaussians on the current thread pool.
 pub(crate) fn draw(
@@ -51,7 +51,7 @@ pub(crate) fn draw(
     let near = gaussian::near(&view.projection) as f32;
     frame.resize(view.region.width, view.region.height, plan.planes);
     let inputs = TileInputs { grid: &grid, near, background, linear, planes: plan.planes };
-    let batches = records::batches(&parts, &grid, MOST_ENTRIES);
+    let batches = records::batches(&parts, &grid, MAX_ENTRIES);
     let (cells, mut tested) = (batches.len() as f64, 0);
     for tiles in batches {
         parts.par_iter_mut().for_each(|part| part.list(&tiles, &grid));

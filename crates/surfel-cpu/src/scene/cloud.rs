@@ -26,7 +26,7 @@ const WAVE: usize = 2;
 
 /// Smallest number of indices that are freed at once from the list that gives the splats' order, while the splats are
 /// stored.
-const LEAST_PART: usize = 1 << 20;
+const MIN_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
 
@@ -163,7 +163,7 @@ impl StoredObject {
         for mut order in parts {
             while !order.is_empty() {
                 // The processed part of an order is freed while the columns grow.
-                let (mut used, part) = (0, (order.len() / 4).max(LEAST_PART));
+                let (mut used, part) = (0, (order.len() / 4).max(MIN_PART));
                 let mut chunks = chunks(cloud, &order, storage);
                 while used < part {
                     let wave: Vec<_> = chunks.by_ref().take(wave).collect();

@@ -29,7 +29,7 @@ use crate::tiles::target::{Rows, cut};
 use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
-use surfel_math::ball::LEAST_TEXELS;
+use surfel_math::ball::MIN_TEXELS;
 use surfel_math::depth::slope_allowance;
 use surfel_math::projection::Projection;
 use surfel_model::Cull;
@@ -71,7 +71,7 @@ impl ShadowDrawing<'_> {
         let grid = Grid::new(region, self.tuning.tile_blocks);
         let threads = rayon::current_num_threads();
         let limits = CellLimits { splats: self.tuning.cell_splats, reach_px: 0, threads };
-        let balls = BallView::all(&self.scene.balls, view, &plan, LEAST_TEXELS);
+        let balls = BallView::all(&self.scene.balls, view, &plan, MIN_TEXELS);
         let others = OtherParts { meshes: &self.scene.meshes, octrees: &plan.octrees, balls: &balls };
         let cells = cells::divide(&objects, &chunks, others, view, &grid, &limits);
         let parts: Vec<Region> = cells.iter().map(|cell| cell.region).collect();

@@ -68,7 +68,7 @@ impl BlockSet {
         if sum(right, bottom) + sum(left, top) == sum(left, bottom) + sum(right, top) {
             return false;
         }
-        if (right - left) * (bottom - top) > MOST_TILES {
+        if (right - left) * (bottom - top) > MAX_TILES {
             return true;
         }
         // If the tiles are few, they are tested block by block.
@@ -90,7 +90,7 @@ impl BlockSet {
 
 /// Largest number of tiles under a box for which [`BlockSet::touches`] tests the tiles' blocks one by one. With more, a
 /// tile that has any block of the set suffices.
-const MOST_TILES: i64 = 9;
+const MAX_TILES: i64 = 9;
 
 /// The blocks of a grid that are drawn: all of them, or those of a set.
 #[derive(Clone, Copy, Default)]

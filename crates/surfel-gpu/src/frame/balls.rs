@@ -9,7 +9,7 @@ use crate::struct_writer::StructWriter;
 use glam::DVec3;
 use rayon::prelude::*;
 use surfel_math::V3;
-use surfel_math::ball::{LARGE_PX, LEAST_TEXELS, Outline};
+use surfel_math::ball::{LARGE_PX, MIN_TEXELS, Outline};
 use surfel_model::{Shader, Shape};
 use surfel_render::{FramePlan, Pass, Region, View, ball_scale};
 use surfel_shaders::layout;
@@ -19,7 +19,7 @@ const BALLS_PER_TASK: usize = 1024;
 
 /// Smallest number of balls with which a tile is refused. Targets store indices of balls as f32, which is exact below
 /// 2²⁴.
-pub(crate) const MOST_BALLS: usize = 1 << 24;
+pub(crate) const MAX_BALLS: usize = 1 << 24;
 
 /// Size of the shaders' ball record in words.
 const WORDS: usize = layout::BALL_WORDS as usize;
@@ -34,8 +34,9 @@ pub(crate) struct TileBalls {
     pub members: Vec<[u32; 2]>,
 }
 
-/// Ball projected to the screen.
+/// Ball projected to the screen, as it is listed and uploaded.
 struct ScreenBall {
+    /// Words of the shaders' ball record.
     record: [u32; WORDS],
     /// Cells (squares of pixels by which a tile's balls are listed) that the ball may touch: first column, first row,
     /// last column, last row. All are included.
@@ -45,7 +46,7 @@ struct ScreenBall {
 }
 
 impl TileBalls {
-    /// Returns the balls of a scene that may touch the targets.
+    /// Returns the balls of a scene that may touch `targets`, the image region that the tile's textures cover.
     pub(crate) fn new(balls: &[UploadedBalls], view: &View, plan: &FramePlan, targets: Region) -> Self {
         if !plan.has(Pass::Balls) {
             return Self { words: vec![0], members: Vec::new() };
@@ -95,12 +96,14 @@ impl TileBalls {
     }
 }
 
-/// Object of balls in a view.
+/// Object of balls in a view, for the setup of its balls.
 struct BallView<'a> {
     balls: &'a UploadedBalls,
+    /// Index of the object among the scene's objects of balls.
     index: u32,
     view: &'a View,
     plan: &'a FramePlan,
+    /// Image region that the tile's textures cover.
     targets: Region,
     transform: ObjectTransform,
     /// Form that gives the length of an image pixel, in world units, at each point of the object. `None` unless the
@@ -111,7 +114,9 @@ struct BallView<'a> {
     /// Smallest radius with which a ball is drawn, in pixels of the view: smaller balls are enlarged to it. Only shadow
     /// maps have a value above 0.
     least_px: f64,
+    /// Radius of each ball, in object units or in pixels.
     radii: &'a [f32],
+    /// True if the balls are dots: disks parallel to the image.
     flat: bool,
 }
 
@@ -131,13 +136,14 @@ impl<'a> BallView<'a> {
             transform: ObjectTransform::new(place, view),
             pixel: plan.ball_pixel.filter(|_| in_pixels).map(|pixel| pixel.in_object(place)),
             scale: ball_scale(place),
-            least_px: if is_of_shadow_map(plan) { LEAST_TEXELS } else { 0.0 },
+            least_px: if is_of_shadow_map(plan) { MIN_TEXELS } else { 0.0 },
             radii,
             flat,
         }
     }
 
-    /// Returns ball `i`, if it may touch the targets.
+    /// Projects ball `i` of the cloud. `None` if the ball isn't drawn because of the near or far plane, or can't touch
+    /// the targets.
     fn ball(&self, i: usize) -> Option<ScreenBall> {
         let (cloud, projection) = (&self.balls.cloud, &self.view.projection);
         let local = cloud.center(i);
@@ -188,14 +194,15 @@ impl<'a> BallView<'a> {
         Some(ScreenBall { record, cells: [x0, y0, x1, y1], member: [self.index, i as u32] })
     }
 
-    /// Returns the length of a pixel of the view at a point, in the units of the view.
+    /// Returns the length that a pixel of the view spans at the depth of a point in view space, in world units.
     fn length_of_pixel(&self, center: DVec3) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         if self.view.projection.is_perspective() { center.z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
     }
 
-    /// Returns the first and the last cell along an axis that the interval `middle` ± `half`, in pixels, overlaps.
-    /// `None` if it overlaps none.
+    /// Returns the first and the last cell along an axis that the interval `middle` ± `half` overlaps. `start` and
+    /// `length` are the first pixel and the number of pixels of the targets along the axis. All are in pixels of the
+    /// image. `None` if the interval overlaps no cell.
     fn cells(&self, middle: f64, half: f64, [start, length]: [u32; 2]) -> Option<[u32; 2]> {
         // Slack for the rounding of f32 in shaders. Casts saturate.
         let slack = 1e-3;

@@ -1,5 +1,5 @@
-//! Tile that the compute path draws, and the tiles of the samples at its edges. A *cell* is a square of 16×16 pixels
-//! (or samples) of a tile, which one workgroup draws.
+//! Tile that the compute path draws, and the tiles of the samples of its edge pixels. A *cell* is a square of 16×16
+//! pixels (or samples) of a tile, which one workgroup draws.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
@@ -11,7 +11,7 @@ use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
 /// Maximum number of cells of a tile of samples. The radix sort of cells uses two digits of eight bits.
-const MOST_SAMPLE_CELLS: u32 = 1 << 16;
+const MAX_SAMPLE_CELLS: u32 = 1 << 16;
 
 /// Number of image pixels along the side of a cell whose pixels are samples. Each image pixel has [`SAMPLES_SIDE`]
 /// samples along its side.
@@ -24,7 +24,7 @@ pub struct CellTiles {
 }
 
 impl CellTiles {
-    /// Creates the list of the tile `pixels` and of the tiles of its samples.
+    /// Creates the list: the tile `pixels` and, if the plan antialiases edges by samples, the tiles of its samples.
     pub fn new(pixels: TileData, scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan) -> Self {
         let mut tiles = Vec::new();
         if plan.has(Pass::EdgeSamples) {
@@ -58,8 +58,8 @@ impl CellTiles {
         CellCapacity::start(before, &self.counts, limits)
     }
 
-    /// Returns the capacity that the tiles need. `counters` are the words of [`CellBuffer::Counters`] after drawing.
-    /// `None` if the capacity exceeds the limits.
+    /// Returns the capacity of buffers that the tiles need, after they were drawn with the capacity `room`. `counters`
+    /// are the words of [`CellBuffer::Counters`] after drawing. `None` if the capacity exceeds the limits.
     pub fn grown(&self, room: CellCapacity, counters: &[u32], limits: Limits) -> Option<CellCapacity> {
         room.grown(counters, &self.counts, limits)
     }
@@ -69,12 +69,12 @@ impl CellTiles {
         self.tiles.iter_mut().for_each(|tile| tile.put_room(room));
     }
 
-    /// Returns a buffer's size in bytes.
+    /// Returns the size of a buffer, in bytes, that suffices for all of these tiles with the capacity `room`.
     pub fn bytes(&self, buffer: CellBuffer, room: CellCapacity) -> u64 {
         buffer.bytes(&self.counts, room)
     }
 
-    /// Returns the stages that draw each tile, in order.
+    /// Returns, for each tile of [`CellTiles::tiles`], the stages that draw it, in the order in which they run.
     pub fn stages(&self, plan: &FramePlan, room: CellCapacity) -> Vec<Vec<CellStage>> {
         let of_tile = |(tile, cells): (&TileData, &CellCounts)| {
             let size = [tile.tile.width, tile.tile.height];
@@ -88,10 +88,10 @@ impl CellTiles {
     }
 }
 
-/// Splits a tile of pixels into bands of rows whose samples have at most [`MOST_SAMPLE_CELLS`] cells.
+/// Splits a tile of pixels into bands of rows. The samples of a band have at most [`MAX_SAMPLE_CELLS`] cells.
 fn sampled_parts(tile: Region) -> Vec<Region> {
     let columns = tile.width.div_ceil(PIXELS_OF_CELL).max(1);
-    let height = (MOST_SAMPLE_CELLS / columns).max(1) * PIXELS_OF_CELL;
+    let height = (MAX_SAMPLE_CELLS / columns).max(1) * PIXELS_OF_CELL;
     let rows = (0..tile.height).step_by(height as usize);
     rows.map(|y| Region { y: tile.y + y, height: height.min(tile.height - y), ..tile }).collect()
 }
@@ -110,7 +110,7 @@ mod tests {
                 assert_eq!((part.x, part.y, part.width), (tile.x, next, tile.width));
                 let samples = part.of_samples();
                 let cells: u32 = CellCounts::size_of([samples.width, samples.height]).iter().product();
-                assert!(cells <= MOST_SAMPLE_CELLS, "{size:?}: {cells}");
+                assert!(cells <= MAX_SAMPLE_CELLS, "{size:?}: {cells}");
                 next += part.height;
             }
             assert_eq!(next, tile.y + tile.height);

@@ -9,11 +9,13 @@ use surfel_render::{FramePlan, Region, View};
 
 /// Part of a view that a region of pixels shows, with a margin for the filter.
 pub(crate) struct RegionFrustum {
-    /// Least and greatest depth, in view units.
+    /// Smallest and largest planar depth that is drawn, in world units.
     depths: [f64; 2],
+    /// True for a perspective projection, false for an orthographic one.
     is_perspective: bool,
     /// Upper bound of the ratio of a drawn footprint's extent to its splat's bounding sphere.
     extent_ratio: f64,
+    /// Left, right, upper and lower side of the frustum.
     sides: [Side; 4],
 }
 
@@ -23,7 +25,7 @@ struct Side {
     axis: usize,
     /// 1 for an upper limit of the coordinate, −1 for a lower one.
     sign: f64,
-    /// Limit of the coordinate at depth 1 (in an orthographic view, at every depth).
+    /// Limit of the coordinate, x or y in view space, at depth 1 (in an orthographic view, at every depth).
     slope: f64,
     /// Length of the normal (1, slope) of a plane through the eye; otherwise 1.
     length: f64,
@@ -53,7 +55,8 @@ impl RegionFrustum {
         Self { depths: [projection.near, projection.far()], is_perspective, extent_ratio, sides }
     }
 
-    /// True if no splat inside a sphere can touch the region. The sphere's centre is in view space.
+    /// True if no splat inside a sphere can touch the region. The sphere's centre is in view space, and its radius in
+    /// world units.
     pub(crate) fn is_outside(&self, center: DVec3, bounding_radius: f64) -> bool {
         let [near, far] = self.depths;
         if center.z + bounding_radius < near || center.z - bounding_radius > far {
@@ -73,7 +76,7 @@ impl RegionFrustum {
     }
 }
 
-/// True if every splat of the chunk is back-facing.
+/// True if every splat of the chunk is surely back-facing, by the cone of its normals. False if the chunk has no cone.
 pub(crate) fn is_back_facing(chunk: &Chunk, transform: &ObjectTransform, view: &View) -> bool {
     let Some(cone) = &chunk.cone else { return false };
     match view.projection.kind {
@@ -87,8 +90,8 @@ pub(crate) fn is_back_facing(chunk: &Chunk, transform: &ObjectTransform, view: &
 }
 
 /// True if the chunk may contain a near splat: one whose centre is nearer than the near plane or, in perspective, whose
-/// radius exceeds half of its depth. The CPU sets up near splats in f64 (rendering model §3, "Near splats"). The test
-/// is conservative.
+/// radius exceeds half of its depth. `center` is the view position of the chunk's origin. The CPU sets up near splats
+/// in f64 (rendering model §3, "Near splats"). The test is conservative.
 pub(crate) fn may_reach_near(chunk: &Chunk, center: DVec3, transform: &ObjectTransform, view: &View) -> bool {
     let nearest = center.z - chunk.bounding_radius * transform.stretch;
     let widest = 2.0 * chunk.largest_radius * transform.stretch;
@@ -124,7 +127,7 @@ mod tests {
         plan(&SceneSummary::default(), view, &Settings::default(), Planes::COLOR, &capabilities).unwrap()
     }
 
-    /// Pseudo-random numbers from −1 to 1.
+    /// Returns a generator of pseudo-random numbers from −1 to 1.
     fn numbers() -> impl FnMut() -> f64 {
         let mut state = 7u64;
         move || {

@@ -31,6 +31,7 @@ struct Projected {
 
 /// Visible Gaussians of a view, sorted by depth.
 pub(crate) struct ProjectedGaussians {
+    /// The Gaussians, in the order in which pixels read them.
     all: Vec<Projected>,
     /// True if each pixel blends its fragments in the order of their own depths, false if in the order of the
     /// Gaussians' centres.
@@ -61,13 +62,13 @@ const MAX_WAITING_BYTES: u64 = 64 << 20;
 /// Size in bytes of a fragment that waits to be blended.
 const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
 /// Smallest and largest number of waiting fragments for which a pixel has memory, if its list has at least so many
-/// entries. A list n times as long as this number takes about n passes.
+/// entries. A list n times as long as the number for which there is memory takes about n passes.
 const WAITING_RANGE: [u64; 2] = [64, 1 << 15];
-/// Number of passes over a pixel's list up to which memory is saved. If a list would take more passes, the pixel gets
-/// memory for more waiting fragments, within [`WAITING_RANGE`].
-const MOST_TURNS: u64 = 64;
+/// Number of passes over a pixel's list that are accepted to save memory. If a list would take more passes, the pixel
+/// gets memory for more waiting fragments, within [`WAITING_RANGE`].
+const MAX_TURNS: u64 = 64;
 /// Largest number of dispatches that run before the host checks again whether all pixels are finished.
-const MOST_DISPATCHES: u32 = 64;
+const MAX_DISPATCHES: u32 = 64;
 
 impl GaussianLists {
     /// True if a single dispatch finishes every pixel. Otherwise only a readback tells how many dispatches are needed.
@@ -80,21 +81,25 @@ impl GaussianLists {
     pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {
         let unfinished = planes.get(layout::GAUSSIANS_UNFINISHED_AT as usize).map(|&word| f32::from_bits(word));
         let is_unfinished = self.states_at.is_some() && unfinished == Some(dispatches as f32);
-        is_unfinished.then_some(dispatches.min(MOST_DISPATCHES))
+        is_unfinished.then_some(dispatches.min(MAX_DISPATCHES))
     }
 }
 
 /// Sizes of the memory for the states and waiting fragments of a tile's pixels.
 #[derive(Clone, Copy, Default)]
 struct WaitingMemory {
+    /// Size of all pixels' states, in words; 0 if a single dispatch finishes every pixel.
     state_words: u64,
+    /// Maximum number of waiting fragments per pixel, a power of two; 0 if none wait.
     room: u64,
+    /// Size of the memory of all pixels' waiting fragments, in bytes.
     bytes: u64,
 }
 
 impl WaitingMemory {
-    /// Computes the memory that `pixels` pixels need if the longest list has `longest` entries. The size exceeds
-    /// [`MAX_WAITING_BYTES`] if more than [`MOST_TURNS`] passes would be needed otherwise, but never `most_bytes`.
+    /// Computes the memory that `pixels` pixels need if the longest list has `longest` entries. `by_pixel` is true if
+    /// each pixel sorts its own fragments. The size exceeds [`MAX_WAITING_BYTES`] if more than [`MAX_TURNS`] passes
+    /// would be needed otherwise, but never `most_bytes`.
     fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
         if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
             return Self::default();
@@ -106,22 +111,24 @@ impl WaitingMemory {
         let [least, most] = WAITING_RANGE;
         let within = |bytes: u64| 1 << (bytes / (pixels * WAITING_BYTES).max(1)).max(1).ilog2();
         let whole = longest.next_power_of_two().clamp(1, most);
-        let needed = longest.div_ceil(MOST_TURNS).next_power_of_two().clamp(least, most);
+        let needed = longest.div_ceil(MAX_TURNS).next_power_of_two().clamp(least, most);
         let room =
             whole.min(needed.max(within(MAX_WAITING_BYTES))).min(within(most_bytes.saturating_sub(4 * state_words)));
         Self { state_words, room, bytes: room * pixels * WAITING_BYTES }
     }
 }
 
-/// Error that the Gaussians of a tile exceed the memory limits.
+/// Error: the Gaussians of a tile exceed the memory limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TooManyGaussians {
+    /// Number of Gaussians that may touch the tile.
     count: u64,
     bytes: u64,
 }
 
 impl TooManyGaussians {
-    /// Returns a message that states the cause and a remedy, for a tile that can't be split further.
+    /// Returns a message that states the cause and a remedy. It is for a tile of a single cell, which can't be split
+    /// further.
     pub(crate) fn message(self, limits: Limits) -> String {
         let (count, bytes, most) = (self.count, self.bytes, limits.buffer_bytes.min(limits.memory_bytes));
         format!(
@@ -166,7 +173,7 @@ impl ProjectedGaussians {
         Self { all: order.par_iter().filter_map(projected).collect(), by_pixel }
     }
 
-    /// Returns the Gaussians that may touch a tile, listed by its cells.
+    /// Returns the Gaussians that may touch a tile, listed by its cells. Fails if they exceed the limits.
     pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooManyGaussians> {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;
@@ -235,8 +242,8 @@ impl Projected {
     }
 }
 
-/// Returns the columns and rows of a region's pixels whose centres a Gaussian may touch, with some slack; `None` if
-/// there are none.
+/// Returns the columns and rows of the pixels of an image region whose centres a Gaussian may cover, with some slack.
+/// `None` if there are none.
 fn pixels(projected: &ProjectedGaussian, region: Region) -> Option<[Range<u32>; 2]> {
     let [lo, hi] = projected.bounds_px.unwrap_or([V2::new(-1e9, -1e9), V2::new(1e9, 1e9)]);
     let of = |center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]| {
@@ -250,7 +257,8 @@ fn pixels(projected: &ProjectedGaussian, region: Region) -> Option<[Range<u32>; 
     Some([of(x, [lo.x, hi.x], [region.x, region.width])?, of(y, [lo.y, hi.y], [region.y, region.height])?])
 }
 
-/// Returns the words of the shaders' `GaussianRecord`.
+/// Returns the words of the shaders' `GaussianRecord`. `number` is the Gaussian's index among all Gaussians of the
+/// scene.
 fn record(
     projected: &ProjectedGaussian,
     view: &View,

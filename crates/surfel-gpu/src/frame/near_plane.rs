@@ -27,7 +27,8 @@ use surfel_shaders::layout;
 pub(crate) struct NearPlaneRecords {
     /// Words of the shaders' `Record`s.
     pub records: Vec<u32>,
-    /// Copies of `records` with the splats' centres, for layers in which each splat is lit separately.
+    /// Copies of `records` for layers in which each splat is lit separately: they store the splat's centre in place of
+    /// the unfiltered footprint. Empty if the plan has no such layer, and for opaque splats.
     pub lit: Vec<u32>,
     /// Words of the records' `RecordClip`s; empty unless the splats are clipped.
     pub clips: Vec<u32>,
@@ -35,7 +36,7 @@ pub(crate) struct NearPlaneRecords {
     pub splats: Vec<[u32; 2]>,
 }
 
-/// View, plan and tile for which splats are set up.
+/// View, plan and image region (of the tile's textures) for which splats are set up.
 #[derive(Clone, Copy)]
 pub(crate) struct NearPlaneSetup<'a> {
     pub view: &'a View,
@@ -46,7 +47,7 @@ pub(crate) struct NearPlaneSetup<'a> {
 /// Chunk in which some splats may reach the near plane.
 pub(crate) struct NearPlaneChunk<'a> {
     pub object: &'a UploadedObject,
-    /// Index of the object.
+    /// Index of the object among the scene's objects of splats.
     pub object_index: u32,
     pub transform: &'a ObjectTransform,
     /// Indices of the chunk's splats in the object's cloud.
@@ -64,7 +65,7 @@ struct NearPlaneForms {
     /// Scale of the depth form. The depth at offset d from the anchor is `scale`/W(d) if `is_reciprocal`, where W is
     /// the footprint's third form. Otherwise it is `scale` + `gradient`·d.
     scale: f64,
-    /// Gradient of the depth form per pixel: of W if `is_reciprocal`, otherwise of the depth.
+    /// Change of the depth form per pixel to the right and down: of W if `is_reciprocal`, otherwise of the depth.
     gradient: V2<f64>,
     /// True if 1/z is linear over the pixels (perspective projection), false if z is (orthographic projection).
     is_reciprocal: bool,
@@ -80,7 +81,8 @@ struct PixelBox {
 
 impl NearPlaneSetup<'_> {
     /// Sets up the splats of a chunk that reach the near plane, and appends their records to `out`. Returns one bit per
-    /// splat of the chunk: 1 if the GPU skips it. Returns `None` if the GPU skips none.
+    /// splat of the chunk, splat k in bit k % 32 of word k / 32: 1 if the GPU skips the splat. Returns `None` if the
+    /// GPU skips none.
     pub(crate) fn chunk(
         &self,
         chunk: &NearPlaneChunk<'_>,
@@ -133,7 +135,8 @@ impl NearPlaneSetup<'_> {
         any.then_some(bits)
     }
 
-    /// Returns a splat's record, and its footprint relative to the record's anchor. `None` if no pass draws the splat.
+    /// Returns a splat's record, and its footprint relative to the record's anchor. `shading` is the shading normal in
+    /// world space, and `color` the linear albedo. `None` if no pass draws the splat.
     fn record(
         &self,
         splat: &ViewSplat<f64>,
@@ -185,6 +188,7 @@ impl NearPlaneSetup<'_> {
         Some((words, seen))
     }
 
+    /// Returns the footprint and depth of a splat; `None` if it has no part in front of the near plane.
     fn forms(&self, splat: &ViewSplat<f64>) -> Option<NearPlaneForms> {
         let projection = &self.view.projection;
         if projection.is_perspective() {
@@ -213,7 +217,9 @@ impl NearPlaneSetup<'_> {
     }
 
     /// Writes a splat's forms and depth range to a new record. They are relative to the middle of the pixel box, where
-    /// rounding to f32 has the least effect. Returns the record, and its footprint about this point.
+    /// rounding to f32 has the least effect. `z` is the depth of the splat's centre, `extent` half the depth range of
+    /// its disk, and `flags` are those of the record's side and object. Returns the record, and the footprint about the
+    /// middle of the box.
     fn forms_words(
         &self,
         forms: &NearPlaneForms,
@@ -262,7 +268,8 @@ impl NearPlaneSetup<'_> {
     }
 }
 
-/// Replaces the unfiltered footprint of a record by the splat's centre, which lighting needs.
+/// Replaces the unfiltered footprint of a record by the view position of the splat's centre, which lighting needs.
+/// `index` is that of the splat's object.
 fn centered(mut record: StructWriter, center: DVec3, index: u32) -> StructWriter {
     use layout::record as at;
     let reciprocal = record.get(at::FLAGS) & layout::RECORD_RECIPROCAL;

@@ -11,7 +11,8 @@ pub(crate) struct ObjectTransform {
     pub linear: DMat3,
     /// Position of the object's origin in view space.
     pub origin: DVec3,
-    /// Matrix of normals from object to world space, up to scale: cofactors with the sign of the determinant.
+    /// Matrix from normals in object space to outward normals in world space, up to scale: the cofactors of the
+    /// object's matrix, times the sign of its determinant.
     pub normals: DMat3,
     /// Position of the eye in object space; in an orthographic view, the unit viewing direction instead. It isn't
     /// finite, or is zero, if the map has no inverse.
@@ -21,6 +22,7 @@ pub(crate) struct ObjectTransform {
 }
 
 impl ObjectTransform {
+    /// Computes the transform of an object with this matrix into a view.
     pub(crate) fn new(world_from_object: &DAffine3, view: &View) -> Self {
         let m = world_from_object.matrix3;
         let object_from_world = world_from_object.inverse();

@@ -8,6 +8,8 @@ use surfel_shaders::layout;
 /// Offsets of a tile's planes in one array, in floats; `layout::ABSENT` for planes that weren't requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlaneLayout {
+    /// Offset of RGBA colours, four floats per pixel. The next offsets are those of the planes with their names; the
+    /// plane of nearest splats has two floats per pixel, draw and record.
     pub(crate) color_at: u32,
     pub(crate) depth_at: u32,
     pub(crate) normal_at: u32,
@@ -17,11 +19,11 @@ pub struct PlaneLayout {
     pub(crate) alpha_at: u32,
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
-    /// Offset of the surfaces, which are the normal and depth of every pixel. Screen-space passes of the compute path
-    /// read the surfaces. They are stored after the planes.
+    /// Offset of the surfaces, which are the normal and depth of every pixel of the targets. Passes of the compute path
+    /// that read neighbouring pixels use them. They are stored after the planes.
     pub(crate) surfaces_at: u32,
-    /// Offset of the edge data of every pixel, which screen-space passes of the compute path read. The edge data are
-    /// stored after the surfaces.
+    /// Offset of the edge data of every pixel of the targets (`shaders/passes/cell_neighbours.wgsl`). Passes of the
+    /// compute path that read neighbouring pixels use them. They are stored after the surfaces.
     pub(crate) edges_at: u32,
     /// Number of floats of the planes, which the CPU reads back.
     pub floats: u32,
@@ -29,14 +31,14 @@ pub struct PlaneLayout {
     pub buffer_floats: u32,
 }
 
-/// Minimum number of pixel rows that one task copies.
+/// Smallest number of pixel rows that one parallel task copies.
 const MIN_ROWS_PER_TASK: usize = 16;
 
 /// Number of floats per pixel of the surfaces: a normal and a depth.
 const SURFACE_FLOATS: u32 = 4;
 
-/// Returns the numbers of floats per pixel of the surfaces and of the edge data. Each is 0 if no screen-space pass of
-/// the plan's compute path reads the data.
+/// Returns the numbers of floats per pixel of the surfaces and of the edge data. Each is 0 if no pass of the compute
+/// path reads the data, given the plan.
 pub(crate) fn neighbour_floats(plan: &FramePlan) -> [u32; 2] {
     let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome);
     let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
@@ -60,6 +62,7 @@ impl PlaneLayout {
         Self::after(layout::GAUSSIANS_UNFINISHED_AT + 1, planes, pixels)
     }
 
+    /// Creates the layout of planes that begin at offset `first`.
     fn after(first: u32, planes: Planes, pixels: u32) -> Self {
         let mut floats = first;
         let mut plane = |wanted: bool, channels: u32| {
@@ -89,7 +92,8 @@ impl PlaneLayout {
         }
     }
 
-    /// Appends the surfaces and edge data that the plan's screen-space passes read, for `pixels` pixels of the targets.
+    /// Appends the surfaces and edge data that passes over neighbouring pixels read, for `pixels` pixels of the
+    /// targets.
     pub(crate) fn with_neighbours(self, plan: &FramePlan, pixels: u32) -> Self {
         let [surfaces, edges] = neighbour_floats(plan);
         let place = |at: u32, floats: u32| if floats > 0 { at } else { layout::ABSENT };
@@ -102,7 +106,8 @@ impl PlaneLayout {
         }
     }
 
-    /// Copies a tile's planes into the frame of `region`. Colours are encoded if the frame stores them in 8 bits.
+    /// Copies a tile's planes, `values`, into the frame of the image region `region`. Colours are encoded if the frame
+    /// stores them in 8 bits.
     ///
     /// `identity` returns the splat or polygon for a pixel's draw and record number, as [`crate::TileData::identity`]
     /// does. Returns the number of fragments, or 0 if they weren't counted.

@@ -16,7 +16,7 @@ use surfel_shaders::layout;
 /// Number of triangles per task when triangles are set up in parallel; results don't depend on it.
 const TRIANGLES_PER_TASK: usize = 1024;
 
-/// Mesh in a view.
+/// Mesh in a view, for the setup of its triangles for a tile.
 struct MeshView<'a> {
     mesh: &'a UploadedMesh,
     transform: ObjectTransform,
@@ -27,7 +27,8 @@ struct MeshView<'a> {
 }
 
 /// Returns the words of the shaders' `Polygon`s that may touch the tile, per mesh, in scene order. If polygons have
-/// equal depth at a pixel, the first in this order is drawn.
+/// equal depth at a pixel, the first in this order is drawn. `octrees` are the parts of octrees that the frame draws.
+/// `both_sides` is true to draw back faces even if a material culls them.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
     octrees: &[SelectedParts],
@@ -100,6 +101,8 @@ impl MeshView<'_> {
         Some(words.into_words())
     }
 
+    /// Writes colours, normals and texture coordinates of a triangle's corners to its polygon. `flat` is the unit
+    /// normal of its plane. `side` is −1 if the material is two-sided and the triangle back-facing, else 1.
     fn attributes(&self, corners: [usize; 3], flat: DVec3, side: f64, words: &mut StructWriter) {
         use layout::polygon as to;
         let mesh = &self.mesh.mesh;

@@ -1,5 +1,5 @@
-//! Samples of edge pixels (rendering model §5). Samples are the pixels of a finer view, which is drawn after a tile of
-//! pixels and into the tile's targets.
+//! Samples of edge pixels (rendering model §5) for raster hardware. Samples are the pixels of a finer view, which is
+//! drawn after a tile of pixels, part by part, into the textures (targets) of the tile.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
@@ -11,17 +11,19 @@ use surfel_shaders::layout;
 // Asserts that the shaders and the model use the same constant.
 const _: () = assert!(SAMPLES_SIDE == layout::SAMPLES_SIDE, "samples along a pixel's side");
 
-/// Part of a tile's samples that fits the tile's targets.
+/// Part of a tile's samples that fits the tile's textures (targets).
 #[derive(Clone, Debug)]
 pub struct SamplePart {
-    /// Data of the samples in addition to the resident scene. The planes are those of the tile.
+    /// Data of the samples in addition to the resident scene. Its layout of planes is that of the tile of pixels, to
+    /// which the samples' means are written.
     pub data: TileData,
     /// Steps that draw the samples. They run after the tile's own steps.
     pub steps: Vec<Step>,
 }
 
 impl SamplePart {
-    /// Returns the parts of the samples of a tile of pixels; empty if the plan has no samples.
+    /// Returns the parts of the samples of a tile of pixels, given by its region and data; empty if the plan has no
+    /// samples. `shared_records` is true if all segments share one buffer of records.
     pub fn all(
         scene: &UploadedScene,
         frame: &FrameScene,
@@ -44,7 +46,7 @@ impl SamplePart {
     }
 }
 
-/// Splits samples into regions of whole pixels, none larger than `size`, in samples.
+/// Splits a region of samples into regions of whole pixels, none larger than `size`. All are in samples.
 fn regions(samples: Region, size: [u32; 2]) -> Vec<Region> {
     let [width, height] = size.map(|side| side / SAMPLES_SIDE * SAMPLES_SIDE);
     let rows = (0..samples.height).step_by(height as usize);

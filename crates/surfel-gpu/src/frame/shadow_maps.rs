@@ -40,7 +40,7 @@ pub struct ShadowMapCache<B> {
 }
 
 impl<B> ShadowMapCache<B> {
-    /// Caches the maps that these jobs drew.
+    /// Caches the maps that these jobs drew into the buffer `texels`.
     pub fn new(texels: B, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> Self {
         Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(ShadowMapJob::key).collect() }
     }
@@ -51,12 +51,13 @@ impl<B> ShadowMapCache<B> {
     }
 }
 
-/// Job that draws one shadow map.
+/// Inputs of the frame that draws one shadow map.
 pub struct ShadowMapJob {
     /// Plan of the map: the passes that draw splats, polygons and balls into the map.
     pub plan: FramePlan,
-    /// Data that all tiles of the map share.
+    /// Uniform data that all tiles of the map share.
     pub frame: FrameScene,
+    /// View of the light.
     view: View,
 }
 
@@ -66,15 +67,15 @@ impl ShadowMapJob {
         (self.view.clone(), self.plan.clone())
     }
 
-    /// Returns the tiles of the map.
+    /// Returns the data of the map's tiles, in the order in which they are drawn.
     pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
         let tiles = tiles(&self.view, &self.plan, limits, false);
         tiles.into_iter().map(|tile| TileData::new(scene, &self.frame, &self.view, &self.plan, tile)).collect()
     }
 }
 
-/// Returns the jobs that draw a plan's shadow maps. Everything opaque casts shadows, whichever side faces the light or
-/// the eye.
+/// Returns the jobs that draw a plan's shadow maps, one per map. Everything opaque casts shadows, whichever side faces
+/// the light or the eye.
 pub fn shadow_map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<ShadowMapJob> {
     let job = |(i, map): (usize, &ShadowMap)| {
         let none = Planes::COLOR.with_color(false);

@@ -15,38 +15,41 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, StoredSplat};
 use surfel_render::{FramePlan, Pass, Region, View};
 
-/// Largest number of pixels in which surfaces are counted. Each contains the projected centre of a transparent splat,
-/// so that a stack of splats is found.
+/// Largest number of pixels in which surfaces are counted. Each of these pixels contains the projected centre of a
+/// transparent splat, so that a stack of splats is found.
 const SAMPLES: usize = 32;
-/// Smallest relative difference of two depths in f64 at which they surely differ in single precision, too.
+/// Relative difference of two depths, computed in f64, above which they surely differ in single precision, too.
 const APART: f64 = 1e-6;
 
 /// Unfiltered splat, projected to the screen.
 struct Shape {
+    /// Centre in view space.
     center: V3<f64>,
-    /// Half the depth range of the disk, in view units.
+    /// Half the depth range of the disk, in world units.
     extent: f64,
-    /// Upper bound of the distance of the disk's points from the centre, in view units.
+    /// Upper bound of the distance of the disk's points from the centre, in world units.
     reach: f64,
+    /// Position in the image, in pixels, from which `footprint` and `depth` measure offsets.
     anchor: V2<f64>,
     footprint: Footprint<f64>,
     depth: DepthPlane<f64>,
     depth_form: DepthForm,
-    /// Depth tolerance ε of the splat, in view units.
+    /// Depth tolerance ε of the splat, in world units.
     epsilon: f64,
 }
 
 /// Fragments of one pixel.
 #[derive(Clone, Default)]
 struct PixelFragments {
-    /// Depths z and z + ε of each transparent fragment.
+    /// Depths z and z + ε of each fragment of a transparent splat.
     fragments: Vec<[f64; 2]>,
     /// Smallest depth from which on an opaque splat may hide the pixel's fragments; `None` if no opaque splat covers
     /// the pixel.
     opaque: Option<f64>,
 }
 
-/// Returns a lower bound of the largest number of surfaces in any pixel of a region; 0 if it can't be determined.
+/// Returns a lower bound of the largest number of transparent surfaces in any pixel of a region; 0 if it can't be
+/// determined.
 pub fn min_surface_count(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -91,7 +94,8 @@ pub fn min_surface_count(
     piles.into_iter().map(PixelFragments::surfaces).max().unwrap_or(0)
 }
 
-/// Adds the fragments of a segment at each sampled pixel.
+/// Adds the fragments of a segment at each sampled pixel. `samples` are the centres of these pixels, and `piles` the
+/// fragments at each.
 fn add_segment(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -165,7 +169,7 @@ impl Shape {
         Some(Self { center: p, extent, reach, anchor, footprint, depth, depth_form, epsilon })
     }
 
-    /// True if an opaque splat may cover the pixel under any filter and mapping.
+    /// True if the splat, taken as opaque, may cover the pixel with this centre under any filter and mapping.
     fn may_cover(&self, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) -> bool {
         let (origin, direction) = view.projection.ray(pixel);
         let [origin, direction, center] = [origin, direction, self.center].map(|v| DVec3::new(v.x, v.y, v.z));
@@ -178,6 +182,7 @@ impl Shape {
 }
 
 impl PixelFragments {
+    /// Adds a splat's fragment at the pixel with the centre `pixel`, if it has one there.
     fn add(&mut self, shape: &Shape, is_transparent: bool, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) {
         if !is_transparent {
             if shape.may_cover(pixel, (view, plan)) {
@@ -192,10 +197,12 @@ impl PixelFragments {
         }
     }
 
+    /// Adds an opaque splat that may hide fragments from depth z on.
     fn add_occluder(&mut self, z: f64) {
         self.opaque = Some(self.opaque.map_or(z, |opaque| opaque.min(z)));
     }
 
+    /// Adds all fragments of the same pixel that another thread has found.
     fn join(&mut self, more: Self) {
         self.fragments.extend(more.fragments);
         more.opaque.into_iter().for_each(|z| self.add_occluder(z));

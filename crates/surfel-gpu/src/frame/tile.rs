@@ -3,7 +3,7 @@
 //! ([`Segment`](crate::Segment)). A *record* is a splat as set up for a tile: its projected forms, pixel boxes and
 //! colour in a buffer.
 
-use crate::frame::balls::{MOST_BALLS, TileBalls};
+use crate::frame::balls::{MAX_BALLS, TileBalls};
 use crate::frame::culling::{RegionFrustum, is_back_facing, may_reach_near};
 use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
@@ -29,37 +29,37 @@ use surfel_shaders::layout;
 
 /// Exclusive upper bound of the number of polygons in a tile. Targets store the indices of polygons as f32, which is
 /// exact below 2²⁴.
-const MOST_POLYGONS: u32 = 1 << 24;
+const MAX_POLYGONS: u32 = 1 << 24;
 
-/// Data of one segment in a tile.
+/// Data of one segment that a tile uploads, and of its splats that may touch the tile.
 #[derive(Clone, Debug)]
 pub struct SegmentData {
     /// Clip variant, which selects the pipelines that draw the segment.
     pub variant: Variant,
     /// True if the segment is drawn in transparent layers.
     pub is_transparent: bool,
-    /// Words of the shaders' `chunks`. In the compute path, words of `cell_chunks`, of only the chunks that can touch
-    /// the tile.
+    /// Words of the shaders' `chunks`, for all chunks of the segment. In the compute path, words of `cell_chunks`, of
+    /// only the chunks that can touch the tile.
     pub chunks: Vec<u32>,
     /// Words of the shaders' `near_bits`, at least one.
     pub near_bits: Vec<u32>,
     /// True if no splat of the segment can touch the tile.
     pub is_outside: bool,
-    /// Ranges of the segment's records to draw. They contain all splats of the chunks that can touch the tile, and few
-    /// others between these chunks.
+    /// Ranges of the segment's splats, and so of its records, to draw. They contain all splats of the chunks that can
+    /// touch the tile, and few others between these chunks.
     pub runs: Vec<Range<u32>>,
-    /// Depth of the farthest chunk that can touch the tile, in view units.
+    /// Depth of the origin of the farthest chunk that can touch the tile, in world units; 0 if none can.
     farthest: f64,
     /// Number of splats of the chunks that can touch the tile.
     splats: u64,
     /// Number of the compute path's workgroups that set up the segment: one per chunk, or several if the segment is a
     /// single chunk because the application places its splats.
     groups: u32,
-    /// Work of the CPU on the segment.
+    /// Work that the CPU did to find this data.
     work: HostWork,
 }
 
-/// Work of the CPU that grows with a scene's splats.
+/// Counts of the CPU's work that grows with the number of splats of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostWork {
     /// Number of chunks of up to 256 splats that were tested against the view.
@@ -84,8 +84,8 @@ pub struct NearRecords {
     pub is_transparent: bool,
     /// Words of the shaders' `records`.
     pub records: Vec<u32>,
-    /// Copies of `records` with the splats' centres, for layers in which each splat is lit separately; empty if no
-    /// layer needs them.
+    /// Copies of `records` for layers in which each splat is lit separately: they store the splat's centre in place of
+    /// the unfiltered footprint. Empty if no layer needs them.
     pub lit: Vec<u32>,
     /// Words of the shaders' `record_clips`; empty unless the splats are clipped.
     pub clips: Vec<u32>,
@@ -99,7 +99,7 @@ impl NearRecords {
         (self.records.len() / (layout::record::SIZE / 4)) as u32
     }
 
-    /// Returns all records as a single run.
+    /// Returns the range of all records, as a list of ranges like [`SegmentData::runs`].
     pub fn runs(&self) -> Vec<Range<u32>> {
         std::iter::once(0..self.count()).collect()
     }
@@ -108,7 +108,8 @@ impl NearRecords {
 /// Data of a tile in addition to the resident scene.
 #[derive(Clone, Debug)]
 pub struct TileData {
-    /// Image region of the targets: the tile and, for screen-space passes, a border.
+    /// Image region that the tile's textures (targets) cover: the tile and, for passes that read neighbouring pixels, a
+    /// border.
     pub targets: Region,
     /// The tile itself, whose pixels are shaded.
     pub tile: Region,
@@ -116,16 +117,16 @@ pub struct TileData {
     pub frame: Vec<u32>,
     /// Data of each segment of the scene, in the scene's order.
     pub segments: Vec<SegmentData>,
-    /// Splats that reach the near plane.
+    /// Splats that reach the near plane, grouped by the pipelines that draw them.
     pub near: Vec<NearRecords>,
     /// Words of the shaders' `polygons` that may touch the tile; one polygon of zeros if there are none.
     pub polygons: Vec<u32>,
-    /// Number of polygons.
+    /// Number of polygons that may touch the tile.
     pub polygon_count: u32,
     /// Words of the shaders' `balls`, at least one.
     pub balls: Vec<u32>,
-    /// Identity of each ball that may touch the tile: the index of its object, and the ball's index in the object's
-    /// cloud.
+    /// Identity of each ball that may touch the tile: the index of its object among the scene's objects of balls, and
+    /// the ball's index in the object's cloud.
     ball_members: Vec<[u32; 2]>,
     /// Trained Gaussians; `None` in frames of surfaces.
     pub gaussians: Option<GaussianLists>,
@@ -199,6 +200,7 @@ impl TileData {
         self.cells.iter_mut().for_each(|cells| cells.is_of_samples = true);
     }
 
+    /// Sets words of the tile's uniform, given as pairs of byte offset and word.
     fn put_frame_words(&mut self, words: &[(usize, u32)]) {
         for &(offset, value) in words {
             if let Some(word) = self.frame.get_mut(offset / 4) {
@@ -207,6 +209,7 @@ impl TileData {
         }
     }
 
+    /// Returns the data of a tile, for the compute path if `by_cells`, else for raster hardware.
     fn by(
         scene: &UploadedScene,
         frame: &FrameScene,
@@ -285,7 +288,7 @@ impl TileData {
         }
     }
 
-    /// Adds trained Gaussians to the tile.
+    /// Adds the lists of trained Gaussians to the tile's data.
     pub(crate) fn put_gaussians(&mut self, lists: GaussianLists) {
         let states_at = lists.states_at.unwrap_or(layout::ABSENT);
         for (offset, value) in
@@ -298,15 +301,15 @@ impl TileData {
         self.gaussians = Some(lists);
     }
 
-    /// Returns the width and height of the tile's targets in pixels. With edge samples, the targets fit at least the
-    /// samples of one pixel.
+    /// Returns the width and height of the tile's textures (targets) in pixels. With edge samples, they are large
+    /// enough for the samples of one pixel.
     pub fn target_size(&self, plan: &FramePlan) -> [u32; 2] {
         let least = if plan.has(Pass::EdgeSamples) { SAMPLES_SIDE } else { 1 };
         [self.targets.width.max(least), self.targets.height.max(least)]
     }
 
-    /// Makes this tile a tile of samples, which writes to the planes of the tile `pixels`. `samples` is the region of
-    /// this tile in samples.
+    /// Makes this tile a tile of samples, which writes the means of its samples to the planes of the tile `pixels`.
+    /// `samples` is the region of this tile in samples.
     pub(crate) fn attach_to_pixel_tile(&mut self, pixels: &Self, samples: Region) {
         use layout::frame as at;
         let (tile, targets) = (pixels.tile, pixels.targets);
@@ -339,20 +342,20 @@ impl TileData {
     /// A message that states the cause and a remedy, if they don't fit.
     pub fn check(&self, limits: Limits) -> Result<(), String> {
         let balls = 4 * self.balls.len() as u64;
-        if balls > limits.buffer_bytes || self.ball_members.len() >= MOST_BALLS {
+        if balls > limits.buffer_bytes || self.ball_members.len() >= MAX_BALLS {
             let (count, most) = (self.ball_members.len(), limits.buffer_bytes);
             return Err(format!(
-                "{count} balls in view need {balls} bytes, expected at most {most} and {MOST_BALLS} balls; render by \
+                "{count} balls in view need {balls} bytes, expected at most {most} and {MAX_BALLS} balls; render by \
                  `region`, or choose `backend=cpu`"
             ));
         }
         let bytes = 4 * self.polygons.len() as u64;
-        if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
+        if bytes <= limits.buffer_bytes && self.polygon_count < MAX_POLYGONS {
             return Ok(());
         }
         let (count, most) = (self.polygon_count, limits.buffer_bytes);
         Err(format!(
-            "{count} polygons in view need {bytes} bytes, expected at most {most} and {MOST_POLYGONS} polygons; render \
+            "{count} polygons in view need {bytes} bytes, expected at most {most} and {MAX_POLYGONS} polygons; render \
              by `region`, or have the mesh converted to splats"
         ))
     }
@@ -364,8 +367,8 @@ impl TileData {
         }
     }
 
-    /// Sets the depth mapping of the application's depth buffer that the tile is composited into. The buffer stores
-    /// `offset` + `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
+    /// Sets how the depth buffer of the embedding application, into which the tile is composited, stores depths. It
+    /// stores `offset` + `scale`/z for a perspective projection, and `offset` + `scale`·z for an orthographic one.
     pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
         let at = layout::frame::HOST_DEPTH / 4;
         for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
@@ -373,7 +376,8 @@ impl TileData {
         }
     }
 
-    /// Returns the identity of the splat, ball or polygon with a draw number and a record number.
+    /// Returns the identity (object, row and label) of the splat, ball or polygon with a draw number and a record
+    /// number; [`Identity::NOTHING`] if there is none.
     ///
     /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
     /// polygons, or −3 for balls. `record` is the number of the record within the draw.
@@ -404,7 +408,8 @@ impl TileData {
         found.unwrap_or(Identity::NOTHING)
     }
 
-    /// Returns the identity of the splat of a pixel that the compute path drew: record `n` of a group of records.
+    /// Returns the identity (object, row and label) of a splat that the compute path drew: splat number `n` of the
+    /// group of records number `group`. [`Identity::NOTHING`] if there is none.
     pub fn cell_identity(&self, scene: &UploadedScene, group: i32, n: usize) -> Identity {
         let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
         let words = layout::cell_chunk::SIZE / 4;
@@ -426,7 +431,7 @@ impl TileData {
     }
 
     /// Returns the words of the shaders' `near_records` for the compute path: all records of splats at the near plane.
-    /// In a tile with clipped splats, the clips of its footprints follow each record.
+    /// In a tile with clipped splats, the clips of its two footprints follow each record. At least one word.
     pub fn cell_near_words(&self) -> Vec<u32> {
         let has_clips = self.cells.as_ref().is_some_and(|cells| cells.has_clips);
         let record_words = layout::record::SIZE / 4;
@@ -453,7 +458,7 @@ impl TileData {
         if words.is_empty() { vec![0] } else { words }
     }
 
-    /// Returns the segments that may touch the tile.
+    /// Returns the segments that may touch the tile, opaque and transparent ones apart.
     pub fn visible(&self) -> VisibleSegments {
         let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
         let (transparent, opaque): (Vec<_>, Vec<_>) = inside.partition(|(_, segment)| segment.is_transparent);
@@ -469,7 +474,7 @@ impl TileData {
         self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians + balls
     }
 
-    /// Returns the work of the CPU on the tile's splats.
+    /// Returns the work that the CPU did to find the tile's data, summed over all segments.
     pub fn host_work(&self) -> HostWork {
         let mut all = HostWork::default();
         self.segments.iter().for_each(|segment| all += segment.work);
@@ -485,7 +490,7 @@ impl TileData {
     }
 }
 
-/// Returns the identity of the splat with index `i` in an object's cloud.
+/// Returns the identity of the splat with index `i` in the cloud of the scene's object number `object`.
 fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
     let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
     Identity { row: of(&data.rows).unwrap_or(i), object, label: of(&data.labels).unwrap_or(NO_LABEL) }
@@ -493,16 +498,17 @@ fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
 
 /// Largest gap between two runs of splats that are drawn together, in splats. Drawing the splats of the gap costs less
 /// than another draw call.
-const LARGEST_GAP: u32 = 1024;
+const MAX_GAP: u32 = 1024;
 
 /// Appends a run, merging it with the last one if the gap between them is small.
 fn add_run(runs: &mut Vec<Range<u32>>, run: Range<u32>) {
-    match runs.last_mut().filter(|last| run.start - last.end <= LARGEST_GAP) {
+    match runs.last_mut().filter(|last| run.start - last.end <= MAX_GAP) {
         Some(last) => last.end = run.end,
         None => runs.push(run),
     }
 }
 
+/// Returns the data of a segment in a tile, and the records of its splats that reach the near plane.
 fn segment_data(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -588,8 +594,9 @@ fn segment_data(
     (data, near)
 }
 
-/// Appends the words of a chunk: of the shaders' `Chunk` or, given its first splat, count and number, of their
-/// `CellChunk`. `center` is the view position of its origin.
+/// Appends the words of a chunk: of the shaders' `Chunk` or, if `of_cells` gives the chunk's first splat, its number of
+/// splats and its number in the segment, of their `CellChunk`. `center` is the view position of the chunk's origin, and
+/// `state` the shaders' `Chunk.state`.
 fn put_chunk(to: &mut Vec<u32>, center: DVec3, state: u32, of_cells: Option<[u32; 3]>) {
     let bytes = if of_cells.is_some() { layout::cell_chunk::SIZE } else { layout::chunk::SIZE };
     let mut words = StructWriter::after(std::mem::take(to), bytes);

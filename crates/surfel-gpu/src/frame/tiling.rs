@@ -4,7 +4,7 @@ use crate::frame::gaussians::{ProjectedGaussians, halves};
 use crate::frame::planes::{floats_per_pixel, neighbour_floats};
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
-use crate::passes::cells::{GpuPath, LARGEST_CELL_TILE};
+use crate::passes::cells::{GpuPath, MAX_CELL_TILE};
 use crate::passes::pass_list::has_layers;
 use crate::scene::limits::Limits;
 use crate::scene::segment::UploadedScene;
@@ -12,18 +12,18 @@ use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
 /// Largest side of a tile in pixels. Records store pixel coordinates in 16 bits.
-const LARGEST_SIDE: u32 = u16::MAX as u32;
+const MAX_SIDE: u32 = u16::MAX as u32;
 
-/// Returns the image region of a tile's targets: the tile, and a border of pixels that screen-space passes read. The
-/// border ends at the image's edge.
+/// Returns the image region that the textures (targets) of a tile cover: the tile, and a border of pixels whose values
+/// passes over neighbouring pixels read. The border ends at the image's edge.
 pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
     tile.grown(plan.reach_px(), view.size)
 }
 
-/// Splits the view's region into tiles whose targets and planes are within the limits. `by_cells` is true for the
-/// compute path.
+/// Splits the view's region into tiles, row by row, whose textures and planes are within the limits. `by_cells` is true
+/// for the compute path.
 pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: bool) -> Vec<Region> {
-    let largest = if by_cells { LARGEST_CELL_TILE } else { LARGEST_SIDE };
+    let largest = if by_cells { MAX_CELL_TILE } else { MAX_SIDE };
     let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
     let neighbours = if by_cells { neighbour_floats(plan).iter().sum() } else { 0 };
@@ -50,7 +50,7 @@ pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: boo
     tiles
 }
 
-/// Iterator over a frame's tiles.
+/// Iterator over the data of a frame's tiles.
 pub struct FrameTiles<'a> {
     scene: &'a UploadedScene,
     frame: &'a FrameScene,

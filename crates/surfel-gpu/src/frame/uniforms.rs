@@ -28,19 +28,21 @@ pub(crate) struct ShadowMapSlot {
 /// Uniform data that all tiles of a frame share.
 #[derive(Clone, Debug)]
 pub struct FrameScene {
-    /// Words of the shaders' `objects`; at least one object.
+    /// Words of the shaders' `objects`; an object of zeros if there is none.
     pub objects: Vec<u32>,
-    /// Words of the shaders' `lights`; at least one light.
+    /// Words of the shaders' `lights`; a light of zeros if there is none.
     pub lights: Vec<u32>,
-    /// Words of the shaders' `shadow_maps`; at least one map.
+    /// Words of the shaders' `shadow_maps`; a map of zeros if there is none.
     pub shadow_maps: Vec<u32>,
     /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
     /// True if the embedding application supplies a shader function that replaces the shader `phong`.
     has_host_shader: bool,
+    /// Number of lights.
     pub(crate) light_count: u32,
     /// Location of the shadow map that this frame draws; the default value unless the frame is a light's view.
     shadow: ShadowMapSlot,
+    /// Transform of each object of splats into the view.
     pub(crate) transforms: Vec<ObjectTransform>,
 }
 
@@ -68,19 +70,20 @@ impl FrameScene {
         Self { objects, lights, shadow_maps, matcap, has_host_shader, light_count, shadow, transforms }
     }
 
-    /// Replaces the shader `phong` by the application's shader function, if `has_host_shader` is true.
+    /// Returns the data with the shader `phong` replaced by the application's shader function, if `has_host_shader` is
+    /// true.
     #[must_use]
     pub fn with_host_shader(self, has_host_shader: bool) -> Self {
         Self { has_host_shader, ..self }
     }
 
-    /// Computes the uniform data of a scene in the view of a shadow map.
+    /// Computes the uniform data of a scene in the view of a light, to draw the shadow map with the location `shadow`.
     pub(crate) fn of_shadow_map(scene: &UploadedScene, view: &View, plan: &FramePlan, shadow: ShadowMapSlot) -> Self {
         Self { shadow, ..Self::new(scene, view, plan) }
     }
 }
 
-/// Returns the words of the shaders' `ShadowMap`s; at least one map.
+/// Returns the words of the shaders' `ShadowMap`s of a plan; a map of zeros if there is none.
 fn shadow_map_words(plan: &FramePlan, view: &View) -> Vec<u32> {
     use layout::shadow_map as at;
     let mut all = Vec::new();
@@ -94,6 +97,7 @@ fn shadow_map_words(plan: &FramePlan, view: &View) -> Vec<u32> {
     all
 }
 
+/// Returns the words of the shaders' `Object`.
 fn object_words(object: &UploadedObject, transform: &ObjectTransform, plan: &FramePlan) -> Vec<u32> {
     use layout::object as at;
     let material = &object.material;
@@ -156,11 +160,11 @@ fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     matcap.size().into_iter().chain(texels).collect()
 }
 
-/// Image regions of a tile.
+/// Image regions of a tile, in pixels.
 pub(crate) struct TileRegions {
     /// Region of the pixels that are shaded.
     pub tile: Region,
-    /// Region of the targets, which may have a border.
+    /// Region that the tile's textures (targets) cover; it may have a border around `tile`.
     pub targets: Region,
 }
 
@@ -226,6 +230,7 @@ pub(crate) fn frame_words(
     words.into_words()
 }
 
+/// Returns the shaders' number of a filter.
 fn filter_kind(filter: Filter) -> u32 {
     match filter {
         Filter::None => layout::FILTER_NONE,
@@ -237,6 +242,7 @@ fn filter_kind(filter: Filter) -> u32 {
     }
 }
 
+/// Returns the shaders' number of a shader.
 fn shader_kind(shader: Shader) -> u32 {
     match shader {
         Shader::Toon => layout::SHADER_TOON,

@@ -8,13 +8,13 @@ use surfel_model::{ClipPolicy, Shader};
 use surfel_render::{FramePlan, Pass};
 use surfel_shaders::layout;
 
-/// Side of the workgroups of passes over pixels, in invocations.
+/// Number of invocations along each side of the square workgroups of passes over pixels.
 const PIXEL_GROUP: u32 = 8;
 
-/// One compute dispatch of the compute path.
+/// One dispatch of a compute shader in the compute path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellStep {
-    /// Entry point of the shader.
+    /// Name of the shader's entry point.
     pub entry: &'static str,
     /// Round that selects the step's bindings and the contents of its uniform.
     pub round: CellRound,
@@ -25,7 +25,7 @@ pub struct CellStep {
 }
 
 impl CellStep {
-    /// Creates a step of `count` workgroups, which are arranged in rows of [`layout::CELL_ROW`].
+    /// Creates a step of at least `count` workgroups, which are arranged in rows of [`layout::CELL_ROW`].
     fn of(entry: &'static str, round: CellRound, count: u64) -> Self {
         Self { entry, round, segment: None, workgroups: grid(count) }
     }
@@ -35,7 +35,7 @@ impl CellStep {
         Self { entry, round: CellRound::Sorted, segment: None, workgroups: cells.size }
     }
 
-    /// Creates a step with one invocation per pixel.
+    /// Creates a step with one invocation per pixel. `size` is the width and height in pixels.
     fn over_pixels(entry: &'static str, size: [u32; 2]) -> Self {
         let workgroups = size.map(|side| side.div_ceil(PIXEL_GROUP));
         Self { entry, round: CellRound::Sorted, segment: None, workgroups }
@@ -45,7 +45,7 @@ impl CellStep {
 /// Group of dispatches with one name in the statistics.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CellStage {
-    /// Name in the statistics.
+    /// Name of the stage in the statistics.
     pub name: &'static str,
     /// Dispatches in order; each depends on all before it.
     pub steps: Vec<CellStep>,
@@ -54,15 +54,17 @@ pub struct CellStage {
 /// Names of the shader entry points that rasterise cells (squares of 16×16 pixels), in the variants that a frame's plan
 /// requires.
 struct RasterEntries {
+    /// Entry point that draws whole cells.
     cells: &'static str,
-    /// Entry points for dense cells, which have more than `DENSE_PAIRS` pairs and are split into parts: thresholds,
-    /// sums, and combining the parts. `None` if the sides of oriented splats are separated; dense cells are then drawn
-    /// whole.
+    /// Entry points for dense cells, which have more than `DENSE_PAIRS` pairs and are split into parts: they find
+    /// thresholds, sum attributes, and combine the parts. `None` if the sides of oriented splats are separated; dense
+    /// cells are then drawn whole.
     of_parts: Option<[&'static str; 3]>,
     /// Entry points that find edges and blend them by coverage. The first is for whole cells. The others are for parts
-    /// of dense cells: thresholds, sums, and combining the parts.
+    /// of dense cells: they find thresholds, sum attributes, and combine the parts. `None` unless edges are antialiased
+    /// by coverage.
     edges: Option<[&'static str; 4]>,
-    /// Entry point that draws the samples of edge pixels.
+    /// Entry point that draws the samples of edge pixels; `None` unless edges are antialiased by samples.
     samples: Option<&'static str>,
 }
 
@@ -135,7 +137,8 @@ impl RasterEntries {
     }
 }
 
-/// Names of the entry points that write records of splats: those of a chunk, and those at the near plane.
+/// Names of the entry points that write records of splats: `chunks` sets up the splats of chunks, `near` copies the
+/// records of splats at the near plane, which the CPU has set up.
 struct SetupEntries {
     chunks: &'static str,
     near: &'static str,
@@ -156,16 +159,18 @@ fn grid(count: u64) -> [u32; 2] {
     [count.min(row) as u32, count.div_ceil(row) as u32]
 }
 
+/// Returns the number of blocks that `count` elements of a scan or sort fill.
 fn blocks(count: u64) -> u64 {
     count.div_ceil(u64::from(layout::CELL_BLOCK))
 }
 
+/// Returns the step that clears the tile's counters and the header of its pairs.
 fn begin(cells: &CellCounts, room: CellCapacity) -> CellStep {
     let elements = u64::from(cells.header(room)).max(1);
     CellStep::of("cell_begin", CellRound::Groups, elements.div_ceil(layout::CELL_WORKGROUP.into()))
 }
 
-/// Returns the steps that set up the splats.
+/// Returns the steps that write the records of a tile's splats.
 fn setup(plan: &FramePlan, cells: &CellCounts) -> Vec<CellStep> {
     let entries = SetupEntries::of(plan);
     let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
@@ -181,7 +186,7 @@ fn setup(plan: &FramePlan, cells: &CellCounts) -> Vec<CellStep> {
     steps
 }
 
-/// Returns the two steps of a prefix sum (scan).
+/// Returns the two steps of a prefix sum (scan) over `length` elements.
 fn scan(round: CellRound, length: u64) -> [CellStep; 2] {
     ["cell_scan_blocks", "cell_scan_add"].map(|entry| CellStep::of(entry, round, blocks(length)))
 }
@@ -261,6 +266,7 @@ pub(crate) fn sample_stages(
     stages
 }
 
+/// True if the plan draws outlines or eye-dome lighting, whose pass reads neighbouring pixels.
 fn has_neighbour_passes(plan: &FramePlan) -> bool {
     plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome))
 }

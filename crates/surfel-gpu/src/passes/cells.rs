@@ -10,9 +10,10 @@ use surfel_shaders::layout;
 
 /// Largest side of a tile that the compute path draws, in pixels. The radix sort of cells uses two digits of eight
 /// bits.
-pub(crate) const LARGEST_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
+pub(crate) const MAX_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
 
-/// GPU path that draws a frame. All paths draw the same image up to the rounding of sums.
+/// Way in which the GPU draws a frame: by raster hardware or by compute shaders. All paths draw the same image up to
+/// the rounding of sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GpuPath {
     /// Compute shaders for the frames that they can draw, raster hardware for all others.
@@ -43,11 +44,12 @@ impl GpuPath {
     }
 }
 
-/// Name of the counter of pairs of a splat and a cell that the compute path drew, excluding samples.
+/// Name, in the statistics, of the counter of pairs of a splat and a cell that the compute path drew, excluding
+/// samples.
 pub const CELL_PAIRS: &str = "cell_pairs";
 
-/// Names of the counters for edge samples: active cells (those with a sampled pixel), and pairs of a splat and an
-/// active cell.
+/// Names of the counters for edge samples in the statistics: active cells (those with a sampled pixel), and pairs of a
+/// splat and an active cell.
 const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 
 /// Round of the compute path. Some shader passes run several times in a tile, on other buffers; the round selects their
@@ -74,7 +76,8 @@ pub enum CellBuffer {
     /// Groups of records, which are set up together: those of a chunk, or up to 256 splats at the near plane. They are
     /// the shaders' `cell_groups`.
     Groups,
-    /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellCapacity::holds`].
+    /// Counts of records, pairs and active cells of each tile: the shaders' `cell_counters`. The host reads them back
+    /// for [`CellCapacity::holds`].
     Counters,
     /// Pairs of a splat and a cell: as emitted, and later fully sorted by cell.
     Pairs,
@@ -82,11 +85,11 @@ pub enum CellBuffer {
     HalfSortedPairs,
     /// Histograms of the radix sort: number of pairs per value of the digit and block of pairs.
     Digits,
-    /// Sum of each block of numbers, which a prefix sum (scan) computes first.
+    /// Sums of blocks of numbers, which the first pass of a prefix sum (scan) computes.
     Sums,
-    /// Depth thresholds and sums of the parts into which dense cells are split.
+    /// Depth thresholds and sums of the parts into which dense cells, those with very many pairs, are split.
     Parts,
-    /// Number of active cells before each cell in a tile of samples: the shaders' `cell_active`.
+    /// Number of active cells (with a sampled pixel) before each cell in a tile of samples: the shaders' `cell_active`.
     Active,
 }
 
@@ -119,7 +122,8 @@ impl CellBuffer {
         }
     }
 
-    /// Returns the buffer's size in bytes for a tile of pixels and the tiles of its samples.
+    /// Returns the buffer's size in bytes for a tile of pixels and the tiles of its samples, whose counts are `all`,
+    /// with the capacity `room`.
     pub(crate) fn bytes(self, all: &[CellCounts], room: CellCapacity) -> u64 {
         match self {
             Self::Counters => COUNTER_BYTES * all.len() as u64,
@@ -127,6 +131,7 @@ impl CellBuffer {
         }
     }
 
+    /// Returns the buffer's size in bytes for a single tile.
     fn bytes_of_one(self, cells: &CellCounts, room: CellCapacity) -> u64 {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
         let digits = DIGITS * blocks(u64::from(room.pairs));
@@ -146,7 +151,7 @@ impl CellBuffer {
 /// Number of values of a digit of the radix sort.
 const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
-/// Size of a tile's counters in [`CellBuffer::Counters`], in bytes. The host reads the whole buffer.
+/// Size of one tile's counters in [`CellBuffer::Counters`], in bytes.
 const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
 
 /// Resource behind a binding of the compute path's passes.
@@ -160,9 +165,9 @@ pub enum CellBinding {
     Chunks,
     /// The shaders' `near_bits` of the step's segment.
     NearBits,
-    /// Records of splats at the near plane.
+    /// The shaders' `near_records`: records of splats at the near plane, which the CPU has set up.
     NearRecords,
-    /// The frame's `planes`.
+    /// The shaders' `planes`, the results of the tile.
     Planes,
     /// The uniform that contains the words of [`CellRound::words`].
     Round,
@@ -204,7 +209,7 @@ impl CellRound {
     /// All rounds.
     pub const ALL: [Self; 5] = [Self::Groups, Self::Active, Self::Low, Self::High, Self::Sorted];
 
-    /// Returns the words of the shaders' `CellRound` for a tile.
+    /// Returns the words of the shaders' `CellRound` for this round in a tile with the capacity `room`.
     pub fn words(self, cells: &CellCounts, room: CellCapacity) -> Vec<u32> {
         let bits = u32::BITS - cells.sorted_cells(room).saturating_sub(1).leading_zeros();
         let low = bits.div_ceil(2);
@@ -227,7 +232,7 @@ pub struct CellCounts {
     pub size: [u32; 2],
     /// Number of chunks that may touch the tile, per segment of the scene.
     pub chunks: Vec<u32>,
-    /// Number of splats in these chunks.
+    /// Number of splats in the chunks that may touch the tile.
     pub splats: u64,
     /// Number of records of splats at the near plane.
     pub near: u32,
@@ -260,11 +265,13 @@ impl CellCounts {
         self.all_chunks() + self.near_groups()
     }
 
+    /// Returns the number of groups of records of splats at the near plane.
     pub(crate) fn near_groups(&self) -> u32 {
         self.near.div_ceil(layout::CELL_WORKGROUP)
     }
 
-    /// Returns the upper bound of the cell numbers by which pairs are sorted.
+    /// Returns the number of different cell numbers by which pairs may be sorted: all cells, or the active ones of
+    /// samples.
     fn sorted_cells(&self, room: CellCapacity) -> u32 {
         if self.is_of_samples { room.active } else { self.cells() }
     }
@@ -281,7 +288,7 @@ impl CellCounts {
     }
 }
 
-/// Capacity of the compute path's buffers.
+/// Capacity of the compute path's buffers. Tiles that exceed it aren't drawn, and the host draws them again with more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellCapacity {
     /// Maximum number of records.
@@ -314,6 +321,7 @@ impl CellNeeds {
         of_tiles(counters).fold(Self::default(), Self::max)
     }
 
+    /// Returns the larger of each of two numbers.
     fn max(self, other: Self) -> Self {
         Self {
             records: self.records.max(other.records),
@@ -322,24 +330,26 @@ impl CellNeeds {
         }
     }
 
+    /// Returns the needs that a capacity just meets.
     fn of_room(room: CellCapacity) -> Self {
         Self { records: room.records.into(), pairs: room.pairs.into(), active: room.active.into() }
     }
 }
 
-/// Iterates over the required capacities of a tile of pixels and of the tiles of its samples.
+/// Returns an iterator over the required capacities of a tile of pixels and of the tiles of its samples, from the words
+/// of [`CellBuffer::Counters`].
 fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
     counters.chunks_exact(layout::cell_counters::SIZE / 4).map(CellNeeds::of_one)
 }
 
-/// Largest number of active cells of samples for which buffers are sized before the first frame. They grow if a tile
-/// has more.
+/// Largest number of active cells of samples for which buffers are sized before a tile is first drawn. Buffers grow if
+/// a tile has more.
 const FIRST_ACTIVE: u32 = 1 << 14;
 
 impl CellCapacity {
-    /// Estimates the capacity for a tile before its first frame. Records are estimated as 3/5 of the splats, or all
-    /// splats in a small tile. Pairs are estimated as two per record plus four per cell. `None` if the buffers would
-    /// exceed the limits.
+    /// Estimates the capacity for a tile and its samples, whose counts are `all`, before the first frame. Records are
+    /// estimated as 3/5 of the splats, or all splats in a small tile. Pairs are estimated as two per record plus four
+    /// per cell. `None` if the buffers would exceed the limits.
     fn estimate(all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_one = |cells: &CellCounts| {
             let splats = cells.splats + u64::from(cells.near);
@@ -396,6 +406,8 @@ impl CellCapacity {
         Self::within(ample, all, limits).or_else(|| Self::within(needs, all, limits))
     }
 
+    /// Returns the capacity for the given needs; `None` if the buffers would exceed the limits. Active cells are
+    /// limited to the number of cells.
     fn within(needs: CellNeeds, all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_samples = all.iter().filter(|cells| cells.is_of_samples);
         let active = needs.active.min(of_samples.map(|cells| u64::from(cells.cells())).max().unwrap_or(0));
@@ -406,6 +418,7 @@ impl CellCapacity {
         (of_tiles.unwrap_or(0).max(room.part_bytes()) <= most).then_some(room)
     }
 
+    /// Returns the size of the buffer of records for a tile, in bytes.
     fn record_bytes(self, cells: &CellCounts) -> u64 {
         // Parts are stored one after another, so a part that no pass writes has room before later parts.
         let parts = match (cells.has_clips, cells.has_places) {
@@ -423,10 +436,12 @@ impl CellCapacity {
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
     }
 
+    /// Returns the size of the buffer of parts of dense cells, in bytes.
     fn part_bytes(self) -> u64 {
         4 * u64::from(layout::PART_WORDS * layout::CELL_WORKGROUP) * self.parts()
     }
 
+    /// Returns the size of a buffer of pairs for a tile, in bytes, header included.
     fn pair_bytes(self, cells: &CellCounts) -> u64 {
         layout::cell_pair::SIZE as u64 * (u64::from(cells.header(self)) + u64::from(self.pairs))
     }
@@ -523,7 +538,7 @@ mod tests {
             let counts = CellCounts { size, ..CellCounts::default() };
             tell_apart(&counts, CellCapacity { records: 1, pairs: 1, active: 0 }, counts.cells());
         }
-        assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
+        assert!(CellCounts::size_of([MAX_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
         // Only the active cells of samples are numbered.
         let samples = CellCounts { size: [256, 256], is_of_samples: true, ..CellCounts::default() };
         for active in [1, 100, 1 << 16] {

@@ -7,7 +7,7 @@ use crate::passes::targets::Target;
 use crate::scene::clip::Variant;
 use surfel_render::FramePlan;
 
-/// Surface or layer that a pass draws.
+/// Set of fragments that a pass accumulates: an opaque surface, or a layer of transparent splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Layer {
     /// Nearest opaque surface of splats.
@@ -21,9 +21,10 @@ pub enum Layer {
     ShownMeshBlend,
     /// Surface behind the nearest one, at edge pixels.
     EdgeBackground,
-    /// Peeled layer of transparent splats.
+    /// One layer of transparent splats in depth peeling (rendering model §8).
     Peeled,
-    /// Layer of an A-buffer. It is peeled like [`Layer::Peeled`], and also weighted by its coverage.
+    /// One surface of transparent splats in an A-buffer (rendering model §8). It is drawn like [`Layer::Peeled`], and
+    /// its coverage is summed, too.
     Gathered,
     /// All transparent splats behind the peeled layers; each splat is lit separately.
     Remaining,
@@ -37,7 +38,7 @@ pub enum Sums {
     /// Colour and weight, normal and depth.
     Surface,
     /// Material factors and counts. The counts of the nearest surface are the number of fragments and the coverage. The
-    /// counts of a transparent layer are the number of fragments and the alpha, and in an A-buffer also the coverage.
+    /// counts of a transparent layer are the number of fragments and Σw·alpha, and in an A-buffer also the coverage.
     MaterialCounts,
 }
 
@@ -71,38 +72,40 @@ impl Sums {
 pub enum Draw {
     /// Visibility: finds the depth threshold, the smallest z + ε in each pixel.
     Visibility,
-    /// Visibility that also writes the tolerance ε of the threshold, for edge detection.
+    /// Visibility that also writes z + ε and ε of the splat that defines the threshold, for edge detection.
     VisibilityWithTolerance,
-    /// Finds which side of the oriented splats is visible in each pixel, if sides are separated.
+    /// Finds which side of oriented splats each pixel shows, front or back, if sides are separated.
     Facing,
-    /// [`Draw::Visibility`] restricted to the visible side of oriented splats.
+    /// [`Draw::Visibility`] if sides are separated. Fragments of the side that a pixel doesn't show limit the depth
+    /// threshold to the middle between both sides.
     ShownVisibility,
-    /// [`Draw::VisibilityWithTolerance`] restricted to the visible side of oriented splats.
+    /// [`Draw::ShownVisibility`] that also writes z + ε and ε of the splat that defines the threshold, for edge
+    /// detection.
     ShownVisibilityWithTolerance,
-    /// Visibility of the edge background.
+    /// Visibility of the edge background: the surface behind the nearest one, at edge pixels.
     EdgeBackgroundVisibility,
     /// Visibility of the transparent splats behind the layers drawn so far.
     PeeledVisibility,
-    /// [`Draw::PeeledVisibility`] of the first layer, which also writes the tolerance ε of the threshold, to detect
-    /// depth steps.
+    /// [`Draw::PeeledVisibility`] of the first layer, which also writes z + ε and ε of the splat that defines the
+    /// threshold, to detect depth steps.
     PeeledVisibilityWithTolerance,
     /// Finds the nearest polygon of each pixel.
     Polygons,
-    /// Accumulates the attributes of a layer.
+    /// Accumulates attributes of a layer's fragments.
     Sums(Layer, Sums),
     /// Finds the nearest splat in each pixel, either of the nearest opaque surface or of all transparent layers
     /// ([`Layer::Remaining`]).
     Nearest(Layer),
-    /// Finds edge pixels.
+    /// Finds edge pixels for antialiasing by coverage: pixels with a neighbour whose surface lies farther back.
     Edges,
-    /// Finds the pixels at depth steps, which are antialiased by samples.
+    /// Finds the pixels with a depth step to a neighbour, which are antialiased by samples.
     Steps,
     /// Measures a fill rate; no plan contains this pass.
     Probe(FillRateProbe),
 }
 
 impl Draw {
-    /// Returns the names of the vertex and fragment entry points.
+    /// Returns the names of the pass's vertex and fragment entry points, for splats of a clip variant.
     pub fn entries(self, variant: Variant) -> [String; 2] {
         let (vertex, fragment) = match self {
             Self::Visibility => ("visibility", "front_visibility"),
@@ -165,7 +168,8 @@ impl Draw {
         [format!("{prefix}{vertex}_vertex"), format!("{prefix}{fragment}_fragment")]
     }
 
-    /// Returns the depth buffer that the pass tests and writes. Depths are reversed: the greater value passes.
+    /// Returns the depth buffer that the pass tests and writes; `None` if it has none. Depths are reversed: the greater
+    /// value passes.
     pub fn depth(self) -> Option<Target> {
         match self {
             Self::Visibility
@@ -252,23 +256,25 @@ impl Draw {
         )
     }
 
-    /// True if each splat is lit separately.
+    /// True if the pass lights each splat at its centre, before attributes are summed.
     pub fn is_lit(self) -> bool {
         matches!(self, Self::Sums(Layer::Remaining, _))
     }
 
-    /// Returns the binding of the layer composites; `None` for opaque passes. Depths in the composites decide which
-    /// fragments are still to be drawn. The binding is in the group of [`Draw::reads`].
+    /// Returns the binding of the layer composites, the transparent layers of each pixel so far; `None` for opaque
+    /// passes. Depths in the composites decide which fragments are still to be drawn. The binding is in the group of
+    /// [`Draw::reads`].
     pub fn layer_composites_binding(self) -> Option<u32> {
         self.is_transparent().then_some(3)
     }
 
-    /// True if the pass binds the group of a pixel pass, including its buffers, in place of [`Draw::reads`].
+    /// True if the pass binds the same group as a [`PixelPass`](crate::PixelPass), textures and buffers, in place of
+    /// [`Draw::reads`].
     pub fn binds_as_pixel_pass(self) -> bool {
         self == Self::Steps
     }
 
-    /// True if the pass reads resources other than records.
+    /// True if the pass reads textures or buffers other than the frame's data and the records.
     pub fn has_reads(self) -> bool {
         !self.reads().is_empty() || self.layer_composites_binding().is_some() || self.binds_as_pixel_pass()
     }

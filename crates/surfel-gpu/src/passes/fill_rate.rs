@@ -6,10 +6,10 @@ use crate::passes::schedule::Step;
 use surfel_model::{Camera, Projection, Settings};
 use surfel_render::{Capabilities, FramePlan, Planes, RenderError, SceneSummary, Stats, View, plan};
 
-/// Number of runs of the fill-rate probes, of which the fastest counts.
+/// Number of runs of each fill-rate probe, of which the fastest counts.
 pub const FILL_RATE_RUNS: usize = 4;
 
-/// Measured fill rate.
+/// Fill rate that a probe measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FillRate {
     /// Probe that measured the rate.
@@ -20,7 +20,7 @@ pub struct FillRate {
 
 /// Frame that runs all fill-rate probes.
 pub struct FillRateFrame {
-    /// View with the size of the targets; its camera is arbitrary.
+    /// View with the size of the textures that the probes draw into; its camera is arbitrary.
     pub view: View,
     /// Plan of the view. The plan's own passes are not executed.
     pub plan: FramePlan,
@@ -31,7 +31,7 @@ pub struct FillRateFrame {
 }
 
 impl FillRateFrame {
-    /// Creates a frame with square targets of side `side_px`, in pixels.
+    /// Creates a frame whose probes draw into square textures of side `side_px`, in pixels.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size.
@@ -48,7 +48,8 @@ impl FillRateFrame {
         Ok(Self { view, plan, draws, steps })
     }
 
-    /// Returns the best rate of several runs for each probe. Probes without a time in the statistics are omitted.
+    /// Returns the best rate of several runs for each probe, from the statistics of the runs. Probes without a time in
+    /// the statistics are omitted.
     pub fn rates(&self, runs: &[Stats]) -> Vec<FillRate> {
         let [width, height] = self.view.size.map(f64::from);
         let fragments = width * height * f64::from(OVERDRAW);

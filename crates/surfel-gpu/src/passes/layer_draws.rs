@@ -17,8 +17,8 @@ const LAYERS_DRAWN: &str = "layers_drawn";
 /// read.
 pub const LAYER_HEADER_BYTES: u64 = at::ARGUMENTS as u64;
 
-/// Returns the words of the shaders' `LayerDraws` before the first layer. `records` are the numbers of records, one per
-/// draw.
+/// Returns the words of the shaders' `LayerDraws` before the first layer. `records` are the numbers of records of all
+/// transparent draws, in order.
 pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     let mut words = StructWriter::new(at::ARGUMENTS);
     words.u32(at::DRAWN, 1);
@@ -34,12 +34,12 @@ pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     words
 }
 
-/// Returns the byte offset of the arguments of the draw with this index.
+/// Returns the byte offset, in the shaders' `LayerDraws`, of the arguments of the draw with this index.
 pub fn layer_draw_offset(index: usize) -> u64 {
     (at::ARGUMENTS + index * draw_arguments::SIZE) as u64
 }
 
-/// True if more layers may lie behind the layers drawn. `header` is the first [`LAYER_HEADER_BYTES`] of the shaders'
+/// True if more layers may lie behind those drawn so far. `header` is the first [`LAYER_HEADER_BYTES`] of the shaders'
 /// `LayerDraws`, as words.
 pub fn layers_remain(header: &[u32]) -> bool {
     header.get(at::ANY_REMAINING / 4).is_some_and(|&any| any != 0)

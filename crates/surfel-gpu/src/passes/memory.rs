@@ -1,4 +1,5 @@
-//! Memory that a frame needs in addition to the scene: the targets of its draws, and layer composites.
+//! Memory that a frame needs in addition to the scene: the textures (targets) of its draws, and layer composites, which
+//! are the transparent layers of each pixel.
 
 use crate::passes::draw::Draw;
 use crate::passes::targets::{Target, TargetFormat};
@@ -6,10 +7,11 @@ use surfel_model::Accumulate;
 use surfel_render::{FramePlan, Stats};
 use surfel_shaders::layout;
 
-/// Name of the counter of the bytes of targets and layer composites in the largest tile. See [`count_frame_bytes`].
+/// Name, in the statistics, of the counter of the bytes of targets and layer composites in the largest tile. See
+/// [`count_frame_bytes`].
 const TARGET_BYTES: &str = "target_bytes";
 
-/// Name of the counter of the bytes of shadow maps. See [`count_frame_bytes`].
+/// Name, in the statistics, of the counter of the bytes of shadow maps. See [`count_frame_bytes`].
 const SHADOW_BYTES: &str = "shadow_bytes";
 
 /// Precision in which weighted attributes are summed.
@@ -36,14 +38,15 @@ impl Precision {
     }
 }
 
-/// Parameters that determine a tile's targets. Targets with equal keys can be reused.
+/// Parameters that determine a tile's textures (targets) and buffers. Those of an earlier tile with an equal key can be
+/// reused.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TargetKey {
     /// Width and height of the targets, in pixels.
     pub size: [u32; 2],
     /// Precision of the sums.
     pub precision: Precision,
-    /// Draws that write and read the targets.
+    /// Render passes that write and read the targets.
     pub draws: Vec<Draw>,
     /// Number of floats in the tile's buffer of planes.
     pub floats: u32,
@@ -57,8 +60,8 @@ impl TargetKey {
 }
 
 impl Target {
-    /// Returns the size of the target's texture in pixels. It is the tile's size if one of `draws` writes the target.
-    /// Otherwise it is one pixel, since shaders have to bind some texture.
+    /// Returns the size of the target's texture in pixels. It is `tile`, the size of the tile's targets, if one of
+    /// `draws` writes the target. Otherwise it is one pixel, since shaders have to bind some texture.
     pub fn size(self, draws: &[Draw], tile: [u32; 2]) -> [u32; 2] {
         let is_drawn = draws.iter().any(|draw| draw.colors().contains(&self) || draw.depth() == Some(self));
         if is_drawn { tile } else { [1, 1] }
@@ -78,12 +81,13 @@ impl TargetFormat {
     }
 }
 
+/// Returns the number of pixels of a width and height.
 fn pixels([width, height]: [u32; 2]) -> u64 {
     u64::from(width) * u64::from(height)
 }
 
-/// Returns the size of a tile's layer composites in bytes. Without transparent layers, the composites have a single
-/// pixel.
+/// Returns the size of a tile's layer composites, the transparent layers of each pixel, in bytes. Without transparent
+/// layers, the composites have a single pixel.
 pub fn layer_composite_bytes(draws: &[Draw], tile: [u32; 2]) -> u64 {
     let is_drawn = draws.iter().any(|draw| draw.is_transparent());
     layout::layer_composite::SIZE as u64 * pixels(if is_drawn { tile } else { [1, 1] })
@@ -95,8 +99,8 @@ pub fn target_bytes(draws: &[Draw], tile: [u32; 2], sums: Precision) -> u64 {
     targets.sum::<u64>() + layer_composite_bytes(draws, tile)
 }
 
-/// Raises the counters of bytes to the sizes of a tile's targets and of its shadow maps. The counters thus give the
-/// sizes of the largest tile.
+/// Raises the statistics' counters of bytes to the sizes of a tile's targets and of its shadow maps. The counters thus
+/// give the sizes of the largest tile.
 pub fn count_frame_bytes(target_bytes: u64, shadow_bytes: u64, stats: &mut Stats) {
     raise_counter(TARGET_BYTES, target_bytes as f64, stats);
     raise_counter(SHADOW_BYTES, shadow_bytes as f64, stats);

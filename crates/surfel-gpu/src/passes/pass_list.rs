@@ -1,4 +1,4 @@
-//! Passes of a plan, in order.
+//! Passes that draw a plan by raster hardware, in the order in which they run.
 
 use crate::passes::draw::{Draw, Layer, Sums};
 use crate::passes::pixel_pass::PixelPass;
@@ -21,7 +21,7 @@ impl PassEntry {
         self.is_of_layers() && *self != Self::Draws(vec![Draw::PeeledVisibilityWithTolerance])
     }
 
-    /// True if the entry exists only for transparent splats.
+    /// True if the entry is only for transparent splats.
     pub(crate) fn is_of_layers(&self) -> bool {
         match self {
             Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
@@ -42,7 +42,7 @@ pub(crate) fn has_layers(plan: &FramePlan) -> bool {
 /// Number of layers of an A-buffer that are drawn before the host reads back whether more layers remain.
 const FIRST_LAYERS: usize = 16;
 /// Maximum number of transparent layers. Shaders count layers in 8 bits.
-const MOST_LAYERS: usize = 255;
+const MAX_LAYERS: usize = 255;
 
 /// Returns the number of layers to peel. It is the plan's number, and in an A-buffer at least [`FIRST_LAYERS`].
 fn peeled_layers(plan: &FramePlan) -> usize {
@@ -50,31 +50,32 @@ fn peeled_layers(plan: &FramePlan) -> usize {
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
 
-/// Returns a copy of the plan that draws more layers of an A-buffer. `least` returns a lower bound of the number of
-/// surfaces in a pixel ([`crate::min_surface_count`]) and is called at most once.
+/// Returns a copy of the plan that draws four times as many layers of an A-buffer, up to the most that GPUs draw.
+/// `least` returns a lower bound of the number of surfaces in a pixel ([`crate::min_surface_count`]) and is called at
+/// most once.
 ///
 /// # Errors
 /// A message that states the cause and a remedy, if the frame needs more layers than GPUs draw.
 pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
-    if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {
+    if layers >= MAX_LAYERS || (layers == FIRST_LAYERS && least() > MAX_LAYERS) {
         return Err(format!(
-            "a pixel has more transparent surfaces than the {MOST_LAYERS} that a GPU draws: choose `backend=cpu`, or \
+            "a pixel has more transparent surfaces than the {MAX_LAYERS} that a GPU draws: choose `backend=cpu`, or \
              `transparency=peel:4`"
         ));
     }
-    let more = (4 * layers).min(MOST_LAYERS) - plan.peeled_layers();
+    let more = (4 * layers).min(MAX_LAYERS) - plan.peeled_layers();
     let mut plan = plan.clone();
     plan.passes.extend(std::iter::repeat_n(Pass::PeelLayer, more));
     Ok(plan)
 }
 
-/// True if the plan draws a shadow map, which isn't shaded.
+/// True if the plan draws a shadow map. Such a plan has no shading.
 pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
     !plan.has(Pass::Shade)
 }
 
-/// Returns the passes of a plan, in order.
+/// Returns the passes that draw a tile of a plan by raster hardware, in the order in which they run.
 pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     if plan.has(Pass::Gaussians) {
         let by_pixel = plan.sort == Sort::Pixel;
@@ -115,7 +116,7 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
     list.extend((nearest && has_layers(plan)).then(|| one(Draw::Nearest(Layer::Remaining))));
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
-    // The nearest transparent splats have depth steps, too, even if no layer is peeled.
+    // Depth steps are also found among the nearest transparent splats, even if no layer is peeled.
     let first_layer = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
     list.extend((samples && has_layers(plan) && peeled_layers(plan) == 0).then(|| one(first_layer)));
     let (layer, composite) = match plan.has(Pass::ABuffer) {
@@ -143,8 +144,8 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list
 }
 
-/// Returns the passes of the samples at a plan's edges. Shading isn't among them, because the pass that averages
-/// samples shades them. The list is empty for plans without samples.
+/// Returns the passes that draw the samples of a plan's edge pixels by raster hardware, in order. Shading isn't among
+/// them, because the pass that averages samples shades them. The list is empty for plans without samples.
 pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     if !plan.has(Pass::EdgeSamples) {
         return Vec::new();

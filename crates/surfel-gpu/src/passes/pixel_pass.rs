@@ -4,27 +4,28 @@
 use crate::passes::targets::Target;
 use surfel_render::SAMPLES_SIDE;
 
-/// Compute pass over pixels.
+/// Compute pass of which each invocation processes one pixel, unless a variant says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PixelPass {
-    /// Starts the layer composites: finds the opaque depth that occludes transparent splats.
+    /// Starts the layer composites, the transparent layers of each pixel: finds the depth of the opaque surface that
+    /// occludes transparent splats.
     BeginLayers,
-    /// Starts the layer composites like [`PixelPass::BeginLayers`], with the application's depth buffer as an
-    /// additional occluder. No plan contains this pass.
+    /// Starts the layer composites like [`PixelPass::BeginLayers`], with the depth buffer of the embedding application
+    /// as an additional occluder. No plan contains this pass.
     BeginLayersInHost,
     /// Shades a peeled layer and composites it behind the layers before it.
     PeeledLayer,
-    /// Shades a layer of an A-buffer and composites it behind the layers before it, by its coverage.
+    /// Shades a layer of an A-buffer and composites it behind the layers before it, with its alpha times its coverage.
     GatheredLayer,
     /// Ends the layers if no pixel has a fragment in the next one. It runs once per layer, not per pixel.
     NextLayer,
-    /// Composites all remaining transparent splats behind the layers.
+    /// Composites all transparent splats behind the peeled layers as one last layer.
     RemainingLayer,
     /// Copies a tile of a shadow map into the buffer of all maps.
     StoreShadow,
-    /// Writes the identity of the nearest splat or polygon of each pixel.
+    /// Writes the draw and record number of the nearest splat, polygon or ball of each pixel.
     Nearest,
-    /// Shades the image.
+    /// Shades an image of any kind without balls.
     Shade,
     /// Shades an image that has only opaque splats, without shadows and screen-space passes.
     ShadeSplats,
@@ -79,17 +80,17 @@ pub const PIXEL_PASS_BUFFERS: [u32; 8] = [4, 12, 13, 14, 15, 21, 22, 31];
 /// read them.
 pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
 
-/// Binding of [`Target::Steps`] in the bind group of splat setup. It follows the group's buffers.
+/// Binding of [`Target::Steps`] in the bind group of splat setup, after the bindings of the group's buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
 
-/// Binding of the application's depth buffer.
+/// Binding of the depth buffer of the application that embeds Surfel.
 pub const HOST_DEPTH_BINDING: u32 = 23;
 
 /// Binding of the planes that are composited into the application's render target.
 pub const HOST_PLANES_BINDING: u32 = 62;
 
 impl PixelPass {
-    /// Returns the entry point of the pass.
+    /// Returns the name of the pass's entry point.
     pub fn entry(self) -> &'static str {
         match self {
             Self::BeginLayers => "begin_layers",
@@ -116,8 +117,8 @@ impl PixelPass {
         matches!(self, Self::Shade | Self::ShadeSplats | Self::ShadeBalls)
     }
 
-    /// Returns the width and height, in pixels, that the pass covers. `targets` is the size of the targets, and
-    /// `shaded` the size of the shaded tile.
+    /// Returns the width and height, in pixels, of the area that the pass covers. `targets` is the size of the tile's
+    /// textures, and `shaded` the size of the shaded tile.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Shade

@@ -13,9 +13,9 @@ use surfel_shaders::layout;
 /// GPU resources that a plan uses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanCost {
-    /// Names of the shaders that run, each once: the last entry point of each pipeline.
+    /// Names of the shaders that run, each once: the fragment or compute entry point of each pipeline.
     pub shaders: Vec<String>,
-    /// Textures that are written.
+    /// Textures that render passes of the frame write.
     pub targets: Vec<Target>,
     /// Size of the targets and layer composites, in bytes per pixel. Planes that are read back and shadow maps don't
     /// count.
@@ -52,6 +52,7 @@ impl PlanCost {
     }
 }
 
+/// Returns the name of a draw's fragment entry point.
 fn fragment(draw: Draw, variant: Variant) -> String {
     let [_, fragment] = draw.entries(variant);
     fragment

@@ -1,9 +1,10 @@
-//! Fill-rate probes: full-screen triangles whose fragments compute nothing.
+//! Fill-rate probes: clears, and full-screen triangles whose fragments compute nothing. Their times give upper bounds
+//! of a device's speed.
 
-/// Number of full-screen triangles that a probe draws, which is the number of fragments per pixel.
+/// Number of full-screen triangles that a probe draws (or of clears), which is the number of fragments per pixel.
 pub(crate) const OVERDRAW: u32 = 16;
 
-/// Quantity that a probe measures.
+/// Fill-rate probe, by the operation that it measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FillRateProbe {
     /// Clears of two targets, colour and surface.

@@ -10,7 +10,7 @@ use surfel_render::{Feature, FramePlan};
 /// Features that no GPU backend supports.
 pub const UNSUPPORTED: &[Feature] = &[Feature::Margin, Feature::Sky];
 
-/// Parts of a scene that may touch a tile, as indices of segments.
+/// Segments of a scene that may touch a tile, as indices into the scene's segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VisibleSegments {
     /// Segments whose splats are drawn as opaque.
@@ -64,7 +64,7 @@ impl Step {
     }
 }
 
-/// Returns the steps of a tile that the segments in `visible` may touch.
+/// Returns the steps that draw a tile by raster hardware, in order. `visible` are the segments that may touch the tile.
 ///
 /// Records that fit into memory together are set up once per tile. If all segments share one buffer of records
 /// (`shared_records`), records are set up again for each pass over the splats.
@@ -72,12 +72,13 @@ pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: boo
     steps(pass_list(plan), visible, shared_records)
 }
 
-/// Returns the steps of a part of a tile's samples, as [`schedule()`] does for a tile. They run after the tile's own
-/// steps.
+/// Returns the steps that draw a part of a tile's samples, as [`schedule()`] does for a tile. They run after the tile's
+/// own steps.
 pub(crate) fn sample_schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(sample_pass_list(plan), visible, shared_records)
 }
 
+/// Returns the steps of a list of passes. Entries for transparent splats are skipped if none are visible.
 fn steps(list: Vec<PassEntry>, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     let again = shared_records && visible.opaque.len() + visible.transparent.len() > 1;
     // Groups of segments that are set up and drawn together.

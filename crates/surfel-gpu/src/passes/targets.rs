@@ -1,5 +1,5 @@
-//! Textures that passes draw into, independent of the API. A *record* is a splat as set up for a tile: its projected
-//! forms, pixel boxes and colour in a buffer.
+//! Textures that passes of a tile draw into (targets), independent of the API. A *record* is a splat as set up for a
+//! tile: its projected forms, pixel boxes and colour in a buffer.
 
 /// Texture that passes of a tile write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -12,9 +12,9 @@ pub enum Target {
     Surface,
     /// Sums Σw·(ambient, diffuse and specular factor, shininess) of the nearest opaque surface.
     Material,
-    /// Number of fragments of the nearest opaque surface, and the coverage of the pixel by them.
+    /// Number of fragments of the nearest opaque surface, and their coverage of the pixel.
     Counts,
-    /// The depth threshold z + ε, and the tolerance ε of the splat that defines it.
+    /// The z + ε and the tolerance ε of the splat that defines the depth threshold; zeros without one.
     ThresholdTolerance,
     /// The depth threshold at edge pixels as a reversed depth; 0 elsewhere.
     EdgeThreshold,
@@ -22,11 +22,12 @@ pub enum Target {
     EdgeBackgroundThreshold,
     /// Depth buffer of the nearest polygon, reversed.
     PolygonDepth,
-    /// Depth of the nearest polygon, and the polygon's index plus one.
+    /// Depth of the nearest polygon, and the polygon's index plus one; zeros without a polygon.
     Polygons,
-    /// Depth buffer of the nearest fragment of oriented splats, reversed.
+    /// Depth buffer of the pass that finds `Facing`: the reversed depth of the nearest fragment of oriented splats.
     FacingDepth,
-    /// Visible side of oriented splats in each pixel.
+    /// Side of oriented splats that each pixel shows: the depth of its nearest fragment, negative if that is
+    /// back-facing; 0 without a fragment of oriented splats.
     Facing,
     /// Like `Color`, for the edge background.
     EdgeBackgroundColor,
@@ -48,14 +49,15 @@ pub enum Target {
     LayerCoverage,
     /// Like `ThresholdTolerance`, for the first (nearest) transparent layer only.
     LayerTolerance,
-    /// Depth buffer of the nearest splat fragment, reversed.
+    /// Depth buffer of the passes that find `Nearest` and `LayerNearest`: the reversed depth of the nearest fragment.
     NearestDepth,
-    /// Draw and record of the nearest splat: the index of its draw plus one, and the number of its record within that
-    /// draw.
+    /// Draw and record of the nearest splat of the opaque image: the index of its draw plus one, and the number of its
+    /// record within that draw; zeros without a splat.
     Nearest,
     /// Like `Nearest`, for transparent layers.
     LayerNearest,
-    /// Two numbers: 1 if the pixel is antialiased by samples, and the depth of the surface visible in the pixel.
+    /// Two numbers: 1 if the pixel is antialiased by samples, else 0; and the depth of the surface visible in the
+    /// pixel.
     Steps,
 }
 

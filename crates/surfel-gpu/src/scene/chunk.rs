@@ -13,7 +13,8 @@ const _: () = assert!(CHUNK_SPLATS == layout::CHUNK_SPLATS as usize, "shaders co
 pub struct Chunk {
     /// Object-space origin of the centres, and the scales of quantised numbers.
     pub space: ChunkSpace,
-    /// Radius of a bounding sphere about the origin, in object units. It contains whole splats, not only their centres.
+    /// Radius of a bounding sphere about the origin of `space`, in object units. It contains whole splats, not only
+    /// their centres.
     pub bounding_radius: f64,
     /// Largest semi-axis of all splats, in object units.
     pub largest_radius: f64,

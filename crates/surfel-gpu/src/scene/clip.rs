@@ -20,7 +20,7 @@ pub enum Variant {
 }
 
 impl Variant {
-    /// Returns the prefix of the variant's entry points.
+    /// Returns the prefix of the names of the variant's entry points.
     pub(crate) fn prefix(self) -> &'static str {
         match self {
             Self::Whole => "",
@@ -28,12 +28,12 @@ impl Variant {
         }
     }
 
-    /// Returns the entry point that sets up records.
+    /// Returns the name of the entry point that sets up the variant's records.
     pub fn setup(self) -> String {
         format!("{}setup", self.prefix())
     }
 
-    /// Returns the entry points that draw the variant's records.
+    /// Returns the names of the vertex and fragment entry points that read the variant's records or their clips.
     pub fn record_entry_points(self) -> Vec<&'static str> {
         let reads = |entry: &&Entry| {
             let own = entry.name.starts_with(Self::Clipped.prefix()) == (self == Self::Clipped);
@@ -44,8 +44,8 @@ impl Variant {
     }
 }
 
-/// Size of a stored clip in words. A stored clip has the exact forms, as in the shaders' `Clip`, and the chord that may
-/// replace a curve.
+/// Size of a stored clip in words. A stored clip has the exact forms, as in the shaders' `Clip`, and the form of the
+/// chord that replaces a curve under [`ClipPolicy::Line`].
 pub(crate) const STORED_WORDS: u32 = (layout::clip::SIZE / 4) as u32 + 3;
 
 /// True if splat `i` has a clip.
@@ -53,7 +53,8 @@ pub(crate) fn is_clipped(cloud: &SplatCloud, i: usize) -> bool {
     cloud.data().clips.as_ref().is_some_and(|clips| clips.clip(i, ClipPolicy::Exact).is_some())
 }
 
-/// Returns the clip of splat `i` as [`STORED_WORDS`] words.
+/// Returns the clip of splat `i` as [`STORED_WORDS`] words, in the order of the shaders' `stored_clip`. A splat without
+/// a clip gets one that removes nothing.
 pub(crate) fn stored(cloud: &SplatCloud, i: usize) -> Vec<u32> {
     let clip =
         |policy| cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, policy)).unwrap_or_else(Clip::nothing);
@@ -100,6 +101,7 @@ pub(crate) fn cell_clip_words(clip: &[u32]) -> [u32; CELL_CLIP_WORDS] {
     words
 }
 
+/// Returns the words of the shaders' `Linear`.
 fn linear_words(form: &Linear<f64>) -> Vec<u32> {
     use layout::linear as at;
     let mut words = StructWriter::new(at::SIZE);

@@ -1,7 +1,8 @@
 //! Limits of a device, and of a renderer's use of it. A *record* is a splat as set up for a tile: its projected forms,
 //! pixel boxes and colour in a buffer.
 
-/// Limits on the use of a device. Content that exceeds them is drawn in several passes, with the same image.
+/// Limits on the use of a device. Frames that exceed some of them are drawn in parts or more slowly, with the same
+/// image; others are refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Largest size of a buffer that a shader reads, in bytes.
@@ -31,7 +32,8 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Returns the smaller of these limits and a device's limits. `buffer_bytes` is in bytes, `texture_side` in pixels.
+    /// Returns these limits, reduced to those of a device: the largest size of a buffer in bytes, and the largest side
+    /// of a texture in pixels.
     #[must_use]
     pub fn within(self, buffer_bytes: u64, texture_side: u32) -> Self {
         Self {
@@ -41,8 +43,8 @@ impl Limits {
         }
     }
 
-    /// Returns the smaller of these limits and a device's memory, in bytes. A buffer of the compute path may take an
-    /// eighth of the memory.
+    /// Returns these limits, reduced to a device's memory in bytes. A buffer of the compute path may take an eighth of
+    /// the memory.
     #[must_use]
     pub fn within_memory(self, bytes: u64) -> Self {
         Self { memory_bytes: self.memory_bytes.min(bytes), cell_bytes: self.cell_bytes.min(bytes / 8), ..self }

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use surfel_model::Storage;
 use surfel_shaders::layout;
 
-/// Bounding sphere of the splats of an object that the application places. The CPU has no other data about where they
-/// are.
+/// Bounding sphere of the splats of an object that the application places. The CPU has no other data about the
+/// positions of these splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacedBounds {
     /// Centre in object space.
@@ -27,7 +27,7 @@ pub struct HostAttribute {
     pub format: HostFormat,
 }
 
-/// Format of an attribute in the application's buffer.
+/// Format of a normal or colour in the application's buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum HostFormat {
@@ -45,6 +45,7 @@ impl HostFormat {
         if self == Self::F32x3 { 12 } else { 4 }
     }
 
+    /// Returns the shaders' number of the format.
     fn code(self) -> u32 {
         match self {
             Self::F32x3 => layout::HOST_F32X3,
@@ -54,7 +55,8 @@ impl HostFormat {
     }
 }
 
-/// Layout of splats in the application's buffer, and the box that contains them. Offsets are relative to the splat.
+/// Layout of splats in the application's buffer, and the box that contains their centres. Offsets are relative to the
+/// beginning of a splat.
 ///
 /// Splat i of the object begins at byte i × `stride`. The stride and all offsets are multiples of four bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -127,8 +129,8 @@ impl HostLayout {
 }
 
 impl UploadedScene {
-    /// Records that the application places the splats of object `source` of the scene, within the layout's box. Returns
-    /// the indices of the object's segments. The words of their `uniform`s may have changed.
+    /// Marks the splats of object number `source` of the scene as placed by the application, within the layout's box.
+    /// Returns the indices of the object's segments. The words of these segments' `uniform`s may have changed.
     ///
     /// # Errors
     /// A message with what is wrong and what is expected.
@@ -198,7 +200,7 @@ impl UploadedScene {
         format!("object {source} consists of {what}, expected splats")
     }
 
-    /// Extends the sphere that shadow maps show by the splats that the application places.
+    /// Extends the scene's bounds for shadow maps by the bounds of the splats that the application places.
     pub(crate) fn cast_shadows_from_placed(&mut self) {
         self.summary.shadows.clone_from(&self.uploaded_shadows);
         let Some(shadows) = &mut self.summary.shadows else { return };
@@ -214,12 +216,12 @@ impl UploadedScene {
     }
 }
 
-/// Splats of a segment that the application places.
+/// Bounds and sizes of the splats of a segment that the application places.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
     /// Bounds of all the segment's splats.
     pub bounds: PlacedBounds,
-    /// Larger half-axis of the largest splat, object units.
+    /// Larger semi-axis of the largest splat, in object units.
     pub(crate) largest_radius: f64,
 }
 

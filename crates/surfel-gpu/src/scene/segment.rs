@@ -13,7 +13,8 @@ use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, Scene, 
 use surfel_render::{FramePlan, RenderError, SceneGeometry, SceneSummary, ShadowScene};
 use surfel_shaders::layout;
 
-/// Segment: splats of an object that share a buffer. The struct has the data that frames need on the CPU.
+/// Splats of an object that share a buffer. The struct has the data that frames need on the CPU; the splats themselves
+/// are in the buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Segment {
     /// Index of the object among the scene's objects of splats.
@@ -22,13 +23,14 @@ pub struct Segment {
     pub variant: Variant,
     /// True if all the segment's splats have an alpha below 1, false if none has.
     pub is_transparent: bool,
-    /// Chunks, in order.
+    /// Chunks of the segment, in the order of its splats.
     pub chunks: Vec<Chunk>,
-    /// Index in the cloud of each of the segment's splats.
+    /// Index in the object's cloud of each of the segment's splats, in the order in which the buffer stores them.
     pub members: Vec<u32>,
     /// Words of the shaders' `Segment`.
     pub uniform: Vec<u32>,
-    /// Bounds of the splats if the application places them. The chunks then no longer apply.
+    /// Bounds of the splats if the application that embeds Surfel places them, else `None`. The chunks then no longer
+    /// apply.
     pub placed: Option<Placed>,
 }
 
@@ -38,14 +40,14 @@ pub(crate) struct UploadedObject {
     /// Index of the object in the scene.
     pub source: u32,
     pub cloud: Arc<SplatCloud>,
-    /// Object's index in the scene and its octree; `None` unless the object is an octree.
+    /// Index of the object in the scene, and its octree; `None` unless the object is an octree.
     pub octree: Option<(usize, Arc<Octree>)>,
     pub world_from_object: DAffine3,
     pub material: Material,
 }
 
 impl UploadedObject {
-    /// True if all normals of the object point out of the same surface.
+    /// True if the object is oriented: all outward normals point out of the same surface.
     pub(crate) fn is_oriented(&self) -> bool {
         self.material.is_oriented(&self.cloud)
     }
@@ -95,7 +97,7 @@ pub(crate) struct UploadedGaussians {
 /// Data of an uploaded scene that stays on the CPU.
 #[derive(Clone, Debug)]
 pub struct UploadedScene {
-    /// Facts about the scene that planning needs.
+    /// Properties of the scene by which frames are planned.
     pub summary: SceneSummary,
     /// Storage format of splats.
     pub storage: Storage,
@@ -103,20 +105,24 @@ pub struct UploadedScene {
     pub segments: Vec<Segment>,
     /// Words of the shaders' `texels`, at least one.
     pub texels: Vec<u32>,
-    /// Shadows of the scene with all splats where they were uploaded.
+    /// Bounds of the scene for shadow maps, with all splats where they were uploaded; `None` if no light casts shadows.
     pub(crate) uploaded_shadows: Option<ShadowScene>,
     /// Identity of the geometry of the scene's objects.
     pub(crate) geometry: SceneGeometry,
     /// Identity of this upload, with the objects' current placements. Two uploads of the same scene have different
     /// identities.
     pub(crate) identity: Arc<()>,
+    /// Objects of splats.
     pub(crate) objects: Vec<UploadedObject>,
+    /// Objects of polygons, one for each texture of a mesh.
     pub(crate) meshes: Vec<UploadedMesh>,
+    /// Objects of balls and dots.
     pub(crate) balls: Vec<UploadedBalls>,
     /// Material of the scene's first object.
     pub(crate) material: Material,
     /// Objects of trained Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<UploadedGaussians>,
+    /// Lights of the scene; `None` for one light along the view.
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
     pub(crate) matcap: Option<Arc<Matcap>>,
@@ -124,7 +130,7 @@ pub struct UploadedScene {
     pub(crate) background: [f64; 4],
 }
 
-/// Sizes of the records of a segment.
+/// Sizes of the buffers of a segment's records.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RecordBytes {
     /// Size of the records, in bytes.
@@ -194,7 +200,7 @@ impl UploadedScene {
 }
 
 impl RecordBytes {
-    /// Returns the sizes for `count` splats.
+    /// Returns the sizes for `count` splats of a clip variant.
     pub fn of(count: usize, variant: Variant) -> Self {
         let clip = if variant == Variant::Clipped { layout::record_clip::SIZE } else { 0 };
         Self { records: (count * layout::record::SIZE) as u64, clips: (count * clip) as u64 }

@@ -10,7 +10,7 @@ use surfel_model::{Shape, SplatCloud};
 use surfel_shaders::layout;
 
 /// Offsets of the fields within a stored splat, and its size (`stride`), in words, or in half-words if splats are
-/// quantised to 16 bits.
+/// quantised to 16 bits. Fields that the splats don't have are `layout::ABSENT`.
 pub(crate) struct StoredLayout {
     storage: Storage,
     is_disk: bool,
@@ -30,6 +30,7 @@ pub(crate) enum StoredWriter {
 }
 
 impl StoredLayout {
+    /// Returns the layout for splats of a cloud: clipped if `variant` says so, and with alpha if `is_transparent`.
     pub(crate) fn of(cloud: &SplatCloud, variant: Variant, is_transparent: bool, storage: Storage) -> Self {
         let data = cloud.data();
         let is_disk = matches!(data.shape, Shape::Disks { .. });
@@ -64,8 +65,8 @@ impl StoredLayout {
         }
     }
 
-    /// Returns the words of the shaders' `Segment` for `count` splats. `scales_at` is the offset of the chunks' scales
-    /// in words; `None` without quantisation.
+    /// Returns the words of the shaders' `Segment` for `count` splats of the object with index `object`. `scales_at` is
+    /// the offset of the chunks' scales in words; `None` without quantisation.
     pub(crate) fn uniform(&self, object: u32, count: u32, scales_at: Option<u32>) -> Vec<u32> {
         use layout::segment as at;
         let mut words = StructWriter::new(at::SIZE);
@@ -77,7 +78,8 @@ impl StoredLayout {
         words.into_words()
     }
 
-    /// Appends splat `i`. `code` combines its chunk and its index within the chunk.
+    /// Appends splat `i` of the cloud. `space` are the origin and scales of its chunk. `code` is the splat's first
+    /// word: its chunk's number times 256, plus its index within the chunk.
     pub(crate) fn push(&self, cloud: &SplatCloud, i: usize, space: &ChunkSpace, code: u32, to: &mut StoredWriter) {
         to.word(code);
         to.numbers((cloud.center(i) - space.origin).as_vec3().to_array(), space.center);
@@ -115,6 +117,7 @@ impl StoredWriter {
         }
     }
 
+    /// Appends a word; as two half-words, the lower one first, if splats are quantised.
     fn word(&mut self, word: u32) {
         match self {
             Self::StructWriter(words) => words.push(word),
@@ -122,7 +125,8 @@ impl StoredWriter {
         }
     }
 
-    /// Appends numbers in the range −`scale` to `scale`, quantised to 16 bits if the storage is.
+    /// Appends numbers in the range −`scale` to `scale`: as f32, or as multiples of a step in 16 bits if splats are
+    /// quantised.
     fn numbers<const N: usize>(&mut self, values: [f32; N], scale: f32) {
         match self {
             Self::StructWriter(words) => words.extend(values.map(f32::to_bits)),
@@ -130,6 +134,7 @@ impl StoredWriter {
         }
     }
 
+    /// Appends a unit vector: as three f32 numbers, or as two octahedral coordinates if splats are quantised.
     fn unit(&mut self, v: DVec3) {
         let v = v.as_vec3();
         match self {

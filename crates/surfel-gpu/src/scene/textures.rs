@@ -7,15 +7,16 @@ use surfel_shaders::layout;
 /// Buffer of all textures; each is stored once, with its mipmaps.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TextureBuffer {
-    /// Words of the buffer: linear values of the 256 sRGB bytes, then the textures. Empty without textures.
+    /// Words of the buffer: the linear values of the 256 sRGB-encoded byte values as f32, then the textures. Empty
+    /// without textures.
     pub words: Vec<u32>,
     /// Textures that the buffer contains, each with its offset in words, so that none is stored twice.
     found: Vec<(Arc<Texture>, u32)>,
 }
 
 impl TextureBuffer {
-    /// Returns the offset of a mesh's texture in words, and appends the texture if it is new. Returns `layout::ABSENT`
-    /// for a mesh without a texture.
+    /// Returns the offset of a mesh's texture in `words`, and appends the texture if it is new. Returns
+    /// `layout::ABSENT` for a mesh without a texture, texture coordinates, or enough texels.
     pub(crate) fn add(&mut self, mesh: &Mesh) -> u32 {
         let Some(texture) = mesh.texture.as_ref().filter(|t| mesh.uvs.is_some() && is_whole(t)) else {
             return layout::ABSENT;

@@ -19,9 +19,11 @@ use surfel_shaders::layout;
 /// Maximum number of splats of a segment. The records of so many splats take 144 MiB.
 const SEGMENT_SPLATS: usize = 1 << 20;
 
-/// Upload in progress. Segments are packed one at a time, so that host memory has a copy of at most one.
+/// Upload of a scene in progress. Segments are packed one at a time, so that main memory has a packed copy of at most
+/// one.
 pub struct Upload {
     scene: UploadedScene,
+    /// Segments that aren't packed yet, in order.
     segments: VecDeque<PlannedSegment>,
     splat_bytes: u64,
     needed_bytes: u64,
@@ -32,6 +34,7 @@ struct PlannedSegment {
     object: u32,
     variant: Variant,
     is_transparent: bool,
+    /// Index in the object's cloud of each of the segment's splats.
     members: Vec<u32>,
     /// Chunks of the segment, in order.
     chunks: Vec<PlannedChunk>,
@@ -39,7 +42,7 @@ struct PlannedSegment {
 
 /// Chunk of a planned segment.
 struct PlannedChunk {
-    /// Origin and scales of the chunk's numbers.
+    /// Object-space origin of the chunk's centres, and the scales of its quantised numbers.
     space: ChunkSpace,
     /// End of the chunk (exclusive) among the segment's splats.
     end: usize,
@@ -109,7 +112,7 @@ impl Geometries {
 }
 
 impl Upload {
-    /// Starts an upload.
+    /// Starts the upload of a scene: plans its segments, and packs its textures. `backend` is a name for messages.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid, [`RenderError::SceneTooLarge`] if it exceeds the memory limit,
@@ -217,12 +220,13 @@ impl PlannedSegment {
         Self { object, variant, is_transparent, members: Vec::new(), chunks: Vec::new() }
     }
 
+    /// Returns the layout of the segment's stored splats.
     fn fields(&self, cloud: &SplatCloud, storage: Storage) -> StoredLayout {
         StoredLayout::of(cloud, self.variant, self.is_transparent, storage)
     }
 }
 
-/// Returns the maximum number of splats of a segment.
+/// Returns the maximum number of splats of a segment of a clip variant, whose records have to fit a buffer.
 fn segment_splats(limits: Limits, variant: Variant) -> usize {
     let largest = match variant {
         Variant::Whole => layout::record::SIZE,
@@ -231,8 +235,9 @@ fn segment_splats(limits: Limits, variant: Variant) -> usize {
     (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
 }
 
-/// Splits a cloud into segments by clip variant and transparency; none is empty. Chunks are cut before this separation,
-/// so that their quantised numbers equal those of the CPU backend.
+/// Splits an object's cloud into segments by clip variant and transparency; none is empty. `most` returns the maximum
+/// number of splats of a segment. Chunks are cut before this separation, so that their quantised numbers equal those of
+/// the CPU backend.
 fn planned_segments(
     object: u32,
     uploaded: &UploadedObject,

@@ -69,7 +69,7 @@ impl FrameRate {
     pub const MOST: f64 = 240.0;
     /// Largest rate of a GIF in frames per second. A GIF states delays in hundredths of a second, and browsers slow
     /// down delays of less than two.
-    pub const MOST_OF_GIF: f64 = 50.0;
+    pub const MAX_OF_GIF: f64 = 50.0;
 
     /// Creates a rate from frames per second, rounded to hundredths; `None` if it isn't from 0.01 to [`Self::MOST`].
     pub fn new(per_second: f64) -> Option<Self> {
@@ -295,8 +295,8 @@ fn check(format: FilmFormat, options: &FilmOptions) -> Result<(), String> {
     if format == FilmFormat::Gif && width.max(height) > u32::from(u16::MAX) {
         return Err(format!("a GIF has at most {} pixels a side, found {width}x{height}", u16::MAX));
     }
-    if format == FilmFormat::Gif && options.rate.per_second() > FrameRate::MOST_OF_GIF {
-        let most = FrameRate::MOST_OF_GIF;
+    if format == FilmFormat::Gif && options.rate.per_second() > FrameRate::MAX_OF_GIF {
+        let most = FrameRate::MAX_OF_GIF;
         return Err(format!("a GIF has at most {most} frames a second, found {}", options.rate));
     }
     Ok(())

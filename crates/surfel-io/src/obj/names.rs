@@ -5,9 +5,9 @@ use crate::files::Siblings;
 
 /// Maximum number of words of a library's name. In a texture statement, a name is searched for that begins within the
 /// first words, or after the options, and ends within the last ones; this is also their maximum number.
-const MOST_WORDS: usize = 12;
+const MAX_WORDS: usize = 12;
 /// Maximum number of libraries that a statement may name.
-const MOST_LIBRARIES: usize = 64;
+const MAX_LIBRARIES: usize = 64;
 
 /// Options of texture statements (MTL specification), and the maximum number of words that follow each option. Where
 /// three numbers may follow, only the first is required.
@@ -59,8 +59,8 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
         return vec![statement.to_owned()];
     }
     let (mut found, mut any, mut first) = (Vec::new(), false, 0);
-    while first < words.len() && found.len() < MOST_LIBRARIES {
-        let last = words.len().min(first + MOST_WORDS);
+    while first < words.len() && found.len() < MAX_LIBRARIES {
+        let last = words.len().min(first + MAX_WORDS);
         let longest = (first + 1..=last).rev().find(|end| exists(part(statement, &words[first..*end])));
         any |= longest.is_some();
         // A missing library's name ends with its extension.
@@ -78,9 +78,9 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
 pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     let words = words(statement);
     let first = after_options(statement, &words);
-    let ends = words.len().saturating_sub(MOST_WORDS).max(1)..=words.len();
+    let ends = words.len().saturating_sub(MAX_WORDS).max(1)..=words.len();
     let found = ends.rev().find_map(|end| {
-        let starts = 0..end.min(MOST_WORDS);
+        let starts = 0..end.min(MAX_WORDS);
         // The longest part, but preferably the one that starts after the options' words.
         let of_file = |start: &usize| exists(part(statement, &words[*start..end]));
         std::iter::once(first).filter(|first| *first < end).chain(starts).find(of_file).map(|start| start..end)

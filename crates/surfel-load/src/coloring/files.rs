@@ -7,7 +7,7 @@ use surfel_io::IoError;
 use surfel_model::Color;
 
 /// Largest accepted size, in bytes, of a file with a colour map or with names of categories.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 /// Number of evenly spaced colours of a colour map from a file, after interpolation between the file's colours.
 const LEVELS: usize = 256;
 
@@ -29,7 +29,7 @@ pub struct Labels {
 
 /// Returns the lines of a text file with their numbers, without empty lines.
 fn lines(path: &Path) -> Result<Vec<(usize, String)>, IoError> {
-    let bytes = surfel_io::input::read(path, MOST_BYTES)?;
+    let bytes = surfel_io::input::read(path, MAX_BYTES)?;
     let text = String::from_utf8_lossy(&bytes).into_owned();
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim().to_owned()));

@@ -10,7 +10,7 @@ use surfel_model::Colormap;
 /// they are coloured by a range.
 const CATEGORIES: usize = 20;
 /// Largest number of categories if the user or the attribute's name requests categories. Further values get no colour.
-const MOST_CATEGORIES: usize = 1 << 16;
+const MAX_CATEGORIES: usize = 1 << 16;
 /// Percentiles of the values that become the ends of the colour map's range, if the user gives no range.
 const PERCENTILES: [f64; 2] = [2.0, 98.0];
 /// Number of collected values at which they are condensed: each run of [`RUN`] sorted values is then replaced by its
@@ -79,7 +79,7 @@ impl Tally {
     }
 
     fn count(&mut self, value: f64, all: bool) {
-        let most = if all { MOST_CATEGORIES } else { CATEGORIES };
+        let most = if all { MAX_CATEGORIES } else { CATEGORIES };
         // Adding zero turns −0 into 0.
         let bits = (value + 0.0).to_bits();
         let is_new = value.fract() == 0.0 && !self.counts.contains_key(&bits) && self.counts.len() == most;

@@ -5,12 +5,12 @@ use crate::{Error, memory};
 use std::path::{Path, PathBuf};
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
-use surfel_io::copc::{CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, save_temporary_copc};
+use surfel_io::copc::{CopcOptions, CopcReport, MIN_MEMORY, PointSplat, save_temporary_copc};
 use surfel_model::{PointCloud, TableColumns};
 use surfel_sample::{PointOptions, Progress};
 
 /// Smallest number of points of a chunk from which normals and radii are estimated.
-const LEAST_POINTS: usize = 16;
+const MIN_POINTS: usize = 16;
 
 /// True if a file's name ends in .copc.laz, so that [`save_copc`] writes a COPC file.
 pub fn is_copc(output: &Path) -> bool {
@@ -50,7 +50,7 @@ pub fn summary(report: &CopcReport) -> String {
 /// Normals and radii are estimated and stored, so that views needn't estimate them.
 ///
 /// # Errors
-/// [`Error::Usage`] for a memory budget below [`surfel_io::copc::LEAST_MEMORY`]; otherwise as
+/// [`Error::Usage`] for a memory budget below [`surfel_io::copc::MIN_MEMORY`]; otherwise as
 /// [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
@@ -58,13 +58,13 @@ pub fn save_copc(
     request: &CopcRequest,
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
-    if let Some(bytes) = request.memory.filter(|bytes| *bytes < LEAST_MEMORY) {
-        let problem = format!("`memory={bytes}`: writing by levels takes at least {LEAST_MEMORY} bytes (200M)");
+    if let Some(bytes) = request.memory.filter(|bytes| *bytes < MIN_MEMORY) {
+        let problem = format!("`memory={bytes}`: writing by levels takes at least {MIN_MEMORY} bytes (200M)");
         return Err(Error::Usage(problem));
     }
     let options = CopcOptions {
         overwrite: request.overwrite,
-        memory: request.memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY),
+        memory: request.memory.or_else(memory::default_budget).unwrap_or(MIN_MEMORY),
         resume: request.resume,
         shard: request.shard,
         columns: request.columns.clone(),
@@ -92,7 +92,7 @@ pub(crate) fn save_temporary(
 /// Estimates the normals and radii of the points of one chunk of a cloud, which the COPC file stores. Returns unknown
 /// values (zeros) for chunks of few points.
 fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
-    if points.len() < LEAST_POINTS {
+    if points.len() < MIN_POINTS {
         return Ok(vec![PointSplat::default(); points.len()]);
     }
     let options = PointOptions { coincident: usize::MAX, ellipses: false, ..PointOptions::default() };

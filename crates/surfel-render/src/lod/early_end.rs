@@ -9,12 +9,12 @@ use std::ops::Range;
 const POINTS_A_PIXEL: u64 = 5;
 /// Smallest number of selected points at which a selection may end early. Fewer points are read quickly, so that
 /// skipping some of them gains nothing.
-const LEAST_POINTS: u64 = 1_000_000;
+const MIN_POINTS: u64 = 1_000_000;
 /// Largest ratio of the actual error to the requested error, both sizes of splats in pixels, where finer points are
 /// skipped. A ratio of 2 is one level of detail.
-const MOST_ERRORS: f64 = 2.0;
+const MAX_ERRORS: f64 = 2.0;
 /// Largest fractions of the views' area in which points may be skipped. The first applies if splats there are
-/// [`MOST_ERRORS`] times as large as requested, the second if they are barely larger than requested. Elsewhere the
+/// [`MAX_ERRORS`] times as large as requested, the second if they are barely larger than requested. Elsewhere the
 /// image is as fine as requested, or as fine as the file.
 const MAX_SKIPPED_FRACTIONS: [f64; 2] = [0.25, 0.375];
 /// Number of cells along each side of an image. The fraction of cells with skipped nodes measures how much of the image
@@ -29,8 +29,8 @@ const STEPS: i32 = 64;
 ///
 /// On a slanted surface, such as land toward the horizon, a splat's size is a poor measure of the number of points per
 /// pixel. Land that is foreshortened to 1/16 of its area has 16 times as many. A selection ends once it has
-/// [`POINTS_A_PIXEL`] per pixel of its views, and [`LEAST_POINTS`] in total. The remaining nodes are skipped: since the
-/// largest splats are refined first, these are the farthest ones. Splats of skipped nodes may be up to [`MOST_ERRORS`]
+/// [`POINTS_A_PIXEL`] per pixel of its views, and [`MIN_POINTS`] in total. The remaining nodes are skipped: since the
+/// largest splats are refined first, these are the farthest ones. Splats of skipped nodes may be up to [`MAX_ERRORS`]
 /// times too large while they cover at most a quarter of the views' area. Over a larger part, the allowed error
 /// decreases evenly ([`MAX_SKIPPED_FRACTIONS`]). At the end of a selection, levels fade in ([`FADE_OCTAVES`]). A node
 /// that has not faded in completely counts as skipped. The decision depends only on the nodes and the views, so an
@@ -58,7 +58,7 @@ impl<'a> EarlyEnd<'a> {
         (error_px, least_px): (f64, f64),
     ) -> Option<f64> {
         let pixels: u64 = eyes.iter().map(|eye| eye.view.size.map(u64::from)).map(|[w, h]| w.saturating_mul(h)).sum();
-        let least_points = pixels.saturating_mul(POINTS_A_PIXEL).max(LEAST_POINTS);
+        let least_points = pixels.saturating_mul(POINTS_A_PIXEL).max(MIN_POINTS);
         let all = wanted.iter().fold(0_u64, |sum, (_, node)| sum.saturating_add(node.points));
         if all < least_points {
             return None;
@@ -66,7 +66,7 @@ impl<'a> EarlyEnd<'a> {
         let mut enough = Self { eyes, wanted, skipped_per_cell: vec![0; eyes.len() * CELLS * CELLS], cells: 0 };
         let (mut taken, mut in_place, mut points) = (0, 0, 0_u64);
         let is_above = |i: usize, size_px: f64| wanted.get(i).is_some_and(|(size, _)| *size > size_px);
-        let most_px = MOST_ERRORS * error_px;
+        let most_px = MAX_ERRORS * error_px;
         while is_above(in_place, most_px * FADE_OCTAVES.exp2()) {
             in_place += 1;
         }
@@ -96,7 +96,7 @@ impl<'a> EarlyEnd<'a> {
     fn most_errors(&self) -> f64 {
         let share = self.cells as f64 / self.skipped_per_cell.len() as f64;
         let least = (MAX_SKIPPED_FRACTIONS[1] - share) / (MAX_SKIPPED_FRACTIONS[1] - MAX_SKIPPED_FRACTIONS[0]);
-        1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
+        1.0 + least.min(1.0) * (MAX_ERRORS - 1.0)
     }
 
     /// Marks the node at this index of `wanted` as skipped, in the cells where it may be visible.
@@ -193,7 +193,7 @@ mod tests {
         let (nodes, view) = (plane(4096), slanted(30.0, 400));
         let found = chosen(&nodes, &view, 1.0);
         assert!(found.end == StopReason::EnoughPoints && found.points >= 1_000_000, "{found:?}");
-        assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
+        assert!(found.error_px > 1.0 && found.error_px <= MAX_ERRORS);
         // With fewer points in the same nodes, none is skipped.
         let all = chosen(&plane(1024), &view, 1.0);
         assert!(all.end == StopReason::Error && all.error_px <= 1.0 && all.nodes.len() > found.nodes.len());
@@ -210,7 +210,7 @@ mod tests {
         let view = View::new(&camera).unwrap();
         for error_px in [0.4, 0.6, 1.0, 1.5, 2.0] {
             let found = chosen(&plane(1 << 16), &view, error_px);
-            assert!(found.points > LEAST_POINTS && found.end == StopReason::Error, "{error_px}: {found:?}");
+            assert!(found.points > MIN_POINTS && found.end == StopReason::Error, "{error_px}: {found:?}");
         }
     }
 

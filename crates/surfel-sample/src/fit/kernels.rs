@@ -1,4 +1,4 @@
-//! Weight functions of a cloud's splats on their own surface, as a close view blends them.
+//! Weight functions of a cloud's splats on their own surface, with which a close view blends the splats.
 //!
 //! A *slot* is a splat's place in the order of the k-d tree of the splats' centres ([`KdTree`]). A *cell* is a cubic
 //! cell of the grid into which samples are sorted ([`Samples`](super::samples::Samples)).
@@ -19,14 +19,15 @@ const SAME_SURFACE: f64 = 0.5;
 /// Cutoff c of the weight exp(−c·ρ²): the renderer's default.
 const CUTOFF: f64 = 2.0;
 
-/// Weight function w of a splat at points of the surface.
+/// Weight function w of a splat, evaluated at points of the surface.
 #[derive(Clone, Default)]
 pub(super) struct Kernel {
     /// Position of the splat's centre, relative to the cloud's origin.
     center: DVec3,
     /// Unit normal of the splat; zero if the splat was removed.
     normal: DVec3,
-    /// Dual basis of the half-axes: its dot products with an offset in the splat's plane are the offset's (u, v).
+    /// Dual basis of the half-axes. Its dot products with an offset in the splat's plane are the offset's (u, v),
+    /// coordinates in units of the half-axes.
     dual: [DVec3; 2],
     /// Length of the larger half-axis, in object units.
     radius: f64,
@@ -69,7 +70,8 @@ impl Kernel {
     }
 }
 
-/// Weight functions of all splats, in the order of a tree over their centres, so that neighbours are close in memory.
+/// Weight functions of all splats, in the order of a k-d tree over their centres, so that neighbours are close in
+/// memory.
 pub(super) struct Kernels {
     pub(super) tree: KdTree,
     reach_below: Vec<f64>,
@@ -100,7 +102,8 @@ impl Kernels {
         &self.of_slot[slot]
     }
 
-    /// Returns the median radius of the splats, by which the size of the samples' cells is selected.
+    /// Returns the median radius of the splats, in object units, from which the size of the samples' grid cells
+    /// follows.
     pub(super) fn median_radius(&self) -> f64 {
         let mut radii: Vec<f64> = self.of_slot.iter().map(|k| k.radius).collect();
         crate::radii::median(&mut radii).unwrap_or(0.0)

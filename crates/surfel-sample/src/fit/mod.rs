@@ -1,9 +1,10 @@
 //! Texture acquisition (Z01 §5): fits the colours and normals of splats so that their blend equals the surface's
 //! values.
 //!
-//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw is the normalised weight of splat k in a close view. The fit
-//! minimises ∫ (f − Σ r̂_k·c_k)² over the surface, with colours bounded. Z01 eq. 11 has w in place of r̂, and no
-//! bounds: its solutions leave [0, 1] (docs/decisions/020).
+//! The blend at a place is Σ r̂_k·c_k, where c_k is the colour (or normal) of splat k, and r̂_k = w_k/Σw its normalised
+//! weight in a close view. The fit minimises ∫ (f − Σ r̂_k·c_k)² over the surface, where f is the surface's colour,
+//! with colours bounded. Z01 eq. 11 has w in place of r̂, and no bounds: its solutions leave [0, 1]
+//! (docs/decisions/020).
 
 mod kernels;
 mod points;
@@ -45,7 +46,7 @@ const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
 const MIN_NORMAL_ERROR: f64 = 0.005;
 
 /// Maximum number of splats in one fit; each needs about a kilobyte.
-const MOST_SPLATS: usize = 1 << 25;
+const MAX_SPLATS: usize = 1 << 25;
 /// Largest mean number of splats that overlap at a place of the surface. The work grows with its square; splats with
 /// radii of twice the spacing have 13.
 const MAX_MEAN_OVERLAP: usize = 200;
@@ -59,13 +60,14 @@ pub struct FitReport {
     pub samples: usize,
     /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
     pub steps: usize,
-    /// KKT residual of the solution: the largest change of a value (linear colour or normal component) by one further
-    /// step.
+    /// Residual of the solution, by its optimality (KKT) conditions: the largest change of a linear colour value or
+    /// normal component by one further step.
     pub residual: f64,
-    /// Root mean square error of the blend's colours in linear light, over surface and channels, before and after the
+    /// Root mean square errors of the blend's colours in linear light, over surface and channels: before and after the
     /// fit.
     pub color_rms: [f64; 2],
-    /// Root mean square error of shading normals before and after the fit; `None` if they weren't fitted.
+    /// Root mean square errors of the components of blended shading normals, before and after the fit; `None` unless
+    /// normals were to be fitted.
     pub normal_rms: Option<[f64; 2]>,
 }
 
@@ -147,7 +149,7 @@ fn joined(a: [f32; 3], b: [f32; 3]) -> [f32; 6] {
     [a[0], a[1], a[2], b[0], b[1], b[2]]
 }
 
-/// Returns the three channels that start at channel `first`.
+/// Returns three of the six channels of each value, from channel `first` on.
 fn part(values: &[[f32; 6]], first: usize) -> Vec<[f32; 3]> {
     values.iter().map(|v| std::array::from_fn(|c| v[first + c])).collect()
 }
@@ -161,8 +163,9 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Fits the values of all splats and returns them by index. The first `colors` channels are bounded as colours, the
-    /// others as normals.
+    /// Fits the values of all splats, and returns them by splat index, with a report. The first `colors` channels are
+    /// bounded as colours, the others as normals. `value` maps a face, barycentric coordinates and the side of a square
+    /// to the surface's mean value and opacity there. `present` returns the present value of a splat.
     fn fit<const N: usize>(
         &self,
         colors: usize,
@@ -218,7 +221,8 @@ impl Target<'_> {
     }
 }
 
-/// Returns an error if so many splats overlap that the normal equations would not be sparse.
+/// Returns [`SampleError::TooMany`] if so many splats overlap ([`MAX_MEAN_OVERLAP`]) that the normal equations would
+/// not be sparse.
 fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Result<(), SampleError> {
     let probes = samples.all().iter().step_by(samples.len().div_ceil(PROBES).max(1));
     let (mut found, mut count) = (0, 0);
@@ -231,11 +235,11 @@ fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Res
 }
 
 fn check_splats(found: usize) -> Result<(), SampleError> {
-    let (what, limit) = ("splats to be fitted", MOST_SPLATS);
+    let (what, limit) = ("splats to be fitted", MAX_SPLATS);
     if found > limit { Err(SampleError::TooMany { what, found, limit }) } else { Ok(()) }
 }
 
-/// Returns the range of each channel: 0 to 1, extended to the smallest and largest value.
+/// Returns the range of each of the first three channels: 0 to 1, extended to the smallest and largest value.
 fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bounds {
     let mut range = [[0.0f64, 1.0]; 4];
     for value in values {

@@ -11,8 +11,8 @@ use crate::parallel::map_each;
 use crate::{NoProgress, Progress, SampleError};
 use surfel_model::{OnInvalid, SplatCloud};
 
-/// Interval, in tree order, of the points that are held out. They serve to find the number of steps that predicts them
-/// best.
+/// Interval, in tree order, of the points that are held out of the first fit. The number of solver steps that predicts
+/// the held-out points best is used for the fit of all points.
 const HELD_OUT: usize = 10;
 /// Maximum number of solver steps for the colours of points; more would only fit noise.
 const STEPS: usize = 64;
@@ -23,8 +23,8 @@ const PATIENCE: usize = 8;
 /// Report of a fit to the colours of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointFitReport {
-    /// Number of solver steps that predicts held-out points best, starting from blurred colours. `None` if the original
-    /// colours predict them best.
+    /// Number of solver steps, starting from the colours of the blend, after which the held-out points are predicted
+    /// best. `None` if the original colours predict them best.
     pub steps: Option<usize>,
     /// Root mean square error of the held-out points' colours, in linear light, as predicted by the blend of the other
     /// points. The first value is for the original colours, the second one for the fitted colours.
@@ -32,12 +32,12 @@ pub struct PointFitReport {
 }
 
 /// Sharpens the colours of a scan's splats, so that their blend is close to the measured colours instead of blurred,
-/// without fitting noise. The cloud must have one splat per point, with the measured colour as its present colour.
+/// without fitting noise. The cloud must have one splat per point, whose colour is the measured colour.
 ///
 /// The fit starts with the blend's own colours and sharpens them step by step. A first pass holds out every tenth
-/// point, and finds the number of steps that predicts these points best. Colours are limited to 0 to 1, or to the
-/// largest present value above; alphas don't change. The result doesn't depend on the number of threads. A cloud
-/// without colours, or with fewer than ten splats, is returned unchanged.
+/// point, and finds the number of steps that predicts these points best. Colours are limited to the range 0 to 1,
+/// extended to the largest and smallest present value; alphas don't change. The result doesn't depend on the number of
+/// threads. A cloud without colours, or with fewer than ten splats, is returned unchanged.
 ///
 /// # Errors
 /// [`SampleError::TooMany`] above 33 million splats, or if more than 200 splats overlap at a place on average.
@@ -112,7 +112,7 @@ pub fn fit_point_colors(
     Ok((SplatCloud::new(data, OnInvalid::Refuse)?.0, report))
 }
 
-/// Returns the blend's colour at each point, by slot; points without a sample keep their present colour.
+/// Returns the colour of the blend at each splat's centre, by slot; splats without a sample keep their present colour.
 fn blended(kernels: &Kernels, samples: &Samples<3>, present: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let mut slot_of = vec![0; kernels.len()];
     (0..kernels.len()).for_each(|slot| slot_of[kernels.tree.index(slot)] = slot);

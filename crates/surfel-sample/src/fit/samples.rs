@@ -9,8 +9,8 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Smallest and largest number of samples of a mesh per splat. With fewer, the fit's coefficients are random; more
-/// samples than texels only repeat each other.
+/// Smallest and largest number of samples of a mesh per splat. With fewer samples, the result of the fit depends on
+/// chance; more samples than texels only repeat each other.
 const SAMPLES_PER_SPLAT: [f64; 2] = [9.0, 36.0];
 /// Total number of samples above which the number per splat is reduced toward its minimum ([`SAMPLES_PER_SPLAT`]). A
 /// sample needs 32 to 44 bytes.
@@ -21,9 +21,9 @@ const SAMPLES_PER_TRIANGLE: f64 = 4.0;
 const FINE: f64 = 1.5;
 /// Maximum number of grid cells along the largest side of the samples' bounds, so that the three coordinates of a cell
 /// fit 64 bits.
-const MOST_CELLS: f64 = (1 << 20) as f64;
+const MAX_CELLS: f64 = (1 << 20) as f64;
 
-/// Place on a surface, with the value that the blend should have there and its weight in the fit.
+/// Place on a surface, with the value that the blend of splats should have there, and the place's weight in the fit.
 #[derive(Clone, Copy)]
 pub(super) struct Sample<const N: usize> {
     /// Position of the place, relative to [`Samples::center`].
@@ -58,7 +58,7 @@ impl<const N: usize> Samples<N> {
     /// Sorts samples into cells that only a few splats reach. Samples of one cell stay in the order of `items`.
     fn sorted(center: DVec3, normals: Vec<DVec3>, mut items: Vec<Sample<N>>, kernels: &Kernels) -> Self {
         let extent = items.iter().map(|s| s.at.abs().max_element()).fold(0.0, f32::max);
-        let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MOST_CELLS).max(f64::MIN_POSITIVE);
+        let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MAX_CELLS).max(f64::MIN_POSITIVE);
         let key_of = |s: &Sample<N>| key(s.at.to_array().map(|c| (f64::from(c) / side).floor() as i64));
         items.par_sort_by_cached_key(key_of);
         let keys = map_each(items.len(), &NoProgress, || (), |(), i| key_of(&items[i]));
@@ -85,8 +85,8 @@ impl<const N: usize> Samples<N> {
     }
 
     /// Samples a mesh as densely as its texels require, weighted by area and opacity. `value` maps a face, barycentric
-    /// coordinates and the side of the sample's square to a value and an opacity. `offset` is the vector from the
-    /// mesh's origin to the cloud's.
+    /// coordinates and the side of the square that a sample stands for to a value and an opacity. A side of 0 is a
+    /// point sample. `offset` is the vector from the mesh's origin to the cloud's.
     pub(super) fn of_mesh(
         geometry: &Geometry,
         offset: DVec3,

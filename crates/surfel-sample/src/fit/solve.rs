@@ -29,17 +29,17 @@ impl Scalar for f64 {
     }
 }
 
-/// Values of one splat in the solver: three channels, and a fourth that fills the SIMD register.
+/// Values of one splat in the solver: up to three channels, and zeros that fill the four lanes of a SIMD register.
 pub(super) type Lanes<T> = [T; 4];
 
-/// Smallest and largest allowed change of each channel of a splat.
+/// Smallest and largest allowed change of a splat's value in each of the four lanes ([`Lanes`]).
 pub(super) type Bounds = [[f64; 2]; 4];
 
 /// Criterion by which the solver's iteration stops.
 #[derive(Clone, Copy)]
 pub(super) struct Stop {
-    /// Largest KKT residual at which the iteration stops. The residual is the largest change of a value by a step along
-    /// the gradient, of length 1/mass and within the bounds.
+    /// Largest KKT residual at which the iteration stops. The residual is the largest change of a value by one gradient
+    /// step within the bounds, whose length is 1/mass for each splat ([`Gram::mass`]).
     pub(super) residual: f64,
     /// Largest number of steps, after which the iteration stops in any case.
     pub(super) steps: usize,
@@ -54,7 +54,8 @@ pub(super) struct Solution<T> {
     pub(super) residual: f64,
 }
 
-/// Minimisation of ½dᵀGd − bᵀd with bounds for each value of d.
+/// Minimisation of ½dᵀGd − bᵀd over the changes d of the splats' values, with bounds for each. G is the matrix
+/// [`Self::gram`], and b the right-hand side of the normal equations.
 pub(super) struct Problem<'a, T> {
     pub(super) gram: &'a Gram,
     pub(super) b: &'a [Lanes<T>],
@@ -63,9 +64,9 @@ pub(super) struct Problem<'a, T> {
 }
 
 impl<T: Scalar> Problem<'_, T> {
-    /// Minimises from d = 0 by FISTA (Beck and Teboulle 2009), with the step length 1/mass for each splat. The momentum
-    /// is restarted if it leads uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch` with d after
-    /// each step, and stops if `watch` returns false.
+    /// Minimises from d = 0 by FISTA (Beck and Teboulle 2009), with the step length 1/[`Gram::mass`] for each splat.
+    /// The momentum is restarted if it leads uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch`
+    /// with d after each step, and stops if `watch` returns false.
     pub(super) fn minimise(&self, stop: Stop, watch: &mut dyn FnMut(&[Lanes<T>]) -> bool) -> Solution<T> {
         let n = self.b.len();
         let mut d = vec![Lanes::default(); n];
@@ -114,8 +115,8 @@ impl<T: Scalar> Problem<'_, T> {
         steppers
     }
 
-    /// Makes a projected gradient step from `y` into `next`, and returns the changes per chunk of splats. `d` is the
-    /// result of the previous step.
+    /// Makes a projected gradient step from `y`, writes the result to `next`, and returns the changes per chunk of
+    /// splats. `d` is the result of the previous step, from which [`Change::uphill`] is computed.
     fn project(&self, steppers: &[Stepper<T>], y: &[Lanes<T>], d: &[Lanes<T>], next: &mut [Lanes<T>]) -> Vec<Change> {
         map_chunks(next, CHUNK, &|first, next| {
             let mut change = Change::default();

@@ -17,7 +17,8 @@ const OWN: usize = 2048;
 /// has four roundings.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
-/// Matrix G of the normal equations: G_kj = Σ ω·r̂_k·r̂_j over the samples, with the normalised weights r̂ = w/Σw.
+/// Matrix G of the normal equations, with sparse rows: G_kj = Σ ω·r̂_k·r̂_j over the samples. ω is a sample's weight in
+/// the fit, and r̂_k = w_k/Σw the normalised weight of splat k at the sample.
 #[derive(Default)]
 pub(super) struct Gram {
     /// Index of each row's first entry, followed by the number of all entries.
@@ -43,20 +44,21 @@ impl Gram {
     }
 }
 
-/// Normal equations of a fit: minimisation of ½dᵀGd − bᵀd over the change d of the splats' present values, for N
-/// channels that share G.
+/// Normal equations of a fit: minimisation of ½dᵀGd − bᵀd over the change d of the splats' present values. Its N
+/// channels share the matrix G ([`Gram`]), and each has a right-hand side b of its own.
 pub(super) struct System<const N: usize> {
     pub(super) gram: Gram,
-    /// Right-hand side b_k = Σ ω·r̂_k·(f − Σ r̂_j·c_j), where ω are the samples' weights, f their values and c the
-    /// present values.
+    /// Right-hand side b_k = Σ ω·r̂_k·(f − Σ r̂_j·c_j). ω are the samples' weights, f their values, r̂ the splats'
+    /// normalised weights ([`Gram`]), and c the splats' present values.
     pub(super) b: Vec<[f64; N]>,
-    /// Change of each splat's value that view-independent EWA would make: the mean of f − c over the samples, weighted
-    /// by w.
+    /// Change of each splat's value that view-independent EWA would make. It is the mean difference of the samples'
+    /// values from the splat's present value, weighted by the splat's weight w at the samples.
     pub(super) ewa: Vec<[f64; N]>,
     /// Smallest and largest value of the samples under each splat, per channel; infinities in reverse order if there
     /// are none.
     pub(super) local: Vec<[[f32; 2]; N]>,
-    /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel, for the present values.
+    /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel for the present values, with the symbols of
+    /// [`Self::b`].
     energy: [f64; N],
     /// Sum of the samples' weights, Σ ω.
     weight: f64,
@@ -118,12 +120,13 @@ impl<const N: usize> System<N> {
         Self { gram, b, ewa, local, energy, weight }
     }
 
-    /// Returns the root mean square error of the blend of the present values, per channel.
+    /// Returns the root mean square error of the blend of present values over the samples, per channel.
     pub(super) fn rms(&self) -> [f64; N] {
         self.energy.map(|e| (e / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// Returns the root mean square error after the change `d`, for up to three channels from `first` on.
+    /// Returns the root mean square error of the blend after the change `d` of the splats' values, for up to three
+    /// channels from `first` on.
     pub(super) fn rms_after<T: Scalar>(&self, first: usize, d: &[Lanes<T>]) -> [f64; 3] {
         let mut energy: [f64; 3] = std::array::from_fn(|c| self.energy.get(first + c).copied().unwrap_or(0.0));
         let added = map_tasks(self.b.len().div_ceil(OWN), |task| {
@@ -140,7 +143,7 @@ impl<const N: usize> System<N> {
         energy.map(|e| (e.max(0.0) / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// Returns the right-hand side b for up to three channels from `first` on.
+    /// Returns the right-hand side b as [`Lanes`], for up to three channels from `first` on; unused lanes are 0.
     pub(super) fn lanes<T: Scalar>(&self, first: usize) -> Vec<Lanes<T>> {
         let lane = |b: &[f64; N], c: usize| if c < 3 { b.get(first + c).copied().unwrap_or(0.0) } else { 0.0 };
         self.b.iter().map(|b| std::array::from_fn(|c| T::from_f64(lane(b, c)))).collect()
@@ -176,8 +179,8 @@ impl<const N: usize> Default for Part<N> {
 }
 
 impl<const N: usize> Part<N> {
-    /// Computes the rows of the splats `own`. `cells` are the cells close to them: the samples of a cell, and the slots
-    /// of all splats close to the cell.
+    /// Computes the rows of the splats at the slots `own`. `cells` are the cells close to these splats; each is given
+    /// by its samples, and by the slots of all splats close to it.
     fn new<'a>(
         kernels: &Kernels,
         samples: &Samples<N>,
@@ -247,7 +250,7 @@ impl<const N: usize> Part<N> {
 }
 
 /// Splats close to a cell, and the spheres in which they have weight. The spheres are contiguous in memory, because
-/// most splats don't reach a sample.
+/// most splats are excluded from a sample by their sphere alone.
 #[derive(Default)]
 struct Near {
     slots: Vec<u32>,
@@ -264,7 +267,8 @@ impl Near {
 }
 
 /// Computes the normalised weights w/Σw of the splats at a sample. Fills `hits` with the indices in `near` of the
-/// splats with weight, ascending, and their normalised weights. Returns Σw; `None` if no splat of `own` has weight.
+/// splats with weight, ascending, and their normalised weights. Returns Σw; `None` if no splat with an index in `own`
+/// has weight.
 fn shares<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,
@@ -293,8 +297,8 @@ fn shares<const N: usize>(
     Some(total)
 }
 
-/// Returns the error of the blend of present values at a sample. It is exactly 0 if all blended values equal the
-/// sample's.
+/// Returns the difference of a sample's value from the blend of present values there, per channel. The difference is
+/// exactly 0 if all blended values equal the sample's.
 fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, hits: &[(usize, f64)]) -> [f64; N] {
     let mut missing = [0.0; N];
     for (place, share) in hits {

@@ -10,7 +10,7 @@ use surfel_model::{CloudData, OctreeNode, Texture};
 
 /// Number of texels per splat along each side.
 const TEXELS: usize = 6;
-/// Radii of the table, in units of the distance between splats.
+/// Radii of the splats in the measured table, in units of the distance between splats.
 const RADII: [f32; 3] = [1.0, 1.42, 2.0];
 
 /// Encodes linear light as an sRGB byte.
@@ -36,13 +36,13 @@ fn textured(side: usize, value: impl Fn(f64, f64) -> f64) -> Mesh {
     }
 }
 
-/// Black and white squares four splats wide.
+/// Returns the grey value at x, y of black and white squares four splats wide.
 fn checker(x: f64, y: f64) -> f64 {
     f64::from(((x / 4.0).floor() + (y / 4.0).floor()) as i64 % 2 == 0)
 }
 
-/// Sines with a period of seven splats. field.md doesn't state its own function; point samples have the same error for
-/// both.
+/// Returns the grey value at x, y of sines with a period of seven splats. The source of the measured table doesn't
+/// state its own function; point samples have the same error for both.
 fn sines(x: f64, y: f64) -> f64 {
     let turn = std::f64::consts::TAU / 7.0;
     0.5 + 0.22 * ((x * turn).sin() + (y * turn).sin())
@@ -109,7 +109,8 @@ fn system(cloud: &SplatCloud, mesh: &Mesh) -> (Kernels, Samples<1>, Vec<[f32; 1]
     (kernels, samples, present, system)
 }
 
-/// Table of field.md §1, measured with NumPy: RMSE of point samples, view-independent EWA and the bounded fit.
+/// Compares the errors of fits with a table that was measured by a NumPy program: RMSE of point samples, of
+/// view-independent EWA and of the bounded fit.
 #[test]
 fn the_measured_table_is_reproduced() {
     let side = 60;
@@ -260,7 +261,7 @@ fn without_bounds_the_solution_is_that_of_a_dense_solver() {
     }
 }
 
-/// Z01 eq. 10 and 11 as printed, for the record: raw r_k, not shares, and no bounds.
+/// Solves Z01's eq. 10 and 11 as printed, for the record: with weights that aren't normalised, and without bounds.
 #[test]
 fn the_papers_own_basis_draws_worse_than_the_one_that_is_drawn() {
     let (side, radius) = (20, 1.42);
@@ -488,7 +489,7 @@ fn shares_at_a_place_sum_to_one() {
     }
 }
 
-/// Returns the RMSE between a cloud's blend and the mesh's first colour channel.
+/// Returns the RMSE of the blend of a cloud's colours relative to the mesh's colours, in the first channel.
 fn missing(cloud: &SplatCloud, mesh: &Mesh) -> f64 {
     let (_, _, _, system) = system(cloud, mesh);
     system.rms()[0]

@@ -1,7 +1,8 @@
 //! Creases and open edges of a mesh, and the lines that clip splats there.
 //!
 //! A splat near an edge of its smooth region is clipped to its own side by up to four lines. At a reflex corner, one
-//! line removes more than the surface beyond the edge; neighbouring splats cover the rest.
+//! line removes more than the surface beyond the edge; neighbouring splats cover what is missing. The pair (u, v) has
+//! coordinates in a splat's plane, in units of its half-axes.
 
 use super::density::Density;
 use super::geometry::{Border, Geometry, Kind};
@@ -13,34 +14,35 @@ use std::collections::HashMap;
 use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
 /// Maximum number of clip lines per splat, as in rendering model §7.
-const MOST_LINES: usize = 4;
+const MAX_LINES: usize = 4;
 /// Maximum number of border pieces near a splat that are tested for clip lines. An edge between two faces has two
 /// pieces, one for each face.
-const MOST_PIECES: usize = 48;
+const MAX_PIECES: usize = 48;
 /// Number of pieces at one position above which each smooth region gets a spatial index of its own
 /// ([`Borders::indices`]). An ordinary edge has two.
-const MOST_IN_PLACE: usize = MOST_PIECES / 2;
+const MAX_IN_PLACE: usize = MAX_PIECES / 2;
 /// Largest height of an edge over a splat's plane at which the edge clips the splat, relative to the splat's radius.
 /// Edges farther away belong to another part of the surface.
 pub(super) const FARTHEST: f64 = 0.5;
 /// Smallest cosine (about 73°) between the normals of an edge's face and of a splat at which the edge clips the splat.
 pub(super) const FACING: f64 = 0.3;
-/// Largest overhang of a splat over a border, in (u, v), at which no clip line is added.
+/// Largest overhang of a splat over a border, in units of the splat's half-axes, at which no clip line is added.
 const SLACK: f64 = 0.02;
-/// Largest distance, in (u, v), of a splat's centre beyond a border that still clips the splat. It occurs because the
-/// surface is curved.
+/// Largest distance of a splat's centre beyond a border that still clips the splat, in units of the splat's half-axes.
+/// A centre is beyond a border only because the surface is curved.
 const BEHIND: f64 = 0.05;
-/// Distance, in (u, v), by which the splats of both sides reach over their common border: many times the rounding of
-/// f32.
+/// Distance, in units of the half-axes, by which the splats of both sides reach over their common border: many times
+/// the rounding of f32.
 const HAIR: f64 = 2e-5;
 /// Number of corners of the polygon by which a splat's unit disk is approximated.
 const RING: u32 = 24;
-/// Smallest visible area of a splat, in (u, v), if only open edges and cuts clip it. In parts of the surface narrower
-/// than the distance between splats, few places have a splat, which must cover the area of several. Without borders,
-/// the area per splat is 0.37 at the radius for its density.
-const LEAST_AT_OPEN_EDGES: f64 = 0.4;
-/// Smallest visible area of a splat, in (u, v), if creases or bends clip it. Lines are moved outward to reach it.
-const LEAST_AT_CREASES: f64 = 1.1;
+/// Smallest visible area of a splat if only open edges and cuts clip it; the whole disk has π. In parts of the surface
+/// narrower than the distance between splats, few places have a splat, which must cover the area of several. Without
+/// borders, the area per splat is 0.37 at the radius for its density.
+const MIN_AT_OPEN_EDGES: f64 = 0.4;
+/// Smallest visible area of a splat if creases or bends clip it; the whole disk has π. Clip lines are moved outward to
+/// reach this area.
+const MIN_AT_CREASES: f64 = 1.1;
 /// Largest height by which splats may stand out from a bent surface, relative to the distance between them. It is a
 /// third of a pixel for a distance of two pixels.
 const MAX_PROTRUSION: f64 = 0.15;
@@ -51,7 +53,7 @@ const CUT_OVERHANG: f64 = 0.2;
 /// bends borders.
 const RESOLVED: f64 = 3.0;
 
-/// Piece of a border of a face, about as long as a splat's radius.
+/// Piece of a border of a face, about as long as a splat's radius. Splats reach over it by `overhang`, in object units.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
@@ -80,17 +82,17 @@ pub(crate) struct Borders {
     half: f64,
 }
 
-/// Spatial index of some pieces: their numbers, and a tree of their midpoints.
+/// Spatial index of some pieces: their indices in [`Borders::pieces`], and a tree of their midpoints.
 struct PieceIndex {
     pieces: Vec<u32>,
     tree: KdTree,
 }
 
-/// Visible part of a clipped splat: the clip lines and the remaining area of the unit disk, in (u, v).
+/// Visible part of a clipped splat: its clip lines, and the area that they leave of the unit disk in (u, v).
 #[derive(Clone, Debug)]
 pub(crate) struct VisiblePart {
     lines: Vec<Line>,
-    /// Area of the visible part, in (u, v); the whole disk has π.
+    /// Area of the visible part, in units of the half-axes; the whole disk has π.
     pub(crate) area: f64,
 }
 
@@ -168,7 +170,7 @@ impl Borders {
         for piece in &pieces {
             *in_place.entry(middle(piece).to_array().map(f64::to_bits)).or_default() += 1;
         }
-        let is_crowded = in_place.into_values().any(|count| count > MOST_IN_PLACE);
+        let is_crowded = in_place.into_values().any(|count| count > MAX_IN_PLACE);
         let mut of_region: HashMap<Option<u32>, Vec<u32>> = HashMap::new();
         for (i, piece) in (0..).zip(&pieces) {
             of_region.entry(is_crowded.then_some(piece.region)).or_default().push(i);
@@ -183,7 +185,7 @@ impl Borders {
 
     /// Creates the buffer for [`Self::keep`].
     pub(crate) fn nearest() -> Nearest {
-        Nearest::within(MOST_PIECES, 0.0)
+        Nearest::within(MAX_PIECES, 0.0)
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -196,7 +198,7 @@ impl Borders {
         self.pieces.iter().filter(|piece| matches!(piece.kind, Kind::Open | Kind::Crease))
     }
 
-    /// Returns the total length of creases and open edges; edges between two faces count twice.
+    /// Returns the total length of creases and open edges, in object units; edges between two faces count twice.
     pub(crate) fn length(&self) -> f64 {
         self.ends().map(|piece| piece.ends[0].distance(piece.ends[1])).sum()
     }
@@ -223,15 +225,15 @@ impl Borders {
         })
     }
 
-    /// Returns the visible part of the splat at `p` on a face of `region`; `None` if no border clips it. `axes` are the
-    /// half-axes (s, t), with s at least as long as t.
+    /// Returns the visible part of the splat with centre `p` on a face of `region`; `None` if no border clips it.
+    /// `axes` are the half-axes (s, t), with s at least as long as t. `found` is a buffer for the search.
     pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<VisiblePart> {
         let segments = self.segments(p, axes, region, found);
         if segments.is_empty() {
             return None;
         }
         let (mut lines, mut polygon): (Vec<Line>, Vec<DVec2>) = (Vec::new(), Vec::new());
-        while lines.len() < MOST_LINES {
+        while lines.len() < MAX_LINES {
             let overhang = |line: &Line| {
                 let kept = polygon.iter().map(|q| line.normal.dot(*q)).fold(f64::NEG_INFINITY, f64::max);
                 if polygon.is_empty() { 1.0 - line.offset } else { kept - line.offset }
@@ -271,7 +273,7 @@ impl Borders {
         let near = |slot: &(f64, u32)| {
             let piece = &self.pieces[own.pieces[own.tree.index(slot.1 as usize)] as usize];
             let facing = piece.normal.dot(normal);
-            // For an edge between two faces of the region, use the side on which the splat is.
+            // Of the two pieces of an edge inside the region, the one whose face is turned more like the splat is used.
             let is_own =
                 piece.region == region && facing > FACING && piece.across.is_none_or(|n| n.dot(normal) <= facing);
             let heights = piece.ends.map(|q| (q - p).dot(normal).abs());
@@ -304,8 +306,9 @@ impl Segment {
         self.a.lerp(self.b, self.foot().1.clamp(0.0, 1.0))
     }
 
-    /// Returns the part of the segment inside the unit disk and well inside the visible side of the lines; `None` if
-    /// there is none. Lines on the other side of a narrow strip don't shorten it.
+    /// Returns the ends of the part of the segment that is inside the unit disk and, by more than [`SLACK`], on the
+    /// visible side of the lines; `None` if there is none. Lines that face the segment, as on the other side of a
+    /// narrow strip, may touch it.
     fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
         let along = self.b - self.a;
         let (square, half) = (along.length_squared(), self.a.dot(along));
@@ -317,7 +320,7 @@ impl Segment {
         }
         let outward = -self.foot().0.perp();
         for line in lines {
-            // A border on the other side of a strip counts however narrow the strip is.
+            // A border on the other side of a strip may be as near as it is, however narrow the strip.
             let slack = if outward.dot(line.normal) < 0.0 { 0.0 } else { SLACK };
             let (start, change) = (line.normal.dot(self.a) - line.offset + slack, line.normal.dot(along));
             if change.abs() < 1e-12 {
@@ -343,7 +346,8 @@ impl Segment {
             return None;
         }
         let support = Line { normal: outward, offset: offset.max(0.0) + self.overhang, kind: self.kind };
-        // The ends overlap a little, because a curved border has gaps between its pieces' feet.
+        // The range exceeds the segment slightly, because the foot of the perpendicular may be between two pieces of a
+        // curved border.
         if (-0.05..=1.05).contains(&place) {
             return Some(support);
         }
@@ -356,17 +360,17 @@ impl Segment {
         if corner.length() < 1e-6 || all.iter().all(is_left) {
             return Some(support);
         }
-        // At a reflex corner, the surface behind it belongs to other splats.
+        // At a reflex corner, the surface behind the corner belongs to other splats, so the line touches the corner.
         Some(Line { normal: corner.normalize(), offset: corner.length() + self.overhang, kind: self.kind })
     }
 }
 
 impl VisiblePart {
-    /// Returns the smallest visible area, in (u, v), that the splat needs. With less, [`Self::widen`] moves the lines
-    /// outward.
+    /// Returns the smallest visible area, in units of the half-axes, that the splat needs. If the area is smaller,
+    /// [`Self::widen`] moves the lines outward.
     pub(crate) fn least(&self) -> f64 {
         let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
-        if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
+        if self.lines.iter().all(is_open) { MIN_AT_OPEN_EDGES } else { MIN_AT_CREASES }
     }
 
     /// True if the clip lines leave a point in (u, v) visible.
@@ -374,7 +378,7 @@ impl VisiblePart {
         self.lines.iter().all(|line| line.normal.dot(q) <= line.offset + HAIR)
     }
 
-    /// Moves the lines outward until the visible area is at least `least`, in (u, v).
+    /// Moves the lines outward until the visible area is at least `least`, in units of the half-axes.
     pub(crate) fn widen(&mut self, least: f64) {
         let moved = |by: f64| self.lines.iter().map(move |line| Line { offset: line.offset + by, ..*line });
         let area_of = |by: f64| area(&moved(by).fold(ring(), |polygon, line| cut(&polygon, &line)));
@@ -444,7 +448,8 @@ mod tests {
         Mesh { positions: Column3::from_f64(positions), triangles, ..Mesh::default() }
     }
 
-    /// Returns the visible part of the splat at `p` on `face`, for splats whose density calls for radius 1.
+    /// Returns the visible part of a splat of radius `radius` at `p` on `face`. The density of the splats corresponds
+    /// to radius 1.
     fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<VisiblePart> {
         let geometry = Geometry::new(mesh);
         let smooth = geometry.smooth();
@@ -569,7 +574,7 @@ mod tests {
         assert!(kept.area < 0.021);
         let least = kept.least();
         kept.widen(least);
-        assert!((kept.area - LEAST_AT_OPEN_EDGES).abs() < 1e-3, "{kept:?}");
+        assert!((kept.area - MIN_AT_OPEN_EDGES).abs() < 1e-3, "{kept:?}");
     }
 
     #[test]

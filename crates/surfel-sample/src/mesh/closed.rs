@@ -4,18 +4,19 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// Comment of a cloud that covers a watertight mesh from outside: no splat is visible from behind.
+/// Comment stored with a cloud that covers a watertight mesh from outside: no splat is visible from behind.
 pub const CLOSED_MESH: &str = "covers a closed mesh";
 
-/// Comment of a cloud whose back faces are always drawn, regardless of detection.
+/// Comment stored with a cloud whose back-facing splats are always drawn, without a test whether the cloud is
+/// watertight.
 pub const BOTH_SIDES: &str = "shows both sides";
 
-/// Comment of a cloud whose splats are almost coplanar where they overlap. Its mesh consists of flat parts, or `sharp`
-/// clipped the splats.
+/// Comment stored with a cloud whose splats are almost coplanar where they overlap. Its mesh consists of flat parts, or
+/// the conversion of feature `sharp` clipped the splats.
 pub const FLAT_PARTS: &str = "made of flat parts";
 
-/// Comment of a cloud sampled from a curved mesh, with at least as many splats as triangles. Overlapping splats of such
-/// a cloud are apart by only a small fraction of their radii.
+/// Comment stored with a cloud sampled from a curved mesh, with at least as many splats as triangles. Overlapping
+/// splats of such a cloud are apart by only a small fraction of their radii.
 pub const FINE_SPLATS: &str = "as fine as their mesh";
 
 /// Largest fraction of wrongly wound edges at which a mesh counts as consistently wound. Two triangles run through such
@@ -39,8 +40,8 @@ pub fn is_oriented(mesh: &Mesh) -> bool {
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
 }
 
-/// Largest length of the sum of all area vectors, relative to the total area, at which a surface counts as enclosing a
-/// volume. It is 0 for a watertight surface.
+/// Largest openness at which a surface counts as enclosing a volume. Openness is the length of the sum of all
+/// triangles' area vectors (area times normal), relative to the total area; it is 0 for a watertight surface.
 const OPEN: f64 = 0.05;
 /// Smallest enclosed volume of a surface that [`turn_outward`] may reverse, relative to the volume of a sphere with the
 /// same area.

@@ -83,8 +83,8 @@ struct Tree {
     places: Vec<[DVec3; 3]>,
     order: Vec<u32>,
     nodes: Vec<Node>,
-    /// Squared distance that is added for triangles that face away from the splat, so that others in the same place are
-    /// preferred.
+    /// Squared distance that is added for triangles that face away from the splat, so that triangles that face like it
+    /// are preferred in the same place.
     away: f64,
 }
 
@@ -157,7 +157,8 @@ impl Tree {
         self.nodes[node].is_leaf = false;
     }
 
-    /// Returns the triangle nearest to a splat's centre, and the barycentric coordinates of the nearest place in it.
+    /// Returns the index in [`Self::corners`] of the triangle nearest to a splat's centre, and the barycentric
+    /// coordinates of the nearest place in it. The index is [`NONE`] if the tree is empty.
     fn nearest(&self, at: DVec3, normal: DVec3, stack: &mut Vec<u32>) -> (u32, [f64; 3]) {
         let mut best = (f64::INFINITY, NONE, [1.0, 0.0, 0.0]);
         let distance = |node: u32| {

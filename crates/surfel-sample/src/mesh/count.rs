@@ -20,17 +20,17 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Mesh};
 
-/// Number of candidates per sample from which elimination starts. Three cost half as much as Yuksel's five, and the
-/// smallest distance between samples is lower by a tenth.
+/// Number of candidates per sample from which elimination starts. Three take half as long as the five that Yuksel uses,
+/// and the smallest distance between samples is lower by a tenth.
 const OVERSAMPLING: usize = 3;
 /// Largest number of samples that are spread as blue noise. More samples are stratified only, because elimination takes
 /// seconds per million.
-const MOST_ELIMINATED: usize = 1_000_000;
+const MAX_ELIMINATED: usize = 1_000_000;
 /// Cosine of 1°, the largest angle between a sample's smooth normal and its facet's normal at which the sample counts
 /// as flat.
 const FLAT: f64 = 0.999_847_695;
-/// Number of nearest splats, including the splat itself, whose largest spacing gives a splat's radius where the density
-/// changes.
+/// Number of nearest splats, including the splat itself, of which the largest spacing determines a splat's radius if
+/// the density isn't even.
 const BESIDE: usize = 7;
 /// Largest factor by which a splat's radius grows because of coarser neighbours ([`BESIDE`]).
 const MAX_GAP_GROWTH: f64 = 1.2;
@@ -99,10 +99,10 @@ fn spread(
     let positions = map_each(samples.len(), &crate::NoProgress, || (), |(), i| samples[i].place(geometry));
     // The position and facing of a splat depend on the geometry alone, not on vertex normals.
     let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
-    let mut radii = if count > MOST_ELIMINATED {
+    let mut radii = if count > MAX_ELIMINATED {
         measured_radii(&positions, &planes, density.coarsest, progress)?
     } else {
-        // In blue noise, gaps are at most one spacing wide, and the density rule covers 1.65.
+        // In blue noise, gaps are at most one spacing wide, and the density radius of 1.65 spacings covers them.
         reaching(density, &samples, &positions).iter().map(|spacing| radii::DENSITY * spacing).collect()
     };
     radii.iter_mut().for_each(|r| *r *= radius_scale);
@@ -110,7 +110,7 @@ fn spread(
     let borders = Borders::new(geometry, &borders, &regions, (density, radius_scale), count);
     let mut kept = on.all_grown(&borders, &regions, progress);
     // Splats that are scaled down leave gaps anyway.
-    if count <= MOST_ELIMINATED && radius_scale >= 1.0 {
+    if count <= MAX_ELIMINATED && radius_scale >= 1.0 {
         gaps::fill(&borders, &regions, &mut on, &mut kept);
     }
     let ClippedShape { shape, clips } = on.bordered(&kept);
@@ -141,8 +141,8 @@ fn spread(
     Ok(see_through::cut(geometry, data, samples.iter().map(|s| s.face).collect()))
 }
 
-/// Returns the spacing from which the radius of each splat follows. Where the density changes, it is the largest
-/// spacing of the splat's neighbours, so that no gap opens between finer and coarser splats.
+/// Returns the spacing, in object units, by which the radius of each splat is computed. Where the density changes, it
+/// is the largest spacing of the splat's neighbours, so that no gap opens between finer and coarser splats.
 fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
     if density.is_even() {
         return vec![density.coarsest; samples.len()];
@@ -161,7 +161,8 @@ fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f
     )
 }
 
-/// Measures radii that cover the gaps between stratified samples.
+/// Estimates the radii of stratified samples from their local spacing, so that disks leave no gaps. `spacing` is the
+/// mean distance between samples; all lengths are in object units.
 fn measured_radii(
     positions: &[DVec3],
     planes: &[DVec3],
@@ -176,7 +177,7 @@ fn measured_radii(
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }
 
-/// Spreads `count` samples over a mesh.
+/// Spreads `count` samples over a mesh, as blue noise or, if they are too many for elimination, stratified.
 fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn Progress) -> Vec<Sample> {
     let splats = density.splats(geometry);
     let (weights, total) =
@@ -185,7 +186,7 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
     let samples = |places: Vec<PartPlace>| -> Vec<Sample> {
         places.into_iter().map(|(part, b)| parts.place(part as usize, b)).collect()
     };
-    if count > MOST_ELIMINATED {
+    if count > MAX_ELIMINATED {
         return samples(Scatter::new(weights, count, total).even(progress));
     }
     let scatter = Scatter::new(weights, count * OVERSAMPLING, total);

@@ -5,13 +5,14 @@ use super::geometry::{Geometry, SAME_NORMAL, Side, edges, find, join};
 
 /// Cosine of 80°, the dihedral angle from which every edge is a crease.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Smallest number of connected feature edges (open, or above the crease angle) that form a line.
+/// Smallest number of connected feature edges (open edges, and edges above the crease angle) that form a line. Edges of
+/// shorter chains are creases only above [`SHARP_COS`]'s angle, or if one of them is [`LONG`].
 const LINE: usize = 8;
 /// Length, relative to the mesh's extent, above which a single feature edge forms a line.
 const LONG: f64 = 1.0 / 16.0;
-/// Smallest ratio of an edge's dihedral angle to the angles at smooth edges nearby at which it can be a crease. Where a
-/// coarse mesh bends most, only some edges are above the crease angle, and the edges nearby are bent only slightly
-/// less.
+/// Smallest ratio of an edge's dihedral angle to the largest angle at smooth edges nearby at which the edge can be a
+/// crease. Where a coarse mesh bends most, only some edges are above the crease angle, and the edges nearby are bent
+/// only slightly less.
 const CLEAR: f64 = 2.5;
 /// Fraction of the mesh's area above which two coplanar faces together count as a plane.
 const PLANE_AREA_FRACTION: f64 = 1.0 / 200.0;
@@ -20,14 +21,15 @@ const PLANE_AREA_FRACTION: f64 = 1.0 / 200.0;
 pub(super) struct Creases {
     /// Flag per vertex, true if the vertex is on a line of feature edges (open, or above the crease angle).
     line: Vec<bool>,
-    /// Cosine of the largest bend, per face, at the smooth edges of the face and of its neighbours.
+    /// Cosine, per face, of the largest bend (angle between adjacent faces) at the smooth edges of the face and of its
+    /// neighbours.
     least: Vec<f64>,
     /// Flag per face, true if the face is part of a plane of several faces.
     planar: Vec<bool>,
 }
 
 impl Creases {
-    /// Computes the properties of a mesh; `sides` are sorted by edge.
+    /// Computes the properties of a mesh. `sides` are the edges of its faces, sorted by edge.
     pub(super) fn new(geometry: &Geometry, sides: &[Side]) -> Self {
         Self { line: lines(geometry, sides), least: least_cosines(geometry, sides), planar: planar(geometry, sides) }
     }
@@ -86,7 +88,8 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.into_iter().map(|root| is_plane(of[root as usize])).collect()
 }
 
-/// Returns, per face, the cosine of the largest bend at the smooth edges of the face and of its neighbours.
+/// Returns, per face, the cosine of the largest bend (angle between adjacent faces) at the smooth edges of the face and
+/// of its neighbours.
 fn least_cosines(geometry: &Geometry, sides: &[Side]) -> Vec<f64> {
     let bends = || {
         edges(sides).filter_map(|edge| match edge {

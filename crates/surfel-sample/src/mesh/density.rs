@@ -9,11 +9,11 @@ use crate::tree::{KdTree, Nearest};
 use surfel_math::basis::orthonormal;
 
 /// Maximum number of parts into which faces are divided for a density by colours, beyond one part per face.
-const MOST_PARTS: usize = 1 << 18;
+const MAX_PARTS: usize = 1 << 18;
 /// Maximum number of parts into which faces are divided for a density by curvature, beyond one part per face. Where a
 /// mesh bends, its faces are already small.
-const MOST_BENT: usize = 1 << 15;
-/// Number of parts of a face along the largest distance between splats.
+const MAX_BENT: usize = 1 << 15;
+/// Number of parts of a face, side by side, per largest distance between splats.
 const FINENESS: f64 = 4.0;
 /// Number of colour samples along each side of the square in which the variation of colours is measured. The square's
 /// side is half the largest distance between splats.
@@ -23,9 +23,10 @@ const ACROSS: usize = 8;
 const HALVINGS: usize = 2;
 /// Number of distances between splats that are compared for each part: the largest distance divided by powers of √2.
 const CHOICES: usize = 2 * HALVINGS + 3;
-/// Number of bisection steps that find the price of a splat, at which colours vary as much as requested.
+/// Number of bisection steps that find the price of a splat: the smallest reduction of the error for which a splat is
+/// added. At this price, colours vary as much as requested.
 const BISECTIONS: usize = 30;
-/// Largest growth of the distance between splats per unit of length along the surface.
+/// Largest growth of the distance between splats per unit of distance from one part of the surface to another.
 const GRADE: f64 = 0.3;
 /// Number of neighbouring parts that limit a part's distance between splats by [`GRADE`].
 const NEIGHBOURS: usize = 16;
@@ -53,7 +54,7 @@ impl Density {
     /// least half a texel. Colours vary by `variation` (RMS over surface and channels, linear light) inside the square
     /// that a splat represents. Of all such densities, the result has close to the fewest splats.
     pub(crate) fn by_colors(geometry: &Geometry, coarsest: f64, variation: f64) -> Self {
-        let parts = Parts::new(geometry, coarsest / FINENESS, MOST_PARTS);
+        let parts = Parts::new(geometry, coarsest / FINENESS, MAX_PARTS);
         let each = map_each(
             parts.len(),
             &NoProgress,
@@ -87,15 +88,15 @@ impl Density {
     }
 
     /// Computes a density from the curvature of the surface; the distance between splats is at most `coarsest`.
-    /// `squares` is the squared curvature of each face. `asked` maps the mean of `squares` over neighbouring parts to a
-    /// distance.
+    /// `squares` has the squared curvature of each face. `asked` maps the mean squared curvature of neighbouring parts
+    /// to the distance between splats.
     pub(crate) fn by_curvature(
         geometry: &Geometry,
         coarsest: f64,
         squares: &[f64],
         asked: &(dyn Fn(f64) -> f64 + Sync),
     ) -> Self {
-        let parts = Parts::new(geometry, coarsest / FINENESS, MOST_BENT);
+        let parts = Parts::new(geometry, coarsest / FINENESS, MAX_BENT);
         let near = Neighbours::new(geometry, &parts);
         let of = |part: usize| {
             let (mut sum, mut total) = (0.0, 0.0);
@@ -156,8 +157,8 @@ struct Part {
 }
 
 impl Part {
-    /// Returns the index of the compared distance with the smallest cost: squared error plus price of the splats.
-    /// `splats` is the number of splats per unit of area for each distance.
+    /// Returns the index of the compared distance with the smallest cost per area: colour variance plus price of the
+    /// splats. `splats` is the number of splats per unit of area for each distance.
     fn choice(&self, price: f64, splats: &[f64; CHOICES]) -> usize {
         let cost = |choice: usize| self.variances[choice] + price * splats[choice];
         (0..=self.finest).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0)
@@ -175,8 +176,9 @@ fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
 }
 
 /// Computes the variances of the colours around a place, averaged over channels, for squares of decreasing size. The
-/// square of side `side` is halved repeatedly, and the variance averaged over all squares of one size. The first value,
-/// for a square twice as wide, is extrapolated. Values between two sizes are geometric means.
+/// square of side `side` is halved repeatedly, and the variance averaged over all squares of one size. The first value
+/// of the result is for a square twice as wide as `side`, and extrapolated. Each further value is for a square narrower
+/// by √2; every other one is a geometric mean of its neighbours.
 fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] {
     let (face, b) = (sample.face as usize, sample.barycentric);
     let (s, t) = orthonormal(geometry.normals[face]);

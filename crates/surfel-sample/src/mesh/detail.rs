@@ -9,14 +9,15 @@ use crate::radii;
 use surfel_math::basis::orthonormal;
 
 /// Largest mean distance of the splats' rims (the edges of their disks) from the curved surface, relative to the
-/// extent: half a pixel in an image of 1024². It gives [`Detail::shape`].
+/// extent: half a pixel in an image of 1024². [`Detail::shape`] is computed from this limit.
 const RIM: f64 = 0.5 / 1024.0;
 /// Largest distance of the rim (edge) of any splat's disk from the curved surface, relative to the extent, on thin
 /// parts: a third of a pixel in an image of 1024². A disk that protrudes from a finger, for example, frays its outline.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
-/// Smallest distance between splats on thin parts, relative to the distance on the rest of the surface.
+/// Smallest distance between splats on thin parts, relative to the distance on flat parts of the surface.
 const FINEST: f64 = 0.25;
-/// Fraction of additional splats above which thin parts get a finer density. Fewer wouldn't be worth an uneven one.
+/// Fraction of additional splats above which thin parts get a finer density. With fewer additional splats, an uneven
+/// density isn't worth its cost.
 const FEW_MORE: f64 = 0.002;
 /// Largest variation of colours inside the square that a splat represents: root mean square over the surface, in linear
 /// light.
@@ -25,14 +26,16 @@ const VARIATION: f64 = 0.03;
 const SPLATS: (f64, f64) = (5_000.0, 2_000_000.0);
 /// Number of places on the surface at which the variation of colours is measured.
 const PLACES: usize = 2048;
-/// Number of colour samples along each side of the square around such a place.
+/// Number of colour samples along each side of the square around a place, in which the variation of colours is
+/// measured.
 const ACROSS: i32 = 5;
 
-/// Number of splats with a density by colours, relative to an even density, below which the uneven density is used.
+/// Ratio of the number of splats with a density by colours to that with an even density, below which the uneven density
+/// is used.
 const MAX_UNEVEN_FRACTION: f64 = 0.9;
 /// Number of splats with an uneven density from which an even density is used instead. Beyond a million, samples aren't
 /// blue noise.
-const MOST_UNEVEN: f64 = 1e6;
+const MAX_UNEVEN: f64 = 1e6;
 
 /// Numbers of splats that represent a mesh's shape and colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +46,8 @@ pub struct Detail {
     /// Number of splats that the colours need at an even density; 0 if the colours hardly vary. With it, colours vary
     /// by 0.03 (RMS, linear light) inside the square that a splat represents. There are no more splats than texels.
     pub colors: usize,
-    /// Number of splats made, 5,000 to 2,000,000: the larger of both numbers, or fewer if they are closer where colours
-    /// vary.
+    /// Number of splats made, 5,000 to 2,000,000: the larger of [`Self::shape`] and [`Self::colors`], or fewer if
+    /// splats are closer only where colours vary.
     pub splats: usize,
 }
 
@@ -63,7 +66,7 @@ impl Detail {
         if even > least {
             let density = Density::by_colors(geometry, (area / least).sqrt(), VARIATION);
             let splats = density.splats(geometry).iter().sum::<f64>().ceil();
-            if splats < (MAX_UNEVEN_FRACTION * even).min(MOST_UNEVEN) {
+            if splats < (MAX_UNEVEN_FRACTION * even).min(MAX_UNEVEN) {
                 return (Self { shape, colors, splats: splats as usize }, density);
             }
         }
@@ -71,15 +74,15 @@ impl Detail {
     }
 }
 
-/// Returns the distance between splats at which rims protrude by `rim` at this squared curvature. The rim of a disk
-/// with radius r is r²κ/2 away from a surface of curvature κ.
+/// Returns the distance between splats at which the rims (edges) of their disks protrude by `rim` from a surface of
+/// this squared curvature. The rim of a disk with radius r is r²κ/2 away from a surface of curvature κ.
 fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
-/// Returns the number and the density of splats with `count` evenly spread ones as the minimum. Splats are closer
-/// together, and more, where disks would protrude from the surface by more than a third of a pixel in an image of
-/// 1024².
+/// Returns the number and the density of splats for [`super::MeshMethod::Adaptive`]; `count` evenly spread splats are
+/// the minimum. Splats are closer together, and more, where disks would protrude from the surface by more than a third
+/// of a pixel in an image of 1024².
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.
@@ -90,7 +93,7 @@ pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (u
     if more > FEW_MORE * count as f64 {
         let density = Density::by_curvature(geometry, spacing, &squares, &asked);
         let splats = density.splats(geometry).iter().sum::<f64>().ceil();
-        if splats < MOST_UNEVEN {
+        if splats < MAX_UNEVEN {
             return (splats as usize, density);
         }
     }
@@ -110,7 +113,8 @@ fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     (0..geometry.areas.len()).map(squared).collect()
 }
 
-/// Returns the number of evenly spread splats at which colours vary by [`VARIATION`] inside a splat's square.
+/// Returns the number of evenly spread splats at which colours vary by [`VARIATION`] inside a splat's square; 0 if they
+/// vary less at the smallest number of splats.
 fn colors(geometry: &Geometry, area: f64) -> usize {
     let places = stratified(&geometry.areas, PLACES, area, &NoProgress);
     let is_too_coarse = |splats: f64| {
@@ -139,7 +143,7 @@ fn texels(geometry: &Geometry) -> f64 {
     (0..mesh.triangles.len()).map(|face| geometry.texels(face)).sum()
 }
 
-/// Returns the variance of the colours in a square around a place, averaged over the channels.
+/// Returns the variance of the colours in a square of side `side` around a place on a face, averaged over the channels.
 fn variance(geometry: &Geometry, (face, b): (u32, [f64; 3]), side: f64) -> f64 {
     let face = face as usize;
     let (s, t) = orthonormal(geometry.normals[face]);
@@ -195,12 +199,12 @@ mod tests {
         }
     }
 
-    /// Stripes in a fifth of the square.
+    /// Returns the grey value of a texture with stripes in a fifth of the square.
     fn stripes(x: f64, _: f64) -> f64 {
         if x < 0.2 { ((x * 50.0).floor() % 2.0) * 0.9 + 0.05 } else { 0.5 }
     }
 
-    /// Returns the smallest Σw of a cloud over the square.
+    /// Returns the smallest sum of splat weights, Σw, of a cloud over the square.
     fn least_weight(cloud: &SplatCloud) -> f64 {
         let tree = KdTree::new(&(0..cloud.len()).map(|i| cloud.center(i)).collect::<Vec<_>>());
         let mut found = Nearest::within(64, f64::INFINITY);

@@ -21,20 +21,20 @@ const GAMMA: f64 = 1.5;
 /// Maximum number of candidates in a block. Pairs across blocks are ignored: a few per cent of the samples are less
 /// even, at the same density. In return, all threads and their caches are used.
 const BLOCK: usize = 1 << 14;
-/// Number of candidates above which the division into blocks is computed in parallel.
+/// Number of candidates above which both halves are divided into blocks in parallel.
 const PARALLEL: usize = 1 << 16;
 
 /// Maximum number of candidates per row of grid cells with which one candidate is compared. The limit bounds the cost
 /// for meshes with many faces in one place. With even threefold oversampling, a cell has four candidates.
-const MOST_IN_ROW: usize = 48;
-/// Smallest overlap of a pair of candidates that counts, relative to the pair's reach. The weight of larger overlaps is
-/// above 10⁻¹⁰.
+const MAX_IN_ROW: usize = 48;
+/// Smallest overlap of a pair of candidates that counts, relative to the pair's reach. Larger overlaps have weights
+/// above 4·10⁻¹¹.
 const LEAST: f32 = 0.05;
 /// Maximum number of grid levels, for candidates of different reach. Each level has half the cell size of the previous
 /// one.
 const LEVELS: u16 = 12;
 /// Maximum number of grid cells along an axis. Cells farther out are merged, which costs only time.
-const MOST_CELLS: f64 = 65_000.0;
+const MAX_CELLS: f64 = 65_000.0;
 
 /// Number of low bits of a weight (f32) that [`bucket_of`] ignores. The remaining 7 bits of the fraction give 128
 /// buckets per power of two.
@@ -101,13 +101,14 @@ pub(crate) fn eliminate(
     (0..count as u32).filter(|number| is_left[*number as usize]).collect()
 }
 
-/// Returns twice the largest Poisson disk radius of `keep` samples in a plane area: 2r with r = √(A / (2√3·N)).
+/// Returns twice the largest Poisson disk radius r of N = `keep` samples in a plane of area A = `area`: 2r with r = √(A
+/// / (2√3·N)).
 pub(crate) fn reach(area: f64, keep: f64) -> f64 {
     2.0 * (area / (2.0 * 3.0_f64.sqrt() * keep)).sqrt()
 }
 
-/// Sorts candidates so that each range of [`blocks`] is a box; every range is divided in the middle of its longest
-/// side.
+/// Sorts candidates so that those in each range of [`blocks`] are in a box of their own. Every larger range is divided
+/// at the median along the longest side of its box.
 fn halve(candidates: &mut [Candidate]) {
     if candidates.len() <= BLOCK {
         return;
@@ -133,7 +134,7 @@ fn bounds(candidates: &[Candidate]) -> (DVec3, DVec3) {
     candidates.iter().fold(none, |(lo, hi), c| (lo.min(c.position), hi.max(c.position)))
 }
 
-/// Returns the ranges into which [`halve`] divides `count` candidates.
+/// Returns the ranges into which [`halve`] divides `count` candidates: the blocks, in order.
 fn blocks(count: usize) -> Vec<Range<usize>> {
     let (mut done, mut open) = (Vec::new(), vec![(0, count)]);
     while let Some((start, end)) = open.pop() {
@@ -149,12 +150,13 @@ fn blocks(count: usize) -> Vec<Range<usize>> {
 
 struct Thinning<'a> {
     of_part: &'a (dyn Fn(u32) -> PartFacts + Sync),
-    /// Distance of a pair, relative to its reach and before the factor [`BETA`], below which the pair's weight doesn't
-    /// grow.
+    /// Distance between the candidates of a pair, relative to the pair's reach, below which the weight doesn't grow.
+    /// The factor [`BETA`] isn't included yet.
     closest: f64,
 }
 
-/// Candidate in a block. Its position is relative to the block, in units of the block's largest reach.
+/// Candidate in a block. Its position is relative to the lowest corner of the block's bounding box. All lengths are in
+/// units of the largest reach in the block.
 #[derive(Clone, Copy, Default)]
 struct Local {
     position: Vec3,
@@ -183,7 +185,8 @@ struct Block {
     /// Buffer for the radix sort of `cells`.
     sorting: Vec<(u64, u16)>,
     pairs: Vec<Pair>,
-    /// Candidates close to the current one, and their squared distances; the last element is a dummy.
+    /// Candidates close to the current one, and their squared distances. The last element may be written, but isn't
+    /// used.
     near: Vec<(u16, f32)>,
     /// End index of each candidate's neighbours in [`Self::neighbours`].
     ends: Vec<u32>,
@@ -205,7 +208,7 @@ impl Thinning<'_> {
         left.map(|(local, _)| candidates[usize::from(local.index)].number).collect()
     }
 
-    /// Fills in the block's candidates, with positions relative to the block.
+    /// Fills in the block's candidates as [`Local`] values.
     fn gather(&self, candidates: &[Candidate], block: &mut Block) {
         let lo = bounds(candidates).0;
         let reaches = candidates.iter().map(|c| (self.of_part)(c.part).reach);
@@ -227,7 +230,8 @@ impl Thinning<'_> {
 }
 
 impl Block {
-    /// Finds all pairs of candidates that are closer than their reach, each pair once.
+    /// Finds all pairs of candidates that are closer than their reach, each pair once. `closest` is the distance,
+    /// relative to the reach, below which the weight doesn't grow.
     fn find_pairs(&mut self, closest: f32) {
         let finest = self.locals.iter().map(|c| c.level).max().unwrap_or(0);
         // This sort brings neighbours close together in memory.
@@ -247,7 +251,7 @@ impl Block {
     /// number and that of the same cell in the next row and in the next layer.
     fn sort_into_cells(&mut self, level: u16) -> [u64; 2] {
         let per_unit = f64::from(level).exp2();
-        let cell = |x: f32| (f64::from(x) * per_unit).min(MOST_CELLS) as u64 + 1;
+        let cell = |x: f32| (f64::from(x) * per_unit).min(MAX_CELLS) as u64 + 1;
         let high = self.locals.iter().fold(Vec3::ZERO, |high, c| high.max(c.position));
         // A cell at either end of a row and of a layer stays empty, so that neighbours are never in another row.
         let row = cell(high.x) + 2;
@@ -269,7 +273,7 @@ impl Block {
         let middles = [0, row, layer - row, layer, layer + row];
         let mut ranges = [(0, 0); 5];
         let mut last = 0;
-        near.resize(middles.len() * MOST_IN_ROW + 1, (0, 0.0));
+        near.resize(middles.len() * MAX_IN_ROW + 1, (0, 0.0));
         for (place, &(cell, first)) in cells.iter().enumerate() {
             if cell != last {
                 for (middle, (begin, end)) in middles.iter().map(|m| cell + m).zip(&mut ranges) {
@@ -283,7 +287,7 @@ impl Block {
             // No branch depends on distances, because no processor could predict it.
             let mut count = 0;
             for (begin, end) in ranges {
-                for &(_, second) in &cells[begin..end.min(begin + MOST_IN_ROW)] {
+                for &(_, second) in &cells[begin..end.min(begin + MAX_IN_ROW)] {
                     let square = a.position.distance_squared(locals[usize::from(second)].position);
                     near[count] = (second, square);
                     count += usize::from(square < a.reach * a.reach);
@@ -323,7 +327,8 @@ impl Block {
             sum += *end;
             *end = sum;
         }
-        // Each entry is a start now, and an end once the neighbours are filled in.
+        // Until the neighbours are filled in, each entry is the start of a candidate's neighbours; afterwards it is
+        // their end.
         self.neighbours.clear();
         self.neighbours.resize(sum as usize, 0);
         for pair in &self.pairs {

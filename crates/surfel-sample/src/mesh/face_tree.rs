@@ -4,7 +4,7 @@ use super::geometry::Geometry;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Depth of the deepest level of the octree, at which splats are 2⁸ times as fine as the root's.
+/// Depth of the deepest possible level of the octree. Splats there are 2⁸ times as close as the root's.
 const DEEPEST: u32 = 8;
 
 /// Cube of the octree, with the triangles whose centroids it contains.
@@ -66,7 +66,7 @@ impl FaceTree {
         Self { nodes, order, side: geometry.extent }
     }
 
-    /// Returns the leaf (a node index) of every triangle.
+    /// Returns, for every triangle of the mesh, the node index of the leaf that contains it.
     pub(crate) fn leaf_of_face(&self) -> Vec<u32> {
         let mut leaves = vec![0; self.order.len()];
         for (i, node) in self.nodes.iter().enumerate().filter(|(_, n)| n.children.is_empty()) {

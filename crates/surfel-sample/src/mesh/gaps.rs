@@ -17,11 +17,11 @@ use surfel_math::basis::orthonormal;
 /// Maximum number of rounds in which splats are moved to gaps. Each round tests which gaps the moved splats cover.
 const ROUNDS: usize = 4;
 /// Inverse of the largest fraction of splats that may be moved per round.
-const MOST_MOVED: usize = 64;
-/// Number of splats that may be moved per round even if it exceeds the fraction 1/[`MOST_MOVED`].
-const LEAST_MOVED: usize = 16;
-/// Smallest number of splats of the cloud per tested place along an edge. It limits the number of places, so that the
-/// tests don't cost more than the splats.
+const MAX_MOVED: usize = 64;
+/// Number of splats that may be moved per round even if it exceeds the fraction 1/[`MAX_MOVED`].
+const MIN_MOVED: usize = 16;
+/// Smallest number of splats of the cloud per tested place along an edge. The limit makes the tests take no longer than
+/// the splats.
 const SPLATS_PER_PLACE: f64 = 2.0;
 /// Distance between tested places along an edge, relative to the splats' median radius.
 const STEP: f64 = 0.2;
@@ -35,7 +35,8 @@ const TILTS: [f64; 2] = [25.0, 50.0];
 /// Numbers of splats nearest to a place that are tested for covering it: in the first pass, and in the second pass for
 /// places that the first leaves uncovered.
 const TESTED_SPLATS: [usize; 2] = [6, 32];
-/// Number of consecutive splats of which the one with the nearest neighbour may be moved.
+/// Number of splats, consecutive in the order of a k-d tree, of which one may be moved: the one with the nearest
+/// neighbour.
 const CHOICE: usize = 8;
 /// Number of nearest splats, including the splat itself, of which only one may be moved to a gap.
 const NEIGHBOURS: usize = 8;
@@ -45,7 +46,8 @@ const MIN_NEIGHBOUR_COSINE: f64 = 0.5;
 /// Place on the surface that is tested for a gap, as a face and a position.
 type Place = (u32, DVec3);
 
-/// Finds places near borders that no splat covers, and moves splats to them.
+/// Finds places near borders that no splat covers, and moves splats to them. `on` are the splats, and `kept` the growth
+/// and the visible part of each clipped splat; both are updated.
 pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &mut [Option<Grown>]) {
     let Some(radius) = radii::median(&mut on.radii.clone()) else { return };
     let geometry = on.geometry;
@@ -60,7 +62,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     if bare.is_empty() {
         return;
     }
-    let most_moved = (kept.len() / MOST_MOVED).max(LEAST_MOVED);
+    let most_moved = (kept.len() / MAX_MOVED).max(MIN_MOVED);
     let wanted = (2 * apart(&bare, radius, regions).count()).min(ROUNDS * most_moved);
     let mut spare = movable_splats(on, kept, wanted).into_iter();
     for _ in 0..ROUNDS {

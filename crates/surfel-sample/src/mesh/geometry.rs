@@ -20,8 +20,8 @@ const BENT_COS: f64 = 0.965_925_826_289_068;
 /// triangle would consist of the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
-/// Area of a mesh, relative to its squared extent, above which it is searched for repeated triangles; a box has at most
-/// 6. Without the search, the splats of thousands of triangles in one place would all coincide.
+/// Area of a mesh, relative to its squared extent, above which the mesh is searched for repeated triangles. A box has
+/// at most six. Without the search, the splats of thousands of triangles in one place would all coincide.
 const MANIFOLD: f64 = 8.0;
 
 /// Mesh prepared for sampling: positions in f64, and normals and areas of its faces. Indices must be valid and
@@ -39,7 +39,7 @@ pub(crate) struct Geometry<'a> {
     pub(crate) repeated: usize,
 }
 
-/// Edge between welded vertices, as one of the faces at the edge sees it.
+/// Side of an edge that belongs to one face: the edge's welded vertices `lo` < `hi`, and the face's own order of them.
 #[derive(Clone, Copy)]
 pub(super) struct Side {
     pub(super) lo: u32,
@@ -183,7 +183,7 @@ impl<'a> Geometry<'a> {
         first
     }
 
-    /// Returns the angle of `face` at its corner 0..3.
+    /// Returns the angle of `face` at one of its corners (0 to 2), in radians.
     pub(crate) fn angle(&self, face: usize, corner: usize) -> f64 {
         let p = self.corners(face);
         let (a, b) = (p[(corner + 1) % 3] - p[corner], p[(corner + 2) % 3] - p[corner]);
@@ -272,7 +272,8 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
-    /// Builds the border at a face's side; `across` is the same edge as the side of the other face.
+    /// Builds the border along an edge for the face at `side`; `across` is the side of the edge that belongs to the
+    /// other face.
     fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
         let corners = self.corners(side.corner as usize / 3);
         let k = side.corner as usize % 3;
@@ -406,7 +407,8 @@ impl<'a> Geometry<'a> {
         [r, g, b, opacity]
     }
 
-    /// Returns the change of a face's barycentric coordinates along a vector; `None` if the face has no area.
+    /// Returns the change of a face's barycentric coordinates when a point moves by the vector `along`; `None` if the
+    /// face has no area.
     pub(crate) fn barycentric_change(&self, face: usize, along: DVec3) -> Option<[f64; 3]> {
         let [a, b, c] = self.corners(face);
         let (e, f) = (b - a, c - a);
@@ -443,12 +445,12 @@ impl<'a> Geometry<'a> {
     }
 }
 
-/// Groups the sides of faces by edge; the input must be sorted by edge.
+/// Groups the sides of edges ([`Side`]) by edge; the input must be sorted by edge.
 pub(super) fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
     sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi))
 }
 
-/// Returns the next corner of the same face.
+/// Returns the next corner of the same face; a corner is 3·face + 0..3.
 fn next(corner: u32) -> u32 {
     if corner % 3 == 2 { corner - 2 } else { corner + 1 }
 }

@@ -120,7 +120,8 @@ pub fn splats_from_mesh(
     finish(mesh, data, report, progress)
 }
 
-/// Adds the columns copied from the mesh, validates the cloud, and measures the interior weight.
+/// Adds the mesh's up axis, comments and orientation to the splats' data, validates the cloud, and measures its
+/// interior weight.
 fn finish(
     mesh: &Mesh,
     data: CloudData,

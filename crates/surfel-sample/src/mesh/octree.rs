@@ -5,7 +5,7 @@ use super::count::splats_and_faces;
 use super::face_tree::{FaceTree, Node};
 use super::geometry::Geometry;
 use super::options::{MeshMethod, MeshReport};
-use super::placed::MOST_GROWN;
+use super::placed::MAX_GROWN;
 use super::transitions::{EdgeSplat, distance_to_segment, shared_edges};
 use crate::boxes::Boxes;
 use crate::{Progress, SampleError, assemble, interior, radii};
@@ -18,14 +18,14 @@ use surfel_model::{
 };
 
 /// Maximum number of splats in one level of the octree.
-const MOST_IN_LEVEL: f64 = 4e6;
+const MAX_IN_LEVEL: f64 = 4e6;
 
-/// Largest mean number of splats per node in one level. The limits on levels matter if triangles reach far beyond their
-/// node's cube, as in a fan; a watertight surface has 200 to 800 splats per node.
-const MOST_IN_NODE: usize = 1024;
-/// Mean number of splats per triangle that a level may have, regardless of [`MOST_IN_NODE`].
-const MOST_ON_TRIANGLE: usize = 8;
-/// Number of splats that a level may have, regardless of [`MOST_IN_NODE`].
+/// Largest mean number of splats per node in one level. This limit and the next two matter if triangles reach far
+/// beyond their node's cube, as in a fan; a watertight surface has 200 to 800 splats per node.
+const MAX_IN_NODE: usize = 1024;
+/// Mean number of splats per triangle that a level may have, regardless of [`MAX_IN_NODE`].
+const MAX_ON_TRIANGLE: usize = 8;
+/// Number of splats that a level may have, regardless of [`MAX_IN_NODE`].
 const SMALL_LEVEL: usize = 16_384;
 
 /// Options of the conversion of a mesh to an octree.
@@ -116,7 +116,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
             let faces = &tree.order[node.faces.clone()];
             let own = (start..splats.len()).map(|k| splats.normals[k as usize]);
             // Splats clipped by borders may have grown, also in child nodes, whose splats are half as large.
-            let largest = if splats.is_clipped(start) { radius * f64::max(1.0, 0.5 * MOST_GROWN) } else { radius };
+            let largest = if splats.is_clipped(start) { radius * f64::max(1.0, 0.5 * MAX_GROWN) } else { radius };
             let largest = splats.radius_from(start).max(largest);
             let mut described = describe(&geometry, faces, own, radius, largest);
             described.children = node.children.clone();
@@ -147,8 +147,8 @@ fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
     }
 }
 
-/// Returns the mesh with the normals that shade its splats, so that splats and polygons look alike. A vertex whose
-/// triangles meet at a crease is split.
+/// Returns the mesh with vertex normals equal to the shading normals of its splats, so that splats and polygons look
+/// alike. A vertex whose triangles meet at a crease is split.
 fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     let corner_normals = Geometry::new(mesh).smooth().corner_normals;
     let mut vertex_of: BTreeMap<(u32, [u32; 3]), u32> = BTreeMap::new();
@@ -188,7 +188,8 @@ fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     Ok(Octree::new(cloud, octree.mesh().clone(), octree.nodes().to_vec(), octree.transitions().to_vec())?)
 }
 
-/// Splats of all nodes of one depth. The depth is sampled at once, so that no boundary between nodes is visible.
+/// Splats of all nodes of one depth. All nodes of a depth are sampled together, so that no boundary between nodes is
+/// visible.
 struct Level {
     cloud: SplatCloud,
     spacing: f64,
@@ -214,8 +215,8 @@ impl Level {
         if area <= 0.0 {
             return Ok(Self { cloud: SplatCloud::new(empty(), OnInvalid::Refuse)?.0, spacing, splats_of });
         }
-        let most = (MOST_IN_NODE * nodes.len()).max(MOST_ON_TRIANGLE * faces.len()).max(SMALL_LEVEL);
-        let count = (area / (spacing * spacing)).ceil().clamp(1.0, MOST_IN_LEVEL.min(most as f64));
+        let most = (MAX_IN_NODE * nodes.len()).max(MAX_ON_TRIANGLE * faces.len()).max(SMALL_LEVEL);
+        let count = (area / (spacing * spacing)).ceil().clamp(1.0, MAX_IN_LEVEL.min(most as f64));
         let part = some_triangles(mesh, &faces);
         let mut report = MeshReport {
             method: MeshMethod::Count(count as usize),
@@ -239,7 +240,9 @@ impl Level {
     }
 }
 
-/// Returns a node with the bounding sphere and the normal cone of its triangles and splats. Its index ranges are empty.
+/// Returns a node with the bounding sphere and the normal cone of its triangles `faces` and of its splats, given by
+/// their normals. `radius` is the radius of the node's splats before any grows, `largest` that of its largest splat.
+/// The node's index ranges are empty.
 fn describe(
     geometry: &Geometry,
     faces: &[u32],
@@ -286,12 +289,12 @@ impl Collected {
         self.centers.len() as u32
     }
 
-    /// True if any splat from `start` on is clipped.
+    /// True if any splat from index `start` on is clipped.
     fn is_clipped(&self, start: u32) -> bool {
         self.clip_lines[start as usize..].iter().any(|lines| !lines[0].a.is_nan())
     }
 
-    /// Returns the longest half-axis of the splats from `start` on.
+    /// Returns the length of the longest half-axis, in object units, of the splats from index `start` on.
     fn radius_from(&self, start: u32) -> f64 {
         self.axes[start as usize..].iter().map(|(s, _)| s.length()).fold(0.0, f64::max)
     }

@@ -52,7 +52,8 @@ pub struct MeshReport {
     pub repeated: usize,
     /// Number of mesh edges that are creases or open edges, at which splats end.
     pub feature_edges: usize,
-    /// True if at least nine in ten samples are shaded by their facet's own normal: the mesh consists of flat parts.
+    /// True if the mesh consists of flat parts: at least nine in ten samples have the normal of their own triangle as
+    /// their smooth normal.
     pub flat: bool,
     /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
@@ -63,8 +64,8 @@ pub struct MeshReport {
 
 /// Number of vertices above which a mesh counts as dense, so that it becomes one splat per vertex by default.
 const DENSE: usize = 50_000;
-/// Distance between the samples of the default options, relative to the largest side of the bounds. It is 2 px in an
-/// image of 1024², in which the standard deviation of a splat is 1.7 px.
+/// Distance between samples with the default options, relative to the largest side of the mesh's bounding box. It is 2
+/// px in an image of 1024², in which the standard deviation of a splat is 1.7 px.
 const SPACING: f64 = 2.0 / 1024.0;
 /// Smallest and largest number of samples of the default options, on a flat mesh.
 const AUTOMATIC: (f64, f64) = (20_000.0, 500_000.0);

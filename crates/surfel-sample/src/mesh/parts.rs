@@ -5,7 +5,7 @@ use super::geometry::Geometry;
 use glam::DVec3;
 
 /// Maximum number of times that the sides of a face are halved to divide it into parts.
-const MOST_HALVINGS: f64 = 10.0;
+const MAX_HALVINGS: f64 = 10.0;
 /// Corners of a face at which its four parts are, in order, if its sides are halved; `None` is the part in the middle.
 /// The order makes each part adjacent to the previous part or to the second one.
 const CORNERS: [Option<usize>; 4] = [Some(0), None, Some(1), Some(2)];
@@ -26,14 +26,14 @@ impl From<(u32, [f64; 3])> for Sample {
 }
 
 impl Sample {
-    /// Creates the sample at a position on a face.
+    /// Creates the sample at the position `place` on a face.
     pub(crate) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
         let [a, ..] = geometry.corners(face as usize);
         let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();
         Self { face, barycentric: [1.0 + u, v, w] }
     }
 
-    /// Returns the position of the place.
+    /// Returns the position of the place, relative to the mesh's origin.
     pub(crate) fn place(&self, geometry: &Geometry) -> DVec3 {
         let [a, b, c] = geometry.corners(self.face as usize);
         // Relative to a corner, so that a triangle far from the origin is not distorted.
@@ -57,7 +57,7 @@ impl Parts {
         let mut first = vec![0];
         let mut sum = 0u32;
         for area in &geometry.areas {
-            let halvings = ((2.0 * area).sqrt() / side).log2().round().clamp(0.0, MOST_HALVINGS) as u32;
+            let halvings = ((2.0 * area).sqrt() / side).log2().round().clamp(0.0, MAX_HALVINGS) as u32;
             sum = sum.saturating_add(1 << (2 * halvings));
             first.push(sum);
         }
@@ -77,7 +77,7 @@ impl Parts {
         self.first.partition_point(|first| *first as usize <= part) - 1
     }
 
-    /// Returns the parts of a face.
+    /// Returns the indices of a face's parts.
     pub(crate) fn of(&self, face: usize) -> std::ops::Range<usize> {
         self.first[face] as usize..self.first[face + 1] as usize
     }
@@ -93,7 +93,7 @@ impl Parts {
         geometry.areas[face] / self.of(face).len() as f64
     }
 
-    /// Returns the part that contains a place of a face.
+    /// Returns the index of the part that contains a place of a face.
     pub(crate) fn at(&self, sample: &Sample) -> usize {
         let (face, mut b) = (sample.face as usize, sample.barycentric);
         let mut part = 0;

@@ -18,8 +18,8 @@ const CENTROID: [f64; 3] = [1.0 / 3.0; 3];
 /// between the two triangles. s × t is along the normal of the counter-clockwise triangle, and s is the longer axis.
 ///
 /// Two conjugate half-axes are corner 0 relative to the centroid, and the opposite edge over √3. One rotation makes
-/// them orthogonal. The paper's scale and shear give the same axes (eq. 13–16), with a frame. The result is the
-/// eigen-decomposition of the paper's covariance matrix, without squaring it.
+/// them orthogonal. The paper computes the same axes by a scale and a shear in the triangle's plane (eq. 13–16), or
+/// from the eigenvectors of a covariance matrix. Here no matrix is squared.
 pub(crate) fn steiner_axes([a, b, c]: [DVec3; 3]) -> (DVec3, DVec3) {
     let f = ((a - b) + (a - c)) / 3.0;
     let g = (b - c) / 3.0_f64.sqrt();

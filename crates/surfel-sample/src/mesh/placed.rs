@@ -11,10 +11,10 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
 use surfel_model::{ClipColumns, Shape};
 
-/// Growth factors of a splat's radius that are tried in order if clip lines leave too small an area of the splat.
-const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
+/// Factors by which a splat's radius is multiplied, tried in order until clip lines leave enough of the splat's area.
+const GROWTH: [f64; 3] = [1.3, 1.7, MAX_GROWN];
 /// Largest growth factor of a splat's radius because of clip lines.
-pub(super) const MOST_GROWN: f64 = 2.2;
+pub(super) const MAX_GROWN: f64 = 2.2;
 
 /// Largest height of a place over a splat's plane, relative to the splat's radius, at which the place counts as in the
 /// plane.
@@ -76,7 +76,8 @@ impl Placed<'_> {
         Some((scale, kept))
     }
 
-    /// Returns [`Self::grown`] for each splat.
+    /// Returns the growth factor and the visible part of each splat ([`Self::grown`]); `None` for splats that no border
+    /// clips.
     pub(super) fn all_grown(&self, borders: &Borders, regions: &[u32], progress: &dyn Progress) -> Vec<Option<Grown>> {
         let count = self.samples.len();
         if borders.is_empty() {
@@ -91,7 +92,8 @@ impl Placed<'_> {
         self.radii[i] * kept[i].as_ref().map_or(1.0, |(scale, _)| *scale)
     }
 
-    /// Clears the flag in `bare` of every viewing direction along which splat `i` covers a place.
+    /// Clears the flags in `bare` of the directions from which splat `i` covers `place`. `eyes` are unit vectors toward
+    /// the viewer, and `bare` has one flag for each, true if no splat covers the place from there.
     pub(super) fn cover(
         &self,
         i: usize,

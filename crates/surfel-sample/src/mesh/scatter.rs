@@ -15,13 +15,14 @@ pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize, f64) -> Option<[DVec3; 3]>
 /// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and the quarters' sizes. The middle
 /// quarter has a negative size, because it is rotated by half a turn.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
-/// Maximum number of base-4 digits of a place's number that select nested quarters of a triangle.
-const MOST_DIGITS: u32 = 16;
+/// Maximum number of base-4 digits of a place's number that are used. Each digit selects a quarter of the quarter
+/// selected so far.
+const MAX_DIGITS: u32 = 16;
 /// Ratio of a triangle's longest side to its height above which it is halved instead of quartered.
 const SLENDER: f64 = 8.0;
 /// Smallest width of a halved triangle, in distances between places. Narrower triangles are quartered, because their
 /// places are in a row.
-const LEAST_WIDTH: f64 = 4.0;
+const MIN_WIDTH: f64 = 4.0;
 
 /// Returns the corners of a triangle if it is slender and wide enough for several rows of `count` places; else `None`.
 pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
@@ -30,7 +31,7 @@ pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
     // The width is the height over the longest side. The distance between places is the square root of the area per
     // place.
     let twice_area = (b - a).cross(c - a).length();
-    let is_wide = 2.0 * twice_area * count > LEAST_WIDTH * LEAST_WIDTH * longest;
+    let is_wide = 2.0 * twice_area * count > MIN_WIDTH * MIN_WIDTH * longest;
     (longest > SLENDER * twice_area && is_wide).then_some(corners)
 }
 
@@ -70,7 +71,8 @@ impl<'a> Scatter<'a> {
         })
     }
 
-    /// Returns `of` applied to every place of [`Self::irregular_place`].
+    /// Returns the results of `of` for all places, in order. Places are random in small triangles
+    /// ([`Self::irregular_place`]).
     pub(crate) fn irregular<T: Clone + Default + Send>(
         &self,
         slender: SlenderParts<'_>,
@@ -123,8 +125,8 @@ impl<'a> Scatter<'a> {
     /// constructions in the triangle", §3). The sequence is cut off at triangles with one place each, and the place is
     /// random within its triangle.
     ///
-    /// Regular sequences would coincide in some spots and leave gaps in others where two of them meet, between the
-    /// halves of R₂'s square or at an edge. Elimination would then leave holes of two spacings.
+    /// The sequence R₂ of [`Self::even`] isn't used here: where two regular sequences meet, as at an edge, places
+    /// coincide in some spots and leave gaps in others. Elimination would then leave holes of two spacings.
     ///
     /// The quarters of a slender triangle are as slender, so that places would be uneven along the triangle. The
     /// longest side of such a triangle is halved instead, by the binary digits of `i`.
@@ -132,10 +134,10 @@ impl<'a> Scatter<'a> {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();
         if let Some(corners) = slender(part, expected) {
-            return (part as u32, halved_place(corners, bits.min(2 * MOST_DIGITS), i, random));
+            return (part as u32, halved_place(corners, bits.min(2 * MAX_DIGITS), i, random));
         }
         let ([mut v, mut w], mut scale) = ([0.0, 0.0], 1.0);
-        for digit in (0..bits.div_ceil(2).min(MOST_DIGITS)).map(|k| i >> (2 * k) & 3) {
+        for digit in (0..bits.div_ceil(2).min(MAX_DIGITS)).map(|k| i >> (2 * k) & 3) {
             let (start, factor) = QUARTERS[digit];
             (v, w) = (v + scale * start[0], w + scale * start[1]);
             scale *= factor;

@@ -25,18 +25,18 @@ const INVISIBLE_ALPHA: f32 = 0.5 / 255.0;
 /// Neighbouring splats reach that far into the disk, and average their alpha with the disk's. Without the disk, visible
 /// neighbours would stand out.
 const REACH: f64 = 2.25;
-/// Absolute barycentric coordinate from which a place is too far from a triangle for its texture. The disk's centre is
-/// sampled instead.
+/// Absolute barycentric coordinate from which a place is too far outside of a triangle for the triangle's texture. The
+/// disk's centre is sampled instead.
 const FAR: f64 = 4.0;
 /// Maximum number of times that a partly visible disk is divided into four.
 const DIVISIONS: usize = 2;
 /// Number of disks that dividing may make, in addition to one per splat.
-const MOST_ADDED: usize = 100_000;
-/// Half of the usual distance between a disk and its neighbours, relative to the disk's radius. Smaller disks are
-/// placed at this offset, and colours averaged over a square of twice this side.
+const MAX_ADDED: usize = 100_000;
+/// Half of the usual distance between a disk and its neighbours, relative to the disk's radius. It is the offset of the
+/// four smaller disks along both axes, and half the side of the square over which a disk's colour is averaged.
 const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
 
-/// Splat, or one of the smaller disks that replace it.
+/// Splat, or one of the smaller disks that replace it, with its colour and the result of its alpha test.
 #[derive(Clone, Copy, Default)]
 struct Piece {
     /// Index of the original splat to which the piece belongs.
@@ -54,7 +54,7 @@ struct Piece {
 enum AlphaTest {
     #[default]
     Whole,
-    /// Clip by these lines, because the contour of the visible area crosses the piece.
+    /// Clipping by these lines, because the contour of the visible area crosses the piece.
     Clipped([ClipLine; 4]),
     /// Removal after division: an alpha mask cuts the centre of the piece away, but another part is visible.
     MostlyCut,
@@ -92,7 +92,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
     let is_mixed = |p: &Piece| {
         matches!(p.fate, AlphaTest::Clipped(_) | AlphaTest::MostlyCut | AlphaTest::Mixed) && !has_curve(p.source)
     };
-    let mut left = faces.len() + MOST_ADDED;
+    let mut left = faces.len() + MAX_ADDED;
     for _ in 0..DIVISIONS {
         let mixed = pieces.iter().filter(|piece| is_mixed(piece)).count();
         if mixed == 0 || 4 * mixed > left {
@@ -184,7 +184,7 @@ fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> Clou
     CloudData { centers, shape, colors, alphas, shading_normals, clips, ..data }
 }
 
-/// Converts a splat's clip line to the coordinates of one of the splat's parts.
+/// Converts a splat's clip line to the (u, v) coordinates of one of the pieces that replace the splat.
 fn in_part(line: ClipLine, part: &Piece) -> ClipLine {
     let (a, b) = (f64::from(line.a), f64::from(line.b));
     let c = f64::from(line.c) + a * part.at.x + b * part.at.y;
@@ -266,7 +266,8 @@ fn direction(k: usize) -> DVec2 {
     DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64)
 }
 
-/// Finds clip lines along the contour where alpha falls below `level`, searching from the opaque centre outward.
+/// Finds clip lines along the contour at which alpha falls below `level`, and searches from the opaque centre outward.
+/// `alpha` returns alpha at a point in (u, v).
 fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> AlphaTest {
     let own = alpha(DVec2::ZERO);
     let crossing = |k: usize| {

@@ -1,5 +1,5 @@
 //! Transition splats: splats centred on the mesh edges between faces in different leaves of an octree. They hide the
-//! change from splats to polygons, or to finer splats, along these edges (decision 014, after G06 §5.2).
+//! change from splats to polygons, or to finer splats, along these edges (docs/decisions/014, after G06 §5.2).
 
 use super::geometry::Geometry;
 use crate::radii;
@@ -11,10 +11,10 @@ use surfel_math::basis::unit;
 /// both sides anyway, and a splat centred on a crease would protrude.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
-/// Largest mean number of edge splats per edge. The limits matter if edges reach far beyond the cubes of their leaves,
-/// as in a fan; a watertight surface has about two per edge.
-const MOST_ON_EDGE: u64 = 8;
-/// Number of edge splats that every mesh may have, regardless of [`MOST_ON_EDGE`].
+/// Largest mean number of edge splats per edge. This limit and [`FEW`] matter if edges reach far beyond the cubes of
+/// their leaves, as in a fan; a watertight surface has about two per edge.
+const MAX_ON_EDGE: u64 = 8;
+/// Number of edge splats that every mesh may have, regardless of [`MAX_ON_EDGE`].
 const FEW: u64 = 16_384;
 
 /// Splat centred on a mesh edge between two leaves of the octree.
@@ -34,21 +34,21 @@ struct LeafEdge {
     face: u32,
     /// Corner (0 to 2) of the face at which the edge starts.
     corner: usize,
-    /// Distance between the splats on the edge.
+    /// Distance between the splats on the edge, in object units.
     spacing: f64,
     /// Unit normal of the splats on the edge: the mean of the two faces' normals.
     between: DVec3,
 }
 
-/// Edges shared by one pair of the octree's leaves, and the splats on them.
+/// Edges shared by one pair of the octree's leaves, by their ends, and the splats centred on the edges.
 #[derive(Default)]
 pub(crate) struct Shared {
     pub(crate) edges: Vec<[DVec3; 2]>,
     pub(crate) splats: Vec<EdgeSplat>,
 }
 
-/// Finds the edges shared by each pair of leaves, in ascending order, and makes splats on them. `spacing_of` returns
-/// the distance between a leaf's splats.
+/// Finds the edges shared by each pair of leaves, and makes splats on them. Pairs of leaf indices are in ascending
+/// order. `spacing_of` returns the distance between a leaf's splats.
 pub(crate) fn shared_edges(
     geometry: &Geometry,
     corner_normals: &[[DVec3; 3]],
@@ -90,7 +90,7 @@ pub(crate) fn shared_edges(
         ((b - a).length() / edge.spacing).ceil().max(1.0) as u64
     };
     let counts: Vec<u64> = edges.iter().map(count_of).collect();
-    let most = most_each(&counts, FEW.max(MOST_ON_EDGE * counts.len() as u64));
+    let most = most_each(&counts, FEW.max(MAX_ON_EDGE * counts.len() as u64));
     let mut shared: BTreeMap<[u32; 2], Shared> = BTreeMap::new();
     for (LeafEdge { leaves, face, corner: k, spacing, between }, count) in edges.into_iter().zip(counts) {
         let [a, b] = ends(face, k);
@@ -116,8 +116,8 @@ pub(crate) fn shared_edges(
     shared
 }
 
-/// Returns the limit per count for which the sum of the limited counts is at most `limit`, as large as possible. The
-/// result is at least 1.
+/// Returns the largest number such that the sum of all counts, each reduced to at most that number, is at most `limit`.
+/// The result is at least 1, and `u64::MAX` if no count needs reduction.
 fn most_each(counts: &[u64], limit: u64) -> u64 {
     let mut sorted = counts.to_vec();
     sorted.sort_unstable();

@@ -13,7 +13,7 @@ use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, Splat
 const AGREE: f64 = 0.5;
 /// Largest factor by which a disk grows to cover the triangles around its vertex. Larger disks of long triangles would
 /// reach over borders.
-const MOST_GROWN: f64 = 2.0;
+const MAX_GROWN: f64 = 2.0;
 
 /// Converts the vertices of a mesh to points, with stored or angle-weighted normals, and with the colours of the mesh's
 /// texture and vertices. Vertices at the same position (texture seams) become one point if their normals agree within
@@ -26,7 +26,7 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     Ok(vertices(mesh)?.points)
 }
 
-/// Vertices of a mesh converted to points, with their origin in the mesh.
+/// Points made of a mesh's vertices, and the vertices from which they were made.
 struct Vertices {
     points: PointCloud,
     /// Index of the mesh vertex from which each point was made.
@@ -169,14 +169,14 @@ fn cover_triangles(
     if let Shape::Disks { radii, .. } = &mut data.shape {
         let own = radii.clone();
         for (i, reach) in grown {
-            radii[i] = radii[i].max(reach.min(MOST_GROWN * f64::from(own[i])) as f32);
+            radii[i] = radii[i].max(reach.min(MAX_GROWN * f64::from(own[i])) as f32);
         }
     }
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns the radius of a triangle's region nearest to the corner at the origin; `a` and `b` are the other two
-/// corners.
+/// Returns the radius of a corner's own region in a triangle: all points that are nearer to this corner than to the
+/// other two. The corner is the origin, and the other two are `a` and `b`.
 fn reach(a: DVec3, b: DVec3) -> f64 {
     let beyond = |x: DVec3, corner: DVec3| x.dot(corner) - 0.5 * corner.length_squared();
     let mut nearest = vec![DVec3::ZERO, a, b];

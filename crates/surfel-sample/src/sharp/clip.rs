@@ -1,4 +1,5 @@
-//! Clipping of a triangle's splat by the ridges that its ellipse crosses.
+//! Clipping of a triangle's splat by the ridges (creases and open edges) that its ellipse crosses. (u, v) are
+//! coordinates in a splat's plane, in units of its half-axes.
 
 use super::conic::Conic;
 use super::surface::normal_of;
@@ -13,24 +14,26 @@ use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 pub(crate) const REACH: f64 = 1.1;
 /// Largest size of a splat, relative to the ellipse through its triangle's corners, if a ridge bulges out of the
 /// triangle.
-const MOST_REACH: f64 = 1.6;
+const MAX_REACH: f64 = 1.6;
 /// Number of directions tried for a line that separates the triangle from a ridge beyond it.
 const DIRECTIONS: u32 = 64;
-/// Distance, in (u, v), from the edge of the splat's ellipse or from a clip line within which points count as outside.
+/// Distance, in units of the splat's half-axes, from the edge of its ellipse or from a clip line within which points
+/// count as outside.
 const SLACK: f64 = 1e-4;
-/// Sizes, relative to the triangle, to which a splat is cut back if it can't be clipped otherwise; the largest possible
-/// one is used. A disk of size [`REACH`] has no corner beyond twice the triangle's size.
+/// Sizes, relative to its triangle, to which a splat is cut back if it can't be clipped otherwise; the largest possible
+/// one is used. From about twice the triangle's size on, the enlarged triangle contains the whole splat ([`REACH`]).
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
 /// Smallest size of a splat that is cut back, relative to its triangle. Neighbours overlap by this margin. A sliver
 /// viewed edge-on may contain a pixel that its own filtered footprint just misses, and a neighbour must cover the
 /// pixel.
-const LEAST_CUT: f64 = 1.01;
-/// Number of directions from a splat's centre in which parts that protrude from the surface are searched.
+const MIN_CUT: f64 = 1.01;
+/// Number of directions from a splat's centre in which points of the splat that protrude from the surface are searched.
 const RING: u32 = 32;
-/// Distance, in (u, v), by which a clip line that would touch a visible part is moved away from it: many times the
-/// rounding of f32.
+/// Distance, in units of the splat's half-axes, by which a clip line is moved away from the area to be covered, so that
+/// they don't touch. It is many times the rounding of f32.
 const HAIR: f64 = 2e-5;
-/// Largest distance of a ridge's curve from its chord, in (u, v), at which a clip line replaces the clip curve.
+/// Largest distance of a ridge's curve from its chord, in units of the splat's half-axes, at which a clip line replaces
+/// the clip curve.
 const STRAIGHT_UV: f64 = 1e-3;
 /// Number of points at which a piece of a ridge is sampled.
 pub(crate) const PIECE_SAMPLES: usize = 9;
@@ -50,8 +53,8 @@ pub(crate) struct Border {
     pub normal: DVec3,
     /// True if the curve is its chord, a straight segment.
     pub is_straight: bool,
-    /// Distance, in object units, by which the splats of both sides overlap across the piece. Their planes don't meet
-    /// in it exactly.
+    /// Distance, in object units, by which the splats of both sides overlap across the piece, because their planes
+    /// don't meet exactly in the piece.
     pub overlap: f64,
 }
 
@@ -78,14 +81,14 @@ struct Piece {
 }
 
 impl Piece {
-    /// Returns one of the six coordinates of the two ends.
+    /// Returns one of the six coordinates of the two ends: x, y, z of the first one, then of the second one.
     fn coordinate(&self, k: usize) -> f64 {
         self.ends[k / 3][k % 3]
     }
 }
 
-/// Separate bounding boxes of the first and the second ends of some pieces. The spokes of a star share a small box at
-/// one end and are far apart at the other. The convex hull of both boxes contains the pieces.
+/// Bounding boxes of some pieces: one of their first ends, and one of their second ends. The convex hull of both boxes
+/// contains the pieces. Separate boxes fit the spokes of a star, which meet at one end and are far apart at the other.
 #[derive(Clone, Copy, Debug)]
 struct Ends {
     lo: [DVec3; 2],
@@ -101,7 +104,8 @@ impl Ends {
         })
     }
 
-    /// True if the hull of the boxes may meet a slab around `p`, given by the slab's unit normal and half of its width.
+    /// True if the hull of the boxes may meet a slab (the space between two parallel planes) centred on `p`. The slab
+    /// is given by its unit normal and half of its width.
     fn may_enter(&self, p: DVec3, (axis, half): (DVec3, f64)) -> bool {
         let side = |k: usize| {
             let (middle, size) = (self.lo[k].midpoint(self.hi[k]), 0.5 * (self.hi[k] - self.lo[k]));
@@ -198,8 +202,8 @@ pub(crate) struct ClippedSplat {
     pub t: DVec3,
     pub curve: Option<ClipCurve>,
     pub lines: [ClipLine; 4],
-    /// True if one curve and four lines couldn't exclude all other areas, so that the splat is cut back to about its
-    /// triangle.
+    /// True if one curve and four lines couldn't clip all that is beyond ridges or protrudes from the surface, so that
+    /// the splat is cut back to about its triangle.
     pub is_cut_back: bool,
 }
 
@@ -237,13 +241,13 @@ impl Clipper {
         conic.map(|p| self.uv(p).extend(0.0))
     }
 
-    /// True if a point in (u, v) is visible under the present clip, by more than [`SLACK`].
+    /// True if the lines and the curve so far leave a point in (u, v) visible, by more than [`SLACK`].
     fn keeps(&self, q: DVec2) -> bool {
         let by_lines = self.lines.iter().all(|[a, b, c]| a * q.x + b * q.y + c > SLACK);
         by_lines && self.curve.is_none_or(|curve| keeps_inside(&curve, q, SLACK))
     }
 
-    /// Adds a line that clips everything to the right of a→b.
+    /// Adds a line through `a` and `b`, in (u, v), that clips everything to the right of the direction from `a` to `b`.
     fn add_line_left_of(&mut self, a: DVec2, b: DVec2) {
         let n = (b - a).perp().normalize_or_zero();
         if n != DVec2::ZERO {
@@ -252,7 +256,7 @@ impl Clipper {
     }
 }
 
-/// True if a point is on the left of a flat curve, by more than `slack`.
+/// True if a point is on the left of a curve by more than `slack`; all are in (u, v).
 fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
     // The nearest of 33 points, and the side of the tangent there, are exact enough for a decision with slack.
     let at = |i: i32| curve.at(f64::from(i) / 32.0).truncate();
@@ -268,6 +272,10 @@ fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
 /// curve is projected into the splat's plane and extended along its own conic to the rim. A ridge beyond the triangle
 /// is excluded by a line between both, because the area beyond belongs to other splats. All clips are combined by
 /// "and".
+///
+/// `own` are the borders along the triangle's edges, and `region` is its smooth region. `scale` is a factor for the
+/// splat's size, and `margin` the distance, in object units, by which the splat must reach over the triangle's edges.
+/// `outside` returns true if a point protrudes from the surface by too much for a splat of the given radius.
 pub(crate) fn clip(
     corners: [DVec3; 3],
     own: [Option<usize>; 3],
@@ -288,7 +296,7 @@ pub(crate) fn clip(
         .flat_map(|border| border.conic.even_points(PIECE_SAMPLES))
         .map(|p| clipper.uv(p).length())
         .fold(1.0, f64::max);
-    let reach = (farthest * 1.05).clamp(REACH, MOST_REACH) * scale;
+    let reach = (farthest * 1.05).clamp(REACH, MAX_REACH) * scale;
     (clipper.s, clipper.t) = (s * reach, t * reach);
 
     // The most curved of the triangle's own ridges becomes the curve, and the others become lines.
@@ -358,7 +366,7 @@ pub(crate) fn clip(
     let stray = overhang(&clipper, &triangle, |p| outside(p, radius));
     // A splat that was moved out of its triangle's plane covers the step to its neighbours.
     let inradius = inradius(corners);
-    let least = LEAST_CUT.max(1.0 + margin / inradius.max(f64::MIN_POSITIVE));
+    let least = MIN_CUT.max(1.0 + margin / inradius.max(f64::MIN_POSITIVE));
     let covering: Vec<DVec2> = triangle.iter().map(|p| *p * least).chain(kept.iter().copied()).collect();
     clipper.keep_out(&covering, &by_angle(stray.clone()));
     if clipper.is_cut_back {
@@ -368,7 +376,8 @@ pub(crate) fn clip(
     clipper.finish()
 }
 
-/// Returns visible points of the splat, beyond its triangle, that protrude from the surface where it curves away.
+/// Returns visible points of the splat in (u, v), outside of its triangle, that protrude from the surface where the
+/// surface curves away.
 fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bool) -> Vec<DVec2> {
     let is_stray = |q: &DVec2| {
         let beyond = (0..3).any(|k| (triangle[(k + 1) % 3] - triangle[k]).perp_dot(*q - triangle[k]) < -SLACK);
@@ -406,9 +415,10 @@ fn nearest(points: &[DVec2]) -> f64 {
     points.iter().map(|q| q.length_squared()).fold(f64::INFINITY, f64::min)
 }
 
-/// Returns a line that leaves `kept` visible and excludes as many of the points as possible. Of the lines that separate
-/// both sets, it leaves the most of the disk visible. If no line separates the sets, it is the closest one that leaves
-/// `kept` visible. The second value is the gap between the sets, negative if they overlap.
+/// Returns a clip line that leaves the points `kept` visible and excludes as many of `points` as possible. If several
+/// lines separate both sets, the result is the one that leaves the most of the disk visible. If no line separates them,
+/// the result is the line for which the sets overlap least. The second value is the gap between the sets along the
+/// line's normal, negative if they overlap.
 fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     let mut best = ([0.0, 0.0, 1.0], f64::NEG_INFINITY, f64::NEG_INFINITY);
     // All directions around, and exactly those along the edges of both sets, because the sets may touch in a corner.
@@ -431,16 +441,18 @@ fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     (best.0, best.2)
 }
 
-/// Extends a flat conic inside the unit disk along itself, so that both ends are exactly on the rim.
+/// Extends a conic that is in (u, v), inside the unit disk, along itself, so that both ends are exactly on the rim.
+/// `None` if it can't be extended that far.
 fn lengthened(conic: &Conic) -> Option<Conic> {
     let start = 1.0 - to_rim(&conic.reversed())?;
     let end = to_rim(conic)?;
     let part = conic.part(start, end)?;
-    // The middle control point may be anywhere, but its weight must be bounded.
+    // The middle control point may be anywhere, but must be finite, and its weight bounded.
     (part.p2.is_finite() && part.w < 1e3).then_some(part)
 }
 
-/// Returns the parameter beyond 1 at which a conic that ends within the unit disk leaves the disk.
+/// Returns the parameter beyond 1 at which a conic in (u, v) that ends inside the unit disk leaves the disk. `None` if
+/// its end is outside, or if it doesn't leave the disk up to parameter 2.
 fn to_rim(conic: &Conic) -> Option<f64> {
     if conic.p3.length_squared() >= 1.0 {
         return None;
@@ -461,8 +473,8 @@ fn to_rim(conic: &Conic) -> Option<f64> {
 }
 
 impl Clipper {
-    /// Adds lines that exclude points (sorted by angle) and leave `kept` visible: one line if possible, else one line
-    /// for each half of the points.
+    /// Adds lines that exclude `points` (sorted by angle) and leave the points `kept` visible: one line if possible,
+    /// else one line for each half of `points`. Sets `is_cut_back` if that fails.
     fn keep_out(&mut self, kept: &[DVec2], points: &[DVec2]) {
         if points.is_empty() || points.iter().all(|q| !self.keeps(*q)) {
             return;
@@ -480,9 +492,9 @@ impl Clipper {
         }
     }
 
-    /// Cuts the splat back to its triangle, enlarged around the triangle's middle. The enlargement is the largest that
-    /// excludes `points`, but at least `least`, which leaves no gaps. The curve and the first `own` lines already are
-    /// edges of the triangle.
+    /// Cuts the splat back to its triangle, enlarged around the triangle's middle. The factor is the largest of
+    /// [`CUTS`] that excludes `points`, but at least `least`, which leaves no gaps. The curve and the first `own` lines
+    /// already are edges of the triangle.
     fn cut_to(&mut self, triangle: &[DVec2], own: usize, least: f64, points: &[DVec2]) {
         self.lines.truncate(own);
         let on_line = |[x, y, c]: &[f64; 3], p: DVec2| (x * p.x + y * p.y + c).abs() < 1e-9;
@@ -522,8 +534,9 @@ impl Clipper {
 mod tests {
     use super::*;
 
-    /// Counts the borders that the splats of a fan of `count` slivers are compared with. The two spokes at its ends are
-    /// far longer than the pieces of its rim. With creases, every spoke is a border, and every sliver a region.
+    /// Counts the borders that the splats of a fan of `count` slivers are compared with. The two spokes at the fan's
+    /// ends are far longer than the borders along its rim. With creases, every spoke is a border, and every sliver a
+    /// region.
     fn work_of_fan(count: u32, with_creases: bool) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();

@@ -9,25 +9,25 @@ use glam::{DMat3, DVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Fraction of an edge's squared length that is added to the squared error to order collapses. In flat areas the term
-/// makes the triangles even; elsewhere it is small relative to a chord's error.
+/// Fraction of an edge's squared length that is added to the squared error of its collapse; collapses are ordered by
+/// the sum. In flat areas the term makes the triangles even; elsewhere it is small relative to the error.
 const EVENNESS: f64 = 1e-5;
 /// Smallest cosine (about 45°) between a triangle's normals before and after a collapse.
-const LEAST_TURN: f64 = 0.7;
+const MIN_TURN: f64 = 0.7;
 /// Height of a triangle, relative to its longest edge, below which the triangle is a sliver. A collapse may make a
 /// triangle a sliver only if the triangle was more slender before.
 const SLIVER: f64 = 0.1;
-/// Largest length of an edge at first, relative to that of an even triangulation with the requested number of
-/// triangles. Larger splats would have too large a depth tolerance.
+/// Largest length of an edge in the first round, relative to the edges of an even triangulation with the requested
+/// number of triangles. Larger splats would have too large a depth tolerance.
 const LONGEST: f64 = 2.2;
-/// Largest error of a collapse, relative to the longest edge allowed in that round, until the last round. Flat parts
-/// thus get longer edges before a curved part loses its shape.
+/// Largest error of a collapse, relative to the longest edge allowed in the same round; the last round has no such
+/// limit. Flat parts thus get longer edges before a curved part loses its shape.
 const MAX_RELATIVE_ERROR: f64 = 0.01;
 /// Maximum number of rounds in which all edges are tried.
 const ROUNDS: usize = 8;
 /// Largest distance of a ridge from its triangle's edge, relative to the triangle's height, at which a collapse is
 /// accepted. The splat reaches a third of the height beyond the edge.
-const MOST_BULGE: f64 = 0.28;
+const MAX_BULGE: f64 = 0.28;
 
 /// Limits of a simplification by edge collapse.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,8 @@ pub(crate) struct Limits {
     pub crease_cos: f64,
 }
 
-/// Quadric error metric of a vertex: the sum of squared distances to planes, weighted by area.
+/// Quadric error metric of a vertex: the sum pᵀ·a·p + 2·b·p + c of the squared distances of a point p to planes. The
+/// distances are weighted by the areas of the planes' triangles, and `area` is the sum of these areas.
 #[derive(Clone, Copy)]
 struct Quadric {
     a: DMat3,
@@ -70,7 +71,8 @@ impl Quadric {
         if self.area > 0.0 { (sum / self.area).max(0.0) } else { 0.0 }
     }
 
-    /// Returns the position with the smallest error. A weak pull toward `middle` decides along flat directions.
+    /// Returns the position with the smallest error. Along directions in which the error doesn't change, it is the
+    /// position nearest to `middle`.
     fn best_near(&self, middle: DVec3) -> DVec3 {
         let pull = 1e-3 * self.area;
         let a = self.a + DMat3::from_diagonal(DVec3::splat(pull));
@@ -84,7 +86,7 @@ struct Candidate {
     keep: u32,
     remove: u32,
     target: DVec3,
-    /// Squared distance of the result from the original surface and its ridges.
+    /// Squared distance of the collapsed surface from the original surface and its ridges, in squared object units.
     error: f64,
     cost: f64,
 }
@@ -149,8 +151,8 @@ impl Collapser<'_> {
         let mut left = self.surface.faces.len();
         progress.stage("edges", left.saturating_sub(self.limits.faces) as u64);
         let mut largest = 0.0f64;
-        // Rejected collapses may have become possible. Longer edges are allowed only later, because a few large splats
-        // are better than too many.
+        // In each round, collapses rejected before may have become possible. Longer edges are allowed only in later
+        // rounds, because a few large splats are better than too many splats.
         for round in 1..=ROUNDS {
             let before = left;
             self.offer_all();
@@ -178,8 +180,8 @@ impl Collapser<'_> {
         }
     }
 
-    /// Collapses edges, cheapest first, until none is left or the next error is above `dearest`. Returns the largest
-    /// squared error, and true if `dearest` was reached.
+    /// Collapses edges, cheapest first, until none is left or the next error is above `dearest`. `left` is the number
+    /// of remaining triangles. Returns the largest squared error, and true if `dearest` was reached.
     fn round(&mut self, dearest: f64, left: &mut usize, progress: &dyn Progress) -> (f64, bool) {
         let mut largest = 0.0f64;
         while *left > self.limits.faces {
@@ -193,7 +195,8 @@ impl Collapser<'_> {
             if candidate.error > self.limits.error * self.limits.error || !self.is_feasible(&candidate) {
                 continue;
             }
-            // Quadrics dilute the error of a small part of their planes, so the new triangles' own distance decides.
+            // Quadrics average over planes, which hides the error of a small plane, so the new triangles' measured
+            // distance decides.
             let measured = self.measured(&candidate);
             if measured.cost > f64::from_bits(bits) * (1.0 + 1e-9) {
                 if measured.error <= self.limits.error * self.limits.error {
@@ -225,7 +228,7 @@ impl Collapser<'_> {
         self.surface.pieces.get(&edge(a, b)).copied()
     }
 
-    /// Returns the triangles at a vertex.
+    /// Returns the indices of the triangles at a vertex, without removed ones.
     fn faces_at(&self, v: u32) -> impl Iterator<Item = u32> {
         self.around[v as usize].iter().copied().filter(|face| self.alive[*face as usize])
     }
@@ -239,7 +242,8 @@ impl Collapser<'_> {
         all
     }
 
-    /// Orders two vertices by their number of triangles. The middle of a fan has as many as the fan.
+    /// Returns two vertices, the one with fewer triangles first. Its triangles are searched, because the vertex in the
+    /// middle of a fan may have thousands.
     fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
         if self.valences[a as usize] <= self.valences[b as usize] { (a, b) } else { (b, a) }
     }
@@ -308,7 +312,7 @@ impl Collapser<'_> {
         Some((beyond, piece))
     }
 
-    /// Returns the candidate with a measured error if it is larger than the present one. The measured error is the
+    /// Returns the candidate with its error raised to the measured one, if that is larger. The measured error is the
     /// largest distance of the new triangles' centroids and edge midpoints from the mesh.
     fn measured(&self, c: &Candidate) -> Candidate {
         let moves = c.target != self.position(c.keep);
@@ -344,7 +348,8 @@ impl Collapser<'_> {
         changed.chain(moved).all(|f| self.is_sound(c, f, merged))
     }
 
-    /// True if a triangle is well-shaped after the collapse, and its splat can be clipped.
+    /// True if a triangle is well-shaped after the collapse `c`, and its splat can be clipped. `merged` is the result
+    /// of [`Self::merged`] for the collapsed edge, if this is part of a ridge.
     fn is_sound(&self, c: &Candidate, face: u32, merged: Option<(u32, Piece)>) -> bool {
         let old = self.surface.faces[face as usize];
         let new = old.map(|v| if v == c.remove { c.keep } else { v });
@@ -352,7 +357,7 @@ impl Collapser<'_> {
         let before = self.surface.corners(old);
         let (normal, old_normal) = (normal_of(corners), normal_of(before));
         let (shape, old_shape) = (slenderness(corners), slenderness(before));
-        if normal.dot(old_normal) < LEAST_TURN || (shape.0 < SLIVER && shape.0 < old_shape.0) {
+        if normal.dot(old_normal) < MIN_TURN || (shape.0 < SLIVER && shape.0 < old_shape.0) {
             return false;
         }
         if shape.1 > self.longest && shape.1 > old_shape.1 {
@@ -375,7 +380,7 @@ impl Collapser<'_> {
             let bulge = even_points(&self.surface.line(&piece), 9).iter().map(off).fold(0.0, f64::max);
             let height = (opposite - from).reject_from_normalized(direction).length();
             curved += usize::from(bulge > self.limits.straight);
-            if bulge > self.limits.straight && bulge > MOST_BULGE * height {
+            if bulge > self.limits.straight && bulge > MAX_BULGE * height {
                 return false;
             }
         }
@@ -383,8 +388,9 @@ impl Collapser<'_> {
         curved <= 1
     }
 
-    /// True if the triangle across edge (a, b) still meets this one at less than the crease angle. Also true if the
-    /// collapse changes that triangle too.
+    /// True if, after the collapse `c`, the triangle `face` meets the triangle across its edge (a, b) at less than the
+    /// crease angle. `normal` is the new normal of `face`. Also true if the collapse changes the other triangle too, or
+    /// if there is none.
     fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
         let other = self.faces_at(self.by_triangles(a, b).0).find(|f| {
             let t = self.surface.faces[*f as usize];
@@ -396,7 +402,7 @@ impl Collapser<'_> {
         })
     }
 
-    /// Performs a collapse, and returns the number of removed triangles.
+    /// Performs a collapse, offers the changed edges again, and returns the number of removed triangles.
     fn apply(&mut self, c: &Candidate) -> usize {
         if let Some((beyond, piece)) = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove)) {
             self.surface.pieces.remove(&edge(c.keep, c.remove));
@@ -426,7 +432,7 @@ impl Collapser<'_> {
         self.valences[c.remove as usize] = 0;
         for other in self.neighbours(c.keep) {
             self.offer(c.keep, other);
-            // The next vertex of the ridge now has another piece on this side.
+            // The next vertex of the ridge has another piece on this side after the collapse.
             if self.piece(c.keep, other).is_some() {
                 for further in self.neighbours(other).into_iter().filter(|f| *f != c.keep) {
                     self.offer(other, further);
@@ -436,8 +442,9 @@ impl Collapser<'_> {
         removed
     }
 
-    /// Decrements the number of triangles at a vertex. Once most triangles in the vertex's list are removed ones, these
-    /// are deleted from the list. Otherwise every search at the middle of a fan would visit them.
+    /// Decrements the number of triangles at a vertex. Once most triangles in the vertex's list [`Self::around`] have
+    /// been removed from the mesh, the list is cleaned. Otherwise every search at the middle of a fan would visit
+    /// removed triangles.
     fn decrement_valence(&mut self, v: u32) {
         let valence = &mut self.valences[v as usize];
         *valence = valence.saturating_sub(1);

@@ -8,10 +8,11 @@ const SAMPLES: usize = 24;
 const TABLE: usize = 48;
 /// Smallest and largest weight of a fitted curve's middle control point.
 const WEIGHT: (f64, f64) = (0.05, 20.0);
-/// Number of steps of the minimisation in [`fit`], more than its four variables need.
+/// Number of steps of the minimisation in [`fit`]. It has four variables, for which fewer steps suffice.
 const STEPS: usize = 160;
 
-/// Rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
+/// Rational quadratic Bézier curve (C12 eq. 3): its ends `p1` and `p3`, which have weight 1, and its middle control
+/// point `p2` with weight `w`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Conic {
     pub p1: DVec3,
@@ -53,7 +54,8 @@ impl Conic {
     pub(crate) fn part(&self, t0: f64, t1: f64) -> Option<Self> {
         let homogeneous = |p: DVec3, w: f64| DVec4::from((p * w, w));
         let h = [homogeneous(self.p1, 1.0), homogeneous(self.p2, self.w), homogeneous(self.p3, 1.0)];
-        // The blossom: b(t, t) is the curve, and b(t0, t1) the part's middle control point.
+        // The blossom b of the homogeneous curve: b(t, t) is the curve's point at t, and b(t0, t1) the part's middle
+        // control point.
         let blossom =
             |s: f64, t: f64| h[0] * ((1.0 - s) * (1.0 - t)) + h[1] * ((1.0 - s) * t + s * (1.0 - t)) + h[2] * (s * t);
         let [a, b, c] = [blossom(t0, t0), blossom(t0, t1), blossom(t1, t1)];
@@ -104,8 +106,8 @@ pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     (0..count).map(point).collect()
 }
 
-/// Returns the largest distance between a polyline and its best parabola (least squares over P2). It is a quick
-/// estimate of a curve's error before the fit.
+/// Returns the largest distance between a polyline and the parabola between its ends that fits best by least squares.
+/// It is a quick estimate of the error of a fitted curve ([`fit`]).
 pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
     if line.len() < 3 {
@@ -132,8 +134,10 @@ pub(crate) struct Fit {
     pub errors: [f64; 2],
 }
 
-/// Fits a curve through the ends of a polyline (C12 §4). The fit starts with the parabola through the bisector's point,
-/// P2 = 2I − M with w = 1 (the paper's eq. 10 prints 2I + M), and minimises eq. 12 over P2 and ln w.
+/// Fits a curve through the ends of a polyline (C12 §4). The fit starts with a parabola (w = 1) through the point I at
+/// which the polyline meets the plane that bisects its chord. The parabola's middle control point is P2 = 2I − M, where
+/// M is the middle of the chord (the paper's eq. 10 prints 2I + M). The fit then minimises the error of eq. 12 over P2
+/// and ln w.
 ///
 /// The fit is deterministic and bounded. The result is the best curve found, so it is never worse than the start.
 pub(crate) fn fit(line: &[DVec3]) -> Fit {
@@ -170,8 +174,8 @@ fn bisector_point(line: &[DVec3]) -> DVec3 {
     crossings.min_by(|p, q| p.distance_squared(half).total_cmp(&q.distance_squared(half))).unwrap_or(half)
 }
 
-/// Minimises `cost` by the method of Nelder and Mead 1965, starting at zero with the given first steps. Returns the
-/// best point.
+/// Minimises `cost` by the method of Nelder and Mead 1965, starting at zero. `step` has the length of the first step
+/// along each variable. Returns the best point found.
 fn downhill(step: [f64; 4], cost: impl Fn(&[f64; 4]) -> f64) -> [f64; 4] {
     let mut simplex: Vec<([f64; 4], f64)> = (0..5)
         .map(|i| {

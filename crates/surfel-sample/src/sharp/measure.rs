@@ -11,7 +11,7 @@ use surfel_math::clip::Clip;
 
 /// Maximum number of points of the mesh at which distances to the splats are measured.
 const MESH_SAMPLES: usize = 40_000;
-/// Number of points per splat, along a spiral of even density, at which distances to the mesh are measured.
+/// Number of points per splat, evenly spread over its disk ([`spiral`]), at which distances to the mesh are measured.
 const SPLAT_SAMPLES: usize = 24;
 
 /// Errors of splats relative to their mesh; distances are in object units.
@@ -91,7 +91,8 @@ impl<'a> MeshIndex<'a> {
         }
     }
 
-    /// Returns the distance of a point from the mesh, positive on the outer side.
+    /// Returns the distance of a point from the mesh, positive on the outer side of the nearest triangle, negative
+    /// behind it.
     pub(crate) fn signed_distance(&self, p: DVec3) -> f64 {
         let Foot { distance, face, barycentric: [a, b, c] } = self.nearest(p);
         let [x, y, z] = self.geometry.corners(face);
@@ -99,12 +100,12 @@ impl<'a> MeshIndex<'a> {
         distance.copysign(out)
     }
 
-    /// Returns the triangle nearest to a point.
+    /// Returns the index of the triangle nearest to a point; 0 if the mesh has no triangles.
     pub(crate) fn face(&self, p: DVec3) -> u32 {
         self.nearest(p).face as u32
     }
 
-    /// Returns the colour of the mesh at the point nearest to `p`.
+    /// Returns the colour of the mesh, linear RGB and opacity, at the point nearest to `p`.
     pub(crate) fn color(&self, geometry: &Geometry, p: DVec3) -> [f32; 4] {
         let foot = self.nearest(p);
         geometry.color(foot.face, foot.barycentric)
@@ -163,7 +164,7 @@ impl<'a> SplatIndex<'a> {
         Self { splats, clips, boxes }
     }
 
-    /// Returns the distance of a point to the nearest splat, and calls `seen` for each splat compared.
+    /// Returns the distance of a point to the visible part of the nearest splat. Calls `seen` for each splat compared.
     fn distance(&self, p: DVec3, seen: &impl Fn()) -> f64 {
         let distance = |i: usize| {
             seen();
@@ -186,7 +187,7 @@ const HULL_CORNERS: usize = 8;
 /// lines. Corners may repeat. A sliver's disk may be thousands of times as wide as its visible part, so that the
 /// squares of crossing slivers would all overlap.
 fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
-    /// Slack for rounding when the square is clipped, relative to a line's coefficients.
+    /// Tolerance for rounding when a line clips the square, relative to the line's coefficients.
     const SLACK: f64 = 1e-9;
     let mut corners: Vec<V2<f64>> =
         [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(u, v)| V2::new(u, v)).into();
@@ -217,9 +218,10 @@ fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     })
 }
 
-/// Returns the distance of a point to the visible part of a splat. If the foot of the perpendicular on the plane is
-/// visible, the result is exact. Otherwise it is an upper bound. A segment leads from the nearest visible point of the
-/// spiral to the foot, and its farthest visible point is used.
+/// Returns the distance of a point to the visible part of a splat. If the foot of the perpendicular on the splat's
+/// plane is visible, the result is exact. Otherwise the result is an upper bound: the distance to a visible point on
+/// the segment that leads to the foot from the nearest visible point of [`spiral`]. The result is infinite if no point
+/// of the spiral is visible.
 fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 {
     let d = p - splat.center;
     let foot = V2::new(d.dot(splat.s) / splat.s.length_squared(), d.dot(splat.t) / splat.t.length_squared());

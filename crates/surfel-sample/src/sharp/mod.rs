@@ -34,21 +34,23 @@ use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid,
 pub use measure::SharpErrors;
 pub use points::{SharpPointsReport, sharpen_points};
 
-/// Largest distance of a ridge from its chord, relative to the largest side of the bounds, at which a line clips splats
-/// instead of a curve. It is a twentieth of a pixel in an image 1000 px wide.
+/// Largest distance of a ridge (a crease or open edge) from its chord at which a line clips splats instead of a curve.
+/// The distance is relative to the largest side of the mesh's bounding box. It is a twentieth of a pixel in an image
+/// 1000 px wide.
 const STRAIGHT: f64 = 5e-5;
 
-/// Smallest overlap of the splats on the two sides of a ridge, relative to the largest side of the bounds: 50 times the
-/// rounding of f32.
-const LEAST_OVERLAP: f64 = 5e-6;
+/// Smallest overlap of the splats on the two sides of a ridge (a crease or open edge), relative to the largest side of
+/// the mesh's bounding box: 50 times the rounding of f32.
+const MIN_OVERLAP: f64 = 5e-6;
 
-/// Largest distance of a splat from the mesh beyond its own triangle, relative to the largest side of the bounds. It is
-/// a quarter of a pixel in an image 1000 px wide. Splats farther away would be visible past silhouettes and are cut
-/// back.
+/// Largest distance of a splat from the mesh, beyond the splat's own triangle, relative to the largest side of the
+/// mesh's bounding box. It is a quarter of a pixel in an image 1000 px wide. Splats that protrude farther would be
+/// visible past silhouettes, and are cut back.
 const STRAY: f64 = 2.5e-4;
 
-/// Largest distance of a splat from the mesh, relative to the splat's radius. On a curved surface, splats must overlap
-/// to blend. A larger limit covers too much beyond a silhouette, and a smaller one makes facets visible.
+/// Largest distance of a splat from the mesh, relative to the splat's radius; the larger of this limit and [`STRAY`]
+/// counts. On a curved surface, splats must overlap to blend. A larger limit covers too much beyond a silhouette, and a
+/// smaller one makes facets visible.
 const STRAY_SHARE: f64 = 0.035;
 
 /// Options of the conversion of a mesh to clipped splats.
@@ -96,16 +98,17 @@ pub struct SharpReport {
     pub with_curve: usize,
     /// Number of splats clipped by lines, including those with a curve too.
     pub with_lines: usize,
-    /// Number of splats cut back to about their triangle, because one curve and four lines couldn't exclude all other
-    /// areas.
+    /// Number of splats cut back to about their triangle, because one curve and four lines couldn't clip all that is
+    /// beyond ridges or protrudes from the surface.
     pub cut_back: usize,
     /// Number of ridges (smooth chains of creases and open edges), and number of mesh edges in them.
     pub ridges: [usize; 2],
-    /// Mean distance between ridges and curves (C12 eq. 12), before and after fitting, in object units.
+    /// Mean distance between ridges and the curves that clip along them (C12 eq. 12), in object units: for the first
+    /// estimate of the curves, and after fitting.
     pub curve_errors: [f64; 2],
     /// Mean distance of curved ridges from the planes of the splats on both sides (C12 fig. 11), in object units. The
-    /// first value is for splats in their triangles' planes. The second one is for the result, in which planes are
-    /// moved to the ridge's mean height.
+    /// first value is for splats in the planes of their triangles. The second one is for the resulting splats, whose
+    /// planes are moved to the mean height of their ridges.
     pub mismatch: [f64; 2],
     /// Distances between the resulting splats and the mesh.
     pub errors: SharpErrors,
@@ -173,7 +176,7 @@ pub fn sharp_splats_from_mesh(
     }
     let Sides { mut borders, own, regions, curve_errors } = borders(&surface, straight);
     let stray = STRAY * surface.extent;
-    let (lifts, mismatch) = lift(&surface, &mut borders, &own, LEAST_OVERLAP * surface.extent);
+    let (lifts, mismatch) = lift(&surface, &mut borders, &own, MIN_OVERLAP * surface.extent);
     progress.stage("clips", surface.faces.len() as u64);
     let splats: Vec<ClippedSplat> = map_each(
         surface.faces.len(),
@@ -221,11 +224,13 @@ struct Sides {
     own: Vec<[Option<usize>; 3]>,
     /// Number of the smooth region of each triangle.
     regions: Vec<u32>,
-    /// Mean distance between ridges and curves (C12 eq. 12), before and after fitting.
+    /// Mean distance between ridges and the curves that clip along them (C12 eq. 12): for the first estimate, and after
+    /// fitting.
     curve_errors: [f64; 2],
 }
 
-/// Fits one curve to each piece of a ridge, and makes a border for the surface on either side.
+/// Fits one curve to each piece of a ridge, and makes a border for the surface on either side. Pieces within `straight`
+/// of their chord get the chord.
 fn borders(surface: &Surface, straight: f64) -> Sides {
     let regions = regions(surface);
     let mut pieces: Vec<_> = surface.pieces.iter().map(|(e, p)| (*e, *p)).collect();
@@ -300,11 +305,11 @@ fn regions(surface: &Surface) -> Vec<u32> {
     regions
 }
 
-/// Computes the distance by which each triangle's plane is moved along its normal, to the mean height of its own curved
-/// borders. These bulge out of the plane if the surface is curved across the ridge. Also returns the mean distance of
-/// the borders from the planes, before and after (C12 fig. 11). The remaining distance would open a gap between the two
-/// sides of a ridge, so both sides overlap by that distance. They overlap at least by `least_overlap`, which exceeds
-/// the rounding of f32 axes.
+/// Returns the distance by which each triangle's plane is moved along its normal, to the mean height of the triangle's
+/// own curved borders. Borders bulge out of the plane if the surface is curved across the ridge. The second value is
+/// the mean distance of the borders from the planes, before and after the move (C12 fig. 11). The remaining distance
+/// would open a gap between the two sides of a ridge, so both sides overlap by that distance. They overlap at least by
+/// `least_overlap`, which exceeds the rounding of f32 axes.
 fn lift(
     surface: &Surface,
     borders: &mut Borders,

@@ -24,32 +24,34 @@ const FLAT_NEIGHBOURS: usize = 12;
 /// Number of neighbours of a point among whose patches planes are searched. With this many, each of a corner's three
 /// faces has flat patches.
 const WIDE: usize = 112;
-/// Smallest number of flat patches that form a plane.
-const LEAST_ON_PLANE: usize = 4;
-/// Largest residual of a flat patch, relative to the median residual of the cloud, which measures noise. Noisy surfaces
-/// thus count as flat.
+/// Smallest number of flat patches ([`Patch`]) that form a plane ([`Plane`]).
+const MIN_ON_PLANE: usize = 4;
+/// Largest residual ([`PlaneFit::residual`]) of a flat patch, relative to the median residual of the cloud, which
+/// measures noise. Noisy surfaces thus count as flat.
 const NOISE_MARGIN: f64 = 2.0;
-/// Largest residual of a flat patch, relative to its extent, regardless of noise. It admits the bow of a curved
-/// surface.
+/// Largest residual ([`PlaneFit::residual`]) of a flat patch, relative to its extent, regardless of noise. The limit
+/// admits patches of a slightly curved surface.
 const BOW: f64 = 0.02;
-/// Largest angle between the normal of a flat patch and that of the plane it is assigned to, as a fraction of the
-/// crease angle. Planes whose normals differ by no more don't form an edge.
+/// Largest angle between the normals of a flat patch and of the plane to which the patch is assigned, as a fraction of
+/// the crease angle. Planes whose normals differ by no more don't form an edge.
 const SAME_SHARE: f64 = 0.625;
-/// Smallest ratio of an edge's angle to the spread of the normals on either side of the edge. The two halves of any
-/// bend have a ratio of 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
+/// Smallest ratio of the angle between two planes to the spread of the normals on either side ([`Plane::spread`]) at
+/// which the planes meet in an edge. The ratio is 3.5 for two halves of an even bend, and less for two caps of a
+/// sphere. It is 9 for an edge of 45° between faces with 5° of noise.
 const JUMP: f64 = 6.0;
 /// Smallest fraction of the angle between two planes that must remain at their edge if each side is assumed to continue
 /// its bend. Otherwise the surface is curved and has no edge.
 const AT_EDGE: f64 = 0.7;
-/// Smallest one-sidedness of a face at which it meets another face's plane in an edge. It is 1 if the whole face is on
-/// one side of the plane, and 0 if equal parts are on both sides.
+/// Smallest one-sidedness of a face at which it meets another face's plane in an edge. One-sidedness is 1 if the whole
+/// face is on one side of the plane, and 0 if equal parts are on both sides.
 const ONE_SIDED: f64 = 0.5;
-/// Distance from a plane, in point spacings, from which a patch counts fully for its side of the plane; nearer patches
-/// count less.
+/// Distance from a plane, in point spacings, from which a patch counts fully for its side of the plane
+/// ([`Plane::side_of`]); nearer patches count less.
 const SIDE_SPACINGS: f64 = 0.5;
-/// Distance from all planes, in point spacings, from which a point belongs to no plane.
+/// Distance of a point from all planes, in point spacings, from which the point belongs to none of them.
 const FAR_SPACINGS: f64 = 0.35;
-/// Distance from all planes, in median residuals, from which a point belongs to no plane.
+/// Distance of a point from all planes, in units of the cloud's median residual ([`PlaneFit::residual`]), from which
+/// the point belongs to none of them.
 const FAR_RESIDUALS: f64 = 4.0;
 
 /// Report of [`sharpen_points`].
@@ -59,7 +61,7 @@ pub struct SharpPointsReport {
     pub clipped: usize,
     /// Number of splats clipped by at least two lines, as at corners.
     pub corners: usize,
-    /// Number of splats that were moved onto a plane at an edge, and turned into it.
+    /// Number of splats next to an edge that were moved onto a plane and turned parallel to it.
     pub turned: usize,
 }
 
@@ -115,7 +117,8 @@ struct PlaneFit {
     spacing: f64,
 }
 
-/// Plane through `center` near a point, the weighted mean of flat patches with similar normals.
+/// Plane near a point: the weighted mean of flat patches with similar normals. It passes through `center` and has the
+/// unit normal `normal`.
 #[derive(Clone)]
 struct Plane {
     center: DVec3,
@@ -138,8 +141,9 @@ impl Plane {
         self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
     }
 
-    /// Extrapolates the direction of the patches' normals to the edge through `edge`. Returns the angle in radians,
-    /// from `across` toward `away`, by a linear fit over the distance from the edge along `outward`, in the plane.
+    /// Extrapolates the direction of the patches' normals to the edge that passes through `edge`. Returns the direction
+    /// as an angle in radians, from `across` toward `away`. A line is fitted to the patches' angles over their distance
+    /// from the edge along `outward`, a unit vector in the plane and perpendicular to the edge.
     fn angle_at_edge(&self, edge: DVec3, outward: DVec3, [across, away]: [DVec3; 2]) -> f64 {
         let count = self.members.len().max(1) as f64;
         let place = |patch: &Patch| (patch.center - edge).dot(outward);
@@ -153,7 +157,7 @@ impl Plane {
     }
 }
 
-/// Splat next to an edge, turned and clipped, in grid steps from the centre of all points.
+/// Splat next to an edge, turned and clipped. Its position is in grid steps from the centre of all points.
 #[derive(Clone, Debug)]
 struct Side {
     center: DVec3,
@@ -168,7 +172,7 @@ struct Side {
 struct Patches<'a> {
     points: &'a Neighbours,
     patches: Vec<Patch>,
-    /// Median over all points of the standard deviation of a neighbourhood from its plane.
+    /// Median over all points of [`PlaneFit::residual`], in grid steps.
     residual: f64,
     spacing: f64,
     crease_cos: f64,
@@ -204,7 +208,8 @@ impl<'a> Patches<'a> {
         Self { points, patches, residual, spacing, crease_cos: crease.cos(), same_cos: (SAME_SHARE * crease).cos() }
     }
 
-    /// Returns the planes around a point; an edge needs at least two.
+    /// Returns the planes around the point `slot`, found among the flat patches of its `wide` neighbours; an edge needs
+    /// at least two.
     fn planes(&self, slot: usize, wide: &[u32]) -> Vec<Plane> {
         let p = self.points.point(slot);
         let flat: Vec<Patch> = std::iter::once(slot)
@@ -241,7 +246,7 @@ impl<'a> Patches<'a> {
                 *total += weight;
                 members.push(*patch);
             }
-            let sound = |s: &(DVec3, DVec3, f64, Vec<Patch>)| s.3.len() >= LEAST_ON_PLANE && s.0 != DVec3::ZERO;
+            let sound = |s: &(DVec3, DVec3, f64, Vec<Patch>)| s.3.len() >= MIN_ON_PLANE && s.0 != DVec3::ZERO;
             let mean = |(normal, center, total, members): (DVec3, DVec3, f64, Vec<Patch>)| Plane {
                 center: p + center / total,
                 normal: unit(normal),
@@ -254,8 +259,8 @@ impl<'a> Patches<'a> {
         planes
     }
 
-    /// Returns the kind of edge in which two planes meet near the point; `None` if there is no edge. −1 is a convex
-    /// edge (each plane is behind the other), and 1 a concave one.
+    /// Returns the kind of edge in which two planes meet: −1 for a convex edge (each face is behind the other's plane),
+    /// 1 for a concave one. `None` if there is no edge.
     fn meet(&self, a: &Plane, b: &Plane) -> Option<f64> {
         let jump = a.normal.dot(b.normal).clamp(-1.0, 1.0).acos();
         if jump.cos() >= self.same_cos || jump < JUMP * a.spread.max(b.spread) {
@@ -288,8 +293,8 @@ impl<'a> Patches<'a> {
         after - before
     }
 
-    /// Returns the planes that clip the splats of plane `own`, with their visible sides, and the mode that combines the
-    /// clips.
+    /// Returns the planes that clip the splats of the plane with index `own`, and the mode that combines the clips.
+    /// Each plane comes with its visible side: 1 in front of it, −1 behind it.
     fn cuts<'b>(&self, planes: &'b [Plane], own: usize) -> (Vec<(&'b Plane, f64)>, ClipMode) {
         let meeting: Vec<(&Plane, f64)> = (0..planes.len())
             .filter(|i| *i != own)

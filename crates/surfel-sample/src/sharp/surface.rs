@@ -4,8 +4,8 @@ use crate::mesh::geometry::Geometry;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Cosine of 45°, the largest angle by which a ridge may turn at a vertex. Where it turns more sharply, the vertex is a
-/// corner.
+/// Cosine of 45°, the largest angle by which a ridge may turn at a vertex. At a vertex with a sharper turn, the ridge
+/// ends in a corner.
 const SHARP_TURN_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
 /// Mesh edge, as its two vertices in ascending order.
@@ -39,7 +39,7 @@ pub(crate) struct Surface {
     pub positions: Vec<DVec3>,
     pub faces: Vec<[u32; 3]>,
     pub kinds: Vec<Kind>,
-    /// Piece of a ridge along each crease and open edge, by the edge's vertices.
+    /// Piece of a ridge along each mesh edge that is a crease or open edge, by the edge's vertices.
     pub pieces: HashMap<Edge, Piece>,
     /// Smooth chains of creases and open edges, from corner to corner, as vertex indices. A loop starts and ends at the
     /// same corner.
@@ -55,8 +55,8 @@ pub(crate) fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
 
 impl Surface {
     /// Welds vertices in the same place, drops triangles without area, and finds the ridges. Ridges consist of edges at
-    /// which faces meet at more than the crease angle, and of edges without exactly one face on either side, wound
-    /// consistently.
+    /// which faces meet at more than the crease angle, of open edges, and of edges with more than two faces or with
+    /// inconsistent winding. `crease_cos` is the cosine of the crease angle.
     pub(crate) fn new(geometry: &Geometry, crease_cos: f64) -> Self {
         let weld = geometry.weld();
         let mut index = HashMap::new();
@@ -95,7 +95,8 @@ impl Surface {
         vertices.iter().map(|v| self.positions[*v as usize]).collect()
     }
 
-    /// Divides each triangle into four by the middles of its edges, `times` times, and finds the ridges again.
+    /// Divides each triangle into four at the middles of its edges, `times` times in succession, and finds the ridges
+    /// again.
     pub(crate) fn subdivide(&mut self, times: usize, crease_cos: f64) {
         for _ in 0..times {
             let mut middles = HashMap::new();

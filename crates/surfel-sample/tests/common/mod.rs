@@ -1,11 +1,11 @@
-//! Surfaces to sample, and a count of the splats over a point of a surface that shares no code with the crate.
+//! Surfaces to sample, and a count of the splats that cover a point of a surface, which shares no code with the crate.
 #![allow(dead_code, reason = "the conformance tests read it, too, and use a part")]
 
 use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::{Column3, PointCloud, SplatCloud};
 
-/// A linear congruential generator: the tests don't rely on the crate's own.
+/// Linear congruential generator of random numbers, so that the tests don't rely on the crate's own.
 pub(crate) struct Lcg(pub(crate) u64);
 
 impl Lcg {
@@ -26,7 +26,7 @@ pub(crate) fn points(positions: &[DVec3], normals: Option<&[DVec3]>) -> PointClo
     PointCloud { origin, positions, normals: normals.map(Column3::from_f64), ..PointCloud::default() }
 }
 
-/// Splats in buckets by centre.
+/// Splats of a cloud, sorted into cubes by their centres. The cubes are as wide as the largest splat's radius.
 pub(crate) struct Index<'a> {
     cloud: &'a SplatCloud,
     side: f64,
@@ -47,7 +47,8 @@ impl<'a> Index<'a> {
         (p / side).to_array().map(|x| x.floor() as i64)
     }
 
-    /// Returns the number of splats, and Σw, that the line through `x` along `n` meets on the same side of the surface.
+    /// Returns the number of splats that the line through `x` along `n` meets, and the sum of their weights there. Only
+    /// splats whose normals agree with `n` count.
     pub(crate) fn over(&self, x: DVec3, n: DVec3) -> (usize, f64) {
         let [a, b, c] = Self::key(x, self.side);
         let (mut count, mut sum) = (0, 0.0);
@@ -65,7 +66,8 @@ impl<'a> Index<'a> {
         (count, sum)
     }
 
-    /// Solves x + λn = p + u s + v t by Cramer's rule.
+    /// Returns the weight of splat `i` where the line along `n` through `x` meets it; `None` if the line misses it.
+    /// Cramer's rule solves x + λn = p + us + vt.
     fn weight(&self, i: usize, x: DVec3, n: DVec3) -> Option<f64> {
         let (s, t) = self.cloud.axes(i);
         let facing = s.cross(t).normalize().dot(n);
@@ -83,14 +85,15 @@ impl<'a> Index<'a> {
     }
 }
 
-/// True if every line of splat `i` leaves a point, given in its half-axes, visible.
+/// True if all clip lines of splat `i` leave the point (u, v) visible, which is given in units of the half-axes.
 pub(crate) fn keeps(cloud: &SplatCloud, i: usize, u: f64, v: f64) -> bool {
     let lines = cloud.data().clips.iter().flat_map(|clips| &clips.lines).flat_map(|lines| lines[i]);
     let mut lines = lines.filter(|line| !line.a.is_nan());
     lines.all(|line| f64::from(line.a) * u + f64::from(line.b) * v + f64::from(line.c) >= 0.0)
 }
 
-/// Shares of `places` (position, normal) under no splat and under at least two, and the median Σw.
+/// Number of places that no splat covers, fraction of places that at least two splats cover, and the median and the
+/// smallest sum of weights at a place.
 #[derive(Debug)]
 pub(crate) struct Coverage {
     pub(crate) holes: usize,

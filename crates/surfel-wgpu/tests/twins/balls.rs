@@ -1,11 +1,11 @@
-//! Kernels of balls and dots.
+//! Kernels (formulas that the tests compare) of balls and dots.
 
 use super::inputs::{Random, f32s};
 use super::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2};
 use surfel_math::Real;
 use surfel_math::ball::{BallHit, Outline, Rounded, segment};
 
-/// WGSL statement that makes an outline from the first four numbers.
+/// WGSL statement that makes an outline from the first four inputs.
 const OUTLINE: &str = "let o = Outline(vec2f(x0, x1), x2, x3);";
 
 fn outline<R: Real>(x: &[R]) -> Outline<R> {
@@ -36,7 +36,8 @@ fn hit_list<R: Real>(hit: BallHit<R>) -> Vec<R> {
     vec![hit.depth, hit.normal.x, hit.normal.y, hit.normal.z]
 }
 
-/// Returns an outline with these half extents, and a point at a multiple of its size.
+/// Returns the four numbers of an outline with half extents in the range `extents`, in pixels, and a point. The point's
+/// distance from the centre is a multiple, in the range `at`, of the outline's own distance in the same direction.
 fn point_of(random: &mut Random, extents: [f64; 2], at: [f64; 2]) -> Vec<f32> {
     let skew: f64 = random.range(-0.6, 0.6);
     let [a, b] = [random.range(extents[0], extents[1]), random.range(extents[0], extents[1])];
@@ -49,7 +50,7 @@ fn inside_or_outside(random: &mut Random) -> Vec<f32> {
     let at = if random.signed() < 0.0 { [0.1, 0.95] } else { [1.05, 3.0] };
     point_of(random, [0.1, 40.0], at)
 }
-/// Returns an outline that covers no pixel wholly, and a pixel that it touches.
+/// Returns an outline that covers no pixel wholly, and the upper left corner of a pixel that it touches.
 fn small(random: &mut Random) -> Vec<f32> {
     let mut x = point_of(random, [0.05, 0.55], [0.0, 1.2]);
     x[4] -= random.range(0.0, 1.0) as f32;
@@ -62,7 +63,7 @@ fn tiny(random: &mut Random) -> Vec<f32> {
     x[5] -= random.range(0.0, 1.0) as f32;
     x
 }
-/// Returns a large outline, and a pixel that its border crosses.
+/// Returns a large outline, and the upper left corner of a pixel that its border crosses.
 fn large(random: &mut Random) -> Vec<f32> {
     let mut x = point_of(random, [40.0, 400.0], [1.0, 1.0]);
     x[4] -= 0.5;
@@ -76,7 +77,7 @@ fn ball_and_offset(random: &mut Random, sizes: [f64; 2]) -> Vec<f32> {
     let by = size * random.range(0.05, 0.6);
     f32s(&[0.6 * random.signed(), 0.6 * random.signed(), size, by * cos, by * sin])
 }
-/// Returns the scale of a coverage: errors are those of the whole ellipse's area.
+/// Returns the size to which errors of a coverage are relative: that of the whole ellipse's area.
 fn area(x: &[f64], _: usize) -> f64 {
     16.0 * (x[0] * x[1])
 }

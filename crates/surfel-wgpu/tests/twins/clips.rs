@@ -1,4 +1,4 @@
-//! Kernels of clips, and of the rotations that filters apply to them.
+//! Kernels (formulas that the tests compare) of clips, and of the rotations that filters apply to them.
 
 use super::inputs::{self, Random, f32s};
 use super::kernels::{Kernel, coefficients, flag, splat, sum, v2, v3};
@@ -6,7 +6,7 @@ use surfel_math::clip::{Clip, Curve, Turn};
 use surfel_math::mapping::Linear;
 use surfel_math::{Real, V2, filter};
 
-/// WGSL statement that makes a clip from the first 23 numbers.
+/// WGSL statement that makes a clip from the first 23 inputs.
 const CLIP: &str = "let clip = Clip(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8), x9, array<Linear, 4>(
     Linear(x10, x11, x12), Linear(x13, x14, x15), Linear(x16, x17, x18), Linear(x19, x20, x21)), x22);";
 
@@ -78,7 +78,8 @@ fn adjust_terms(x: &[f64], group: usize) -> f64 {
     4.0 * scale / if (s - t).abs() > 1e-2 * s { (s - t).abs() / s } else { sine }
 }
 
-/// Scale of errors: products of a form's coefficients with the rotated gradients may cancel.
+/// Returns the size to which errors of an output group are relative. Products of a form's coefficients with the rotated
+/// gradients may cancel.
 fn through_terms(x: &[f64], group: usize) -> f64 {
     let first = [0, 3, 6, 9, 10, 13, 16, 19, 22][group];
     if matches!(group, 3 | 8) {
@@ -92,7 +93,7 @@ fn turned_terms(x: &[f64], _: usize) -> f64 {
     x.iter().fold(0.0f64, |a, b| a.max(b.abs())).powi(2)
 }
 
-/// Returns the forms of a curve and lines over the disk.
+/// Returns the 23 numbers of a clip with a curve, whose middle control point has this weight, and up to four lines.
 fn random_clip(random: &mut Random, weight: f64) -> Vec<f32> {
     let (theta1, theta3) = (random.range(0.0, 6.3), random.range(0.0, 6.3));
     let p2 = V2::new(random.signed() * 1.5, random.signed() * 1.5);

@@ -1,4 +1,4 @@
-//! Runs kernels on the first available adapter.
+//! Runs kernels, the formulas that the tests compare, on the first available adapter.
 
 use super::all;
 use super::kernels::Kernel;
@@ -30,7 +30,7 @@ impl Device {
         Some(Self { device, queue, module })
     }
 
-    /// Returns the outputs of a kernel, one sample after the other.
+    /// Runs a kernel on the device. Returns its outputs, one sample after the other.
     pub(crate) fn run(&self, kernel: &Kernel, inputs: &[Vec<f32>]) -> Vec<f32> {
         let bytes: Vec<u8> = inputs.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
         let size = (4 * kernel.outputs * inputs.len()) as u64;
@@ -72,7 +72,7 @@ impl Device {
     }
 }
 
-/// Returns the formulas and an entry point for each kernel.
+/// Returns the WGSL text of the formulas, and of an entry point for each kernel.
 fn text() -> String {
     let mut text = format!(
         "{WGSL}\n@group(0) @binding(0) var<storage, read> inputs: array<f32>;\n\

@@ -1,4 +1,5 @@
-//! Ordinary and adversarial inputs.
+//! Ordinary and adversarial inputs of kernels, the formulas that the tests compare. Lengths are in arbitrary units
+//! unless a comment states them.
 
 /// Pseudorandom numbers (splitmix64), seeded by a name so that kernels don't depend on each other.
 pub(crate) struct Random(u64);
@@ -32,7 +33,7 @@ impl Random {
         if self.next().is_multiple_of(2) { magnitude } else { -magnitude }
     }
 
-    /// Returns two axes of any length and angle.
+    /// Returns the six coordinates of two half-axes s and t of any length and angle.
     pub(crate) fn axes(&mut self) -> Vec<f32> {
         let (a, b) = (self.wild(6.0), 10f64.powf(self.range(-4.0, 0.0)));
         let (s, t) = (self.direction().map(|c| c * a), self.direction().map(|c| c * a * b));
@@ -70,7 +71,7 @@ pub(crate) fn cancelling(random: &mut Random) -> Vec<f32> {
     f32s(&[a, b, c, if random.signed() < 0.0 { d } else { -d }])
 }
 
-/// Returns a.x, a.y, b.x, b.y whose products with one another nearly cancel.
+/// Returns a.x, a.y, b.x, b.y with a.x·b.x ≈ ±a.y·b.y, so that sums of these products may nearly cancel.
 pub(crate) fn cancelling_pair(random: &mut Random) -> Vec<f32> {
     let x = cancelling(random);
     vec![x[0], x[2], x[1], x[3]]
@@ -84,33 +85,33 @@ fn matrix(random: &mut Random, major: f64, minor: f64) -> Vec<f32> {
     f32s(&[s[0], s[1], t[0], t[1], major * minor])
 }
 
-/// Returns a projected ellipse of 0.1 to 100 px.
+/// Returns an ellipse with a larger half-axis of 0.1 to 100 px, as the columns of its 2×2 matrix and the determinant.
 pub(crate) fn ellipse(random: &mut Random) -> Vec<f32> {
     let major = 10f64.powf(random.range(-1.0, 2.0));
     let minor = major * random.range(0.1, 0.9);
     matrix(random, major, minor)
 }
 
-/// Returns a projected ellipse of any size, including needles of aspect 1e6. Circles are excluded: their axes are
-/// arbitrary.
+/// Returns an ellipse like [`ellipse`], of any size, including needles of aspect 1e6. Circles are excluded: their axes
+/// are arbitrary.
 pub(crate) fn wild_ellipse(random: &mut Random) -> Vec<f32> {
     let major = random.wild(6.0).abs();
     let aspect = 10f64.powf(random.range(-6.0, -0.05));
     matrix(random, major, major * aspect)
 }
 
-/// Returns a circle of any size, up to rounding.
+/// Returns a circle like [`ellipse`], of any size, up to rounding.
 pub(crate) fn circle(random: &mut Random) -> Vec<f32> {
     let radius = random.wild(6.0).abs();
     matrix(random, radius, radius)
 }
 
-/// Returns the fields of a `Projected` over an [`ellipse`], and h.
+/// Returns the fields of a `Projected` whose half-axes project to an [`ellipse`], and the filter radius h.
 pub(crate) fn projected(random: &mut Random) -> Vec<f32> {
     fields(random, ellipse, |r| [0.3 * r.signed(), 0.3 * r.signed(), 0.02 * r.signed(), 0.02 * r.signed()], [0.5, 2.0])
 }
 
-/// Like [`projected`], with any size and slope that an ordinary splat may have.
+/// Returns inputs like [`projected`], with any size and slope that an ordinary splat may have.
 pub(crate) fn wild_projected(random: &mut Random) -> Vec<f32> {
     let slopes = |r: &mut Random| {
         let steep = 10f64.powf(r.range(-6.0, 2.0));
@@ -119,7 +120,8 @@ pub(crate) fn wild_projected(random: &mut Random) -> Vec<f32> {
     fields(random, wild_ellipse, slopes, [0.1, 10.0])
 }
 
-/// Like [`projected`], with any size but without needles: lengthening a needle's axes one by one makes them parallel.
+/// Returns inputs like [`projected`], of any size but without needles: lengthening a needle's axes one by one makes
+/// them parallel.
 pub(crate) fn sized_projected(random: &mut Random) -> Vec<f32> {
     let sized = |r: &mut Random| {
         let size = r.wild(6.0) as f32;
@@ -129,8 +131,8 @@ pub(crate) fn sized_projected(random: &mut Random) -> Vec<f32> {
     fields(random, sized, |r| [0.35 * r.signed(), 0.35 * r.signed(), 0.0, 0.0], [0.1, 10.0])
 }
 
-/// Returns the fields of a `Projected`, and h. h is clear of every length that a filter compares with it: on either
-/// side of a tie both results are right.
+/// Returns the fields of a `Projected`, and the filter radius h. h clearly differs from every length that a filter
+/// compares with it, since near a tie rounding may decide either way.
 fn fields(
     random: &mut Random,
     ellipse: fn(&mut Random) -> Vec<f32>,
@@ -153,12 +155,12 @@ fn fields(
     }
 }
 
-/// Returns p, s, t, n of a splat in front of the eye, tilted less than 80°.
+/// Returns p, s, t, n (centre, half-axes, normal) of a splat in front of the eye, tilted less than 80°.
 pub(crate) fn splat(random: &mut Random) -> Vec<f32> {
     splat_at(random, 1.0, 0.17)
 }
 
-/// Like [`splat`], at distances of 1e-5 to 1e5, including needles, to within 1e-4 of edge-on.
+/// Returns inputs like [`splat`], at distances of 1e-5 to 1e5, including needles, to within 1e-4 of edge-on.
 pub(crate) fn wild_splat(random: &mut Random) -> Vec<f32> {
     let scale = random.wild(5.0).abs();
     let cosine = 10f64.powf(random.range(-4.0, 0.0));
@@ -193,7 +195,7 @@ fn splat_at(random: &mut Random, scale: f64, least_cosine: f64) -> Vec<f32> {
     f32s(&x)
 }
 
-/// Returns a footprint's nine coefficients and an offset.
+/// Returns the nine coefficients of a footprint's three forms, and a pixel offset.
 pub(crate) fn footprint(random: &mut Random) -> Vec<f32> {
     let mut x = Vec::with_capacity(11);
     for constant in [0.0, 0.0, 1.0] {
@@ -204,7 +206,7 @@ pub(crate) fn footprint(random: &mut Random) -> Vec<f32> {
     f32s(&x)
 }
 
-/// Like [`footprint`], with coefficients that differ by many powers of ten.
+/// Returns inputs like [`footprint`], with coefficients that differ by many powers of ten.
 pub(crate) fn wild_footprint(random: &mut Random) -> Vec<f32> {
     let mut x = Vec::with_capacity(11);
     for constant in [0.0, 0.0, 1.0] {
@@ -219,7 +221,7 @@ pub(crate) fn forms(random: &mut Random) -> Vec<f32> {
     forms_of(&projected(random))
 }
 
-/// Like [`forms`], of any size.
+/// Returns inputs like [`forms`], of any size.
 pub(crate) fn wild_forms(random: &mut Random) -> Vec<f32> {
     forms_of(&wild_projected(random))
 }

@@ -1,4 +1,4 @@
-//! Formulas as functions of plain numbers, in WGSL and over `Real`.
+//! Kernels: formulas as functions of plain numbers, in WGSL and in Rust over `Real`.
 
 use super::inputs::{self, Random, f32s};
 use surfel_math::clip::Turn;
@@ -18,18 +18,23 @@ pub(crate) struct Kernel {
     pub inputs: usize,
     /// Number of outputs.
     pub outputs: usize,
-    /// Lengths of the vectors among the outputs.
+    /// Lengths of the output groups: each is a vector, or a number of its own.
     pub workgroups: &'static [usize],
     /// WGSL statements before the results.
     pub wgsl: &'static str,
     /// WGSL expressions of the results, separated by semicolons.
     pub results: &'static str,
+    /// Twin in f32.
     pub rounded: fn(&[f32]) -> Vec<f32>,
+    /// Twin in f64, whose results count as exact.
     pub exact: fn(&[f64]) -> Vec<f64>,
+    /// Generator of ordinary inputs.
     pub ordinary: fn(&mut Random) -> Vec<f32>,
+    /// Generator of inputs at which rounding matters.
     pub adversarial: fn(&mut Random) -> Vec<f32>,
-    /// Scale that defines an ulp of a group of outputs, for sums that may cancel or results as uncertain as their
-    /// inputs.
+    /// Function that returns the size to which errors of an output group are relative, from the inputs and the group's
+    /// index. It is for sums that may cancel, and for results as uncertain as their inputs. `None`: the group's largest
+    /// output.
     pub scale: Option<fn(&[f64], usize) -> f64>,
 }
 
@@ -99,7 +104,7 @@ pub(crate) fn splat<R: Real>(x: &[R]) -> ViewSplat<R> {
     ViewSplat { p: v3(x), s: v3(&x[3..]), t: v3(&x[6..]), n: v3(&x[9..]) }
 }
 
-/// Returns a `Projected` from its fields in order; h is the last input.
+/// Returns a `Projected` from its fields in order. The last input, which isn't read here, is the filter radius h.
 fn fields<R: Real>(x: &[R]) -> Projected<R> {
     Projected {
         j_s: v2(x),
@@ -309,12 +314,14 @@ fn depth_terms(x: &[f64], _: usize) -> f64 {
 fn depth_linear_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs() + (x[1] * x[5]).abs() + (x[2] * x[6]).abs()
 }
-/// Scale of errors: the gradient of w is a component of the plane's, which may be nearly parallel to the other axis.
+/// Returns the size to which errors of an output group are relative (see [`Kernel::scale`]). The gradient of w is a
+/// component of the plane's, which may be nearly parallel to the other axis.
 fn principal_terms(x: &[f64], group: usize) -> f64 {
     if group == 2 { x[7].hypot(x[8]) } else { 0.0 }
 }
 
-/// Scale of errors: the exponent's rounding error is multiplied by the exponent's size.
+/// Returns the size to which errors of an output group are relative (see [`Kernel::scale`]). The exponent's rounding
+/// error is multiplied by the exponent's size.
 fn weight_terms(x: &[f64], _: usize) -> f64 {
     kernel::weight(x[0], x[1]) * (1.0 + x[0] * x[1])
 }

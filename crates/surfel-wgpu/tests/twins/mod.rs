@@ -15,7 +15,7 @@ use kernels::Kernel;
 use std::collections::BTreeSet;
 use surfel_shaders::TWINS;
 
-/// Returns all kernels.
+/// Returns all kernels: the formulas that are compared.
 fn all() -> impl Iterator<Item = &'static Kernel> {
     kernels::KERNELS.iter().chain(balls::KERNELS).chain(clips::KERNELS).chain(surfaces::KERNELS)
 }
@@ -23,14 +23,15 @@ fn all() -> impl Iterator<Item = &'static Kernel> {
 /// Number of samples of each kind of input.
 const SAMPLES: usize = 2048;
 
-/// Largest error of a kernel's outputs, in ulp of its result's scale.
+/// Largest error of a kernel's outputs, in ulp of the scale of its result, and the number of the sample that has it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Error {
     ulp: f64,
     sample: usize,
 }
 
-/// Returns the largest error of `got` against f64. Samples whose exact result is infinite or NaN are skipped.
+/// Returns the largest error of the outputs `got` against the kernel's results in f64. Samples whose exact result is
+/// infinite or NaN are skipped.
 fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
     let mut worst = Error::default();
     for (i, (x, got)) in inputs.iter().zip(got.chunks_exact(kernel.outputs)).enumerate() {

@@ -1,4 +1,5 @@
-//! Kernels of triangles, slopes of planes, the shaders `toon`, `matcap` and `edl`, and trained Gaussians.
+//! Kernels (formulas that the tests compare) of triangles, slopes of planes, the shaders `toon`, `matcap` and `edl`,
+//! and trained Gaussians.
 
 use super::inputs::{self, Random, f32s};
 use super::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
@@ -6,7 +7,7 @@ use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
 use surfel_math::{Real, V2, V3, depth, eye_dome, facing, gaussian, matcap, shadow, srgb, toon, triangle};
 
-/// WGSL statement that makes a triangle from the first twelve numbers.
+/// WGSL statement that makes a triangle from the first twelve inputs.
 const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), \
  vec3f(x9, x10, x11));";
 
@@ -49,9 +50,10 @@ fn back_normal<R: Real>(x: &[R]) -> Vec<R> {
     let V3 { x, y, z } = facing::back_normal(v3(x), x[3], v3(&x[4..]));
     vec![x, y, z]
 }
-/// Returns a normal, its splat's cosine and a direction to the eye.
+/// Returns a shading normal, the cosine of the angle between a back-facing splat's normal and the direction to the eye,
+/// and that direction.
 fn at_a_rim(random: &mut Random) -> Vec<f32> {
-    let cosine = [random.range(0.0, 0.25), random.range(0.26, 1.0)][usize::from(random.signed() < 0.0)];
+    let cosine = [random.range(0.0, 0.173), random.range(0.174, 1.0)][usize::from(random.signed() < 0.0)];
     f32s(&[random.direction().to_vec(), vec![-cosine], random.direction().to_vec()].concat())
 }
 fn smoothstep<R: Real>(x: &[R]) -> Vec<R> {
@@ -99,7 +101,7 @@ fn gaussian_inputs(random: &mut Random) -> Vec<f32> {
     x.extend([if random.signed() < 0.0 { 2.0 } else { 1e30 }, 20.0 * random.signed(), 20.0 * random.signed()]);
     f32s(&x)
 }
-/// Scale of errors: sums of products may cancel.
+/// Returns the size to which errors of an output group are relative. Sums of products may cancel.
 fn gaussian_terms(x: &[f64], group: usize) -> f64 {
     let [dx, dy] = [x[11].abs(), x[12].abs()];
     let sum = |f: &[f64]| f[0].abs() * dx + f[1].abs() * dy + f.get(2).map_or(0.0, |c| c.abs());
@@ -116,7 +118,8 @@ fn limited_color<R: Real>(x: &[R]) -> Vec<R> {
 fn distortion_depth<R: Real>(x: &[R]) -> Vec<R> {
     vec![gaussian::distortion_depth(x[0])]
 }
-/// Scale of errors: products of unit vectors may cancel, the more the nearer the view direction is to straight down.
+/// Returns the size to which errors of an output are relative. Products of unit vectors may cancel, the more the nearer
+/// the view direction is to straight down.
 fn ball_terms(x: &[f64], _: usize) -> f64 {
     1.0 / v3(&x[3..]).cross(v3(&x[6..])).length().max(1e-9)
 }
@@ -140,16 +143,17 @@ fn slope_allowance(x: &[f64]) -> Vec<f64> {
 fn step_allowance(x: &[f64]) -> Vec<f64> {
     [PERSPECTIVE, ORTHOGRAPHIC].map(|p| depth::step_allowance(x[0], V2::new(x[1], x[2]), &p)).to_vec()
 }
-/// Scale of errors: the rounding error of a position.
+/// Returns the size to which errors of the outputs are relative: that of the position, which is rounded.
 fn taps_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs()
 }
-/// Returns a position clear of whole texels from a texel's middle: on either side of a tie both results are right.
+/// Returns a position in texels that isn't near the middle of a texel, since rounding may there decide either way.
 fn texel(random: &mut Random, size: f64) -> Vec<f32> {
     f32s(&[(size * random.signed()).floor() + 0.5 + random.range(0.01, 0.99)])
 }
 
-/// Scale of errors: ratio of the largest term of the edge values, which may cancel, to their sum.
+/// Returns the factor by which errors grow: the sum of the absolute terms of the edge values, which may cancel, over
+/// the sum of the values.
 fn edge_terms(x: &[f64]) -> f64 {
     let edge = |i: usize| [x[i], x[i + 1] * x[12], x[i + 2] * x[13]];
     let terms: f64 = [0, 3, 6].into_iter().flat_map(edge).map(f64::abs).sum();
@@ -171,11 +175,11 @@ fn interpolate_terms(x: &[f64], _: usize) -> f64 {
 fn depth_terms(x: &[f64], _: usize) -> f64 {
     (0..3).map(|i| (x[i + 9] * x[i + 12]).abs()).sum()
 }
-/// Scale of errors: depth and tolerance of either sign may cancel.
+/// Returns the size to which errors of the output are relative. Depth and tolerance of either sign may cancel.
 fn nearness_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs().max(x[1].abs())
 }
-/// Scale of errors: the denominator n·p may cancel.
+/// Returns the size to which errors of the outputs are relative. The terms of the denominator n·p may cancel.
 fn plane_terms(x: &[f64], _: usize) -> f64 {
     let (p, n) = (v3(x), v3(&x[3..]));
     let terms: f64 = (0..3).map(|i| (x[i] * x[i + 3]).abs()).sum();
@@ -183,7 +187,8 @@ fn plane_terms(x: &[f64], _: usize) -> f64 {
     let g = depth::plane_gradient(p, n, &PERSPECTIVE);
     g.length() * (terms / steep)
 }
-/// Scale of errors: steps are steep, and multiply the rounding error of x by their slope.
+/// Returns the size to which errors of a step are relative: its slope, by which the step multiplies the rounding error
+/// of its argument.
 fn steep(_: &[f64], _: usize) -> f64 {
     1.5 / 0.04
 }
@@ -219,7 +224,7 @@ fn wild_point_and_normal(random: &mut Random) -> Vec<f32> {
     let n = random.direction();
     f32s(&[2.0 * z * random.signed(), 2.0 * z * random.signed(), z, n[0], n[1], n[2]])
 }
-/// Returns a number between 0 and 1, where the steps' transitions are.
+/// Returns a number between 0 and 1, the range in which `toon` has its steps.
 fn share(random: &mut Random) -> Vec<f32> {
     f32s(&[random.range(0.0, 1.0)])
 }

@@ -14,7 +14,7 @@ pub use super::RADIUS;
 pub use cache::{FileState, NodeCache};
 pub use hierarchy::{Copc, CopcNode, LevelValues, NodeColumns, NodePoints, PointFilter};
 pub use write::{
-    CopcOptions, CopcReport, LEAST_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
+    CopcOptions, CopcReport, MIN_MEMORY, PointSplat, Prepare, resume_folder, save_copc, save_temporary_copc,
 };
 
 use crate::format::Format;

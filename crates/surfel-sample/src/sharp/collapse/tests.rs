@@ -7,7 +7,7 @@ use crate::mesh::geometry::Geometry;
 use glam::Vec3;
 use surfel_model::{Column3, Mesh};
 
-/// Returns a disc with a border of `n` edges, in rings.
+/// Returns a flat disc of radius 1: a vertex in the middle, and `rings` circles of `n` vertices around it.
 fn disc(n: u32, rings: u32) -> Mesh {
     let (mut positions, mut triangles) = (vec![Vec3::ZERO], Vec::new());
     for ring in 1..=rings {
@@ -57,7 +57,7 @@ fn collapse_leaves_each_triangle_one_curved_ridge_that_its_splat_reaches() {
     assert_eq!(border, 64);
 }
 
-/// Returns the disc as a lid on a wall `height` high; the whole border is a crease.
+/// Returns [`disc`] as a lid on a wall that is `height` high; the whole border of the disc is a crease.
 fn lidded(n: u32, rings: u32, height: f32) -> Mesh {
     let mut mesh = disc(n, rings);
     let mut positions = mesh.positions.high().to_vec();

@@ -8,7 +8,7 @@ const OTHER_BYTES: u64 = 64 << 20;
 /// Record size, in bytes, that [`HELD_POINT_BYTES`] includes.
 const USUAL_POINT_BYTES: u64 = 64;
 /// Minimum memory of a conversion, in bytes: the memory of one part.
-pub const LEAST_MEMORY: u64 = 200 << 20;
+pub const MIN_MEMORY: u64 = 200 << 20;
 
 /// Limits on the points per grid cell, per part, in memory, and between two saved states.
 #[derive(Clone, Copy)]

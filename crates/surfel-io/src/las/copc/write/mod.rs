@@ -37,7 +37,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use surfel_model::TableColumns;
 
-pub use limits::LEAST_MEMORY;
+pub use limits::MIN_MEMORY;
 pub use parts::{PointSplat, Prepare};
 
 /// Summary of a written COPC file.
@@ -58,7 +58,7 @@ pub struct CopcReport {
 pub struct CopcOptions {
     /// True if an existing output is replaced.
     pub overwrite: bool,
-    /// Approximate memory to use, in bytes; at least [`LEAST_MEMORY`].
+    /// Approximate memory to use, in bytes; at least [`MIN_MEMORY`].
     pub memory: u64,
     /// True if progress is saved in the folder `OUTPUT.resume`, and an interrupted conversion of the same inputs
     /// continues from there. The folder is removed once the output exists. An existing shard of the same inputs isn't

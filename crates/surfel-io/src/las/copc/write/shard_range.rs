@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::ops::{Range, RangeInclusive};
 
 /// Maximum number of octants over which the inputs' bounds are spread, to estimate the number of points in each.
-const MOST_OCTANTS: i64 = 1 << 22;
+const MAX_OCTANTS: i64 = 1 << 22;
 
 /// Minimum and maximum corner, in units of the grid.
 type Bounds = [[i64; 3]; 2];
@@ -70,7 +70,7 @@ impl ShardRange {
             let all = range.bounds.iter().flatten().map(|b| range.octants(b, level).map(long).iter().product());
             all.fold(0_i64, i64::saturating_add)
         };
-        while level > 0 && octants(level) > MOST_OCTANTS {
+        while level > 0 && octants(level) > MAX_OCTANTS {
             level -= 1;
         }
         range.parts = range.stretch(level, [index, count], inputs);
