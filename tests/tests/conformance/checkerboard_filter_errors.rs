@@ -22,7 +22,7 @@ fn filter_errors_on_a_checkerboard_are_the_models_table() {
             // Half of the table's last digit, and a little more. The far band is 18 rows high, and without a filter it
             // is pure aliasing: starting it a row later, or adding a row, changes it by up to 0.005.
             let tolerance = if *name == "none" && band == 0 { 0.006 } else { 0.001 };
-            assert!((g - w).abs() <= tolerance, "{name}: {got:?}, the model says {want:?}");
+            assert!((g - w).abs() <= tolerance, "{name}: {got:?}, decision 017 has {want:?}");
         }
     }
     let far = |name: &str| measured.iter().find(|m| m.0 == name).unwrap().1[0];
