@@ -77,7 +77,8 @@ impl Random {
     }
 }
 
-/// Largest distance, in pixels, from the curve to the first pixel of a block that is chosen beside the curve.
+/// Largest offset along each axis, in pixels, between a point of the curve and the first pixel of a block beside the
+/// curve.
 const NEAR_PX: f64 = 1e-4;
 
 /// Returns the pixel offset at which a footprint has the coordinates (u, v) = `q`.
@@ -215,8 +216,8 @@ fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u
     );
 }
 
-/// Returns two masks of the block's pixels: pixels of the disk that pass the implicit test in f64, and all pixels of
-/// the disk.
+/// Returns two masks of the block's pixels: pixels that pass the implicit test in f64, inside of the disk or not, and
+/// pixels inside of the disk.
 fn truth(pair: &Pair) -> [u64; 2] {
     let wide = |l: &Linear<f32>| Linear { c: f64::from(l.c), x: f64::from(l.x), y: f64::from(l.y) };
     let Footprint { u, v, w } = &pair.footprint;

@@ -13,8 +13,8 @@ fn cell_depth(pixel: vec2i) -> f32 {
 }
 
 // Numbers of the words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the
-// pixel's depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface (Σw isn't 0). In frames
-// whose edges are sampled, the last word is 1 if the pixel is sampled.
+// pixel's depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface (Σw is at least
+// LEAST_WEIGHT). In frames whose edges are sampled, the last word is 1 if the pixel is sampled.
 const EDGE_THRESHOLD: u32 = 0u;
 const EDGE_EPSILON: u32 = 1u;
 const EDGE_COVERAGE: u32 = 2u;
@@ -44,7 +44,7 @@ fn edge_threshold_of(pixel: vec2u) -> vec2f {
     return vec2f(planes[edge_word(EDGE_THRESHOLD, pixel)], planes[edge_word(EDGE_EPSILON, pixel)]);
 }
 
-// True if a pixel has a surface, which means that Σw isn't 0.
+// True if a pixel has a surface, which means that Σw is at least LEAST_WEIGHT.
 fn has_cell_surface(pixel: vec2u) -> bool {
     return planes[edge_word(EDGE_SURFACE, pixel)] > 0.0;
 }

@@ -1,7 +1,7 @@
-// The last pass of the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records pass
-// through workgroup memory in batches, twice. The first loop finds the depth threshold of each pixel, the second sums
-// attributes up to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records are
-// defined in cells.wgsl.
+// Drawing of sorted pairs in the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records
+// pass through workgroup memory in batches, twice. The first loop finds the depth threshold of each pixel, the second
+// sums attributes up to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records
+// are defined in cells.wgsl.
 
 // Number of records of a batch, which a workgroup reads at a time.
 const BATCH: u32 = 92u;
@@ -13,8 +13,8 @@ const BLOCK_COLUMNS: u32 = 8u;
 const BLOCK_ROWS: u32 = 4u;
 // Number of blocks of a cell.
 const CELL_BLOCKS: u32 = 8u;
-// Largest number of pixels in the cell of a small splat's box. Two invocations visit the pixels of a small splat.
-// Larger splats are visited by the pixels of each block that they touch.
+// Largest number of pixels of a cell that the box of a small splat contains. Two invocations visit the pixels of a
+// small splat. Larger splats are visited by the pixels of each block that they touch.
 const SMALL_SPLAT_PX: u32 = 64u;
 // Bit of `staged_boxes` that marks a small splat.
 const IS_SMALL: u32 = 0x80000000u;

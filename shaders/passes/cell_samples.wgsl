@@ -26,7 +26,8 @@ fn cell_reach(pixel: vec2u) -> Reach {
     return reach;
 }
 
-// Finds sampled pixels, and the cells that contain one. Each invocation tests a pixel.
+// Finds sampled pixels, and the cells that contain one. Each invocation compares a pixel with the four neighbours that
+// share a side with it.
 @compute @workgroup_size(8, 8)
 fn cell_steps(
     @builtin(global_invocation_id) id: vec3u,

@@ -37,7 +37,8 @@ const SCANNED_GROUPS: u32 = 0u;
 const SCANNED_DIGITS: u32 = 1u;
 const SCANNED_ACTIVE: u32 = 2u;
 
-// A chunk that may touch the tile. One workgroup sets up its splats, and their records form a group.
+// A chunk that may touch the tile. One workgroup sets up its splats, and their records form a group. If the application
+// places the splats, several workgroups divide the chunk, and each has its own group.
 struct CellChunk {
     // View position of the chunk's origin.
     center: vec3f,
@@ -46,7 +47,7 @@ struct CellChunk {
     // Index in the segment of the chunk's first splat, and number of its splats.
     first: u32,
     count: u32,
-    // Index of the chunk among the segment's chunks, and of its group among all groups.
+    // Index of the chunk among the segment's chunks, and of its first group among all groups.
     chunk: u32,
     group: u32,
 }
@@ -94,8 +95,8 @@ struct CellRound {
 @group(1) @binding(42) var<storage, read_write> cell_counters: array<CellCounters>;
 // Chunks of the segment that may touch the tile.
 @group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
-// Records that the host has set up, of splats at the near plane, one after another: RECORD_PARTS elements each, in a
-// frame with clipped splats followed by the two clips.
+// Records of splats that reach the near plane, which the host has set up, one after another: RECORD_PARTS elements
+// each, in a frame with clipped splats followed by the two clips.
 @group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
 @group(1) @binding(45) var<uniform> cell_round: CellRound;
 // Numbers to scan. Counts of digits are stored digit by digit, and for each digit block by block.
@@ -400,8 +401,8 @@ fn near_record(at: u32) -> Record {
     );
 }
 
-// Copies a record of a splat at the near plane into its group: the record of invocation i of workgroup `number`. The
-// record has `parts` parts. Returns the index of the copy, or ABSENT if there is none.
+// Copies a record of a splat that reaches the near plane into its group: the record of invocation i of workgroup
+// `number`. The record has `parts` parts. Returns the index of the copy, or ABSENT if there is none.
 fn copy_near_record(number: u32, i: u32, parts: u32) -> u32 {
     let index = number * CELL_WORKGROUP + i;
     var record: Record;
@@ -413,7 +414,7 @@ fn copy_near_record(number: u32, i: u32, parts: u32) -> u32 {
     return write_group(frame.cell_chunk_count + number, i, record, is_there);
 }
 
-// Copies the records of splats at the near plane, which the host has set up, into groups after those of chunks.
+// Copies the records of splats that reach the near plane, which the host has set up, into groups after those of chunks.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
@@ -423,7 +424,7 @@ fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     _ = copy_near_record(number, i, RECORD_PARTS);
 }
 
-// Copies the records of splats at the near plane with their clips, in a frame with clipped splats.
+// Copies the records of splats that reach the near plane with their clips, in a frame with clipped splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);

@@ -14,7 +14,7 @@
 // Depth buffer of the layer's visibility pass: its reversed depth threshold, 0 without one.
 @group(1) @binding(20) var layer_threshold: texture_depth_2d;
 
-// Arguments of an indirect draw of transparent splats, in the layout of the graphics API.
+// Arguments of an indirect draw of records, in the layout of the graphics API.
 struct DrawArguments {
     vertices: u32,
     instances: u32,
@@ -22,8 +22,8 @@ struct DrawArguments {
     first_instance: u32,
 }
 
-// Indirect draws of transparent splats, which all layers use. Their instance counts become 0 after the last layer with
-// fragments.
+// Indirect draws of the records of each segment and of splats that reach the near plane. All layers use those of
+// transparent splats. The instance counts become 0 after the first layer without fragments.
 struct LayerDraws {
     // 1 if any pixel has a depth threshold in the current layer. Where a pixel has none, no fragment can lie behind the
     // layer.
@@ -159,8 +159,8 @@ fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     }
 }
 
-// Runs between two layers. If no fragments remain, sets the instance counts of all further draws to 0; otherwise counts
-// the layer.
+// Runs between two layers. If the layer just drawn has no fragments, sets the instance counts of all draws to 0;
+// otherwise counts the next layer.
 @compute @workgroup_size(8, 8)
 fn next_layer(@builtin(global_invocation_id) id: vec3u) {
     if id.x + id.y > 0u {

@@ -1,6 +1,7 @@
 // Finds the nearest splat in each pixel (rendering model §5, planes). Fragments that add their attributes to sums are
-// drawn once more with a depth buffer, and write the numbers of their draw and record. A draw is a call that draws a
-// segment's records. A record is a splat as set up for a tile (types.wgsl).
+// drawn once more with a depth buffer, and write the numbers of their draw and record. A draw is all calls that draw
+// the records of a segment, or of the splats that reach the near plane and are drawn by the same pipelines. A record is
+// a splat as set up for a tile (types.wgsl).
 
 // AttributeVertex with the index of the record and the number of the draw.
 struct NearestVertex {

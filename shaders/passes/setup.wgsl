@@ -4,8 +4,8 @@
 
 // Chunks of the segment.
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
-// Bits of the splats of chunks that reach the near plane, eight words per chunk from Chunk.state on. Bit i is set if
-// the CPU sets up splat i of the chunk.
+// Bits of the splats of those chunks in which some splat reaches the near plane, eight words per chunk from Chunk.state
+// on. Bit i is set if the CPU sets up splat i of the chunk.
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
 // Records of the segment, one per splat, in the order of `splats`.
 @group(1) @binding(4) var<storage, read_write> records_out: array<Record>;
@@ -40,11 +40,13 @@ fn box_is_empty(pixels: vec4f) -> bool {
     return !(pixels.x < pixels.z && pixels.y < pixels.w);
 }
 
-// Maximum number of pixels of a box that are searched for sampled ones, one by one; few boxes have more.
+// Maximum number of pixels of a box that are searched for sampled ones, one by one. Boxes of more pixels, which are
+// few, aren't reduced.
 const MAX_SEARCHED: i32 = 4096;
 
 // Returns the part of a box of samples that sampled pixels span: the smallest box around the samples of all sampled
-// pixels in it. In frames that aren't of samples, returns the box itself.
+// pixels in it. The part is empty if no pixel is sampled. Returns the box itself if it covers more than MAX_SEARCHED
+// pixels, or if the frame isn't one of samples.
 fn sampled_part(samples: vec4f) -> vec4f {
     if frame.is_of_samples == 0u || box_is_empty(samples) {
         return samples;
@@ -244,13 +246,14 @@ fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     return project(i, splat, shading, color, object);
 }
 
-// Largest length of a half-axis that f32 can project, in distances of the splat from the eye. Longer ones are set up
-// like near splats (rendering model §3, "Near splats").
+// Largest length of a half-axis that f32 can project, in distances of the splat from the eye. Splats with longer ones
+// are set up like near splats (rendering model §3, "Near splats").
 const VAST: f32 = 1e7;
 
-// True if f32 can't project a splat: it reaches the near plane, spans much of its distance, or is very large. `extent`
-// is half the depth range of its disk. The CPU sets up such splats in f64, unless the application places them: they are
-// then not drawn.
+// True if f32 can't project a splat: its centre is nearer than the near plane, its depth range in perspective is at
+// least its centre's depth, or a half-axis is longer than VAST times its distance (orthographic: the view's height).
+// `extent` is half the depth range of its disk. The CPU sets up such splats in f64, unless the application places them:
+// they are then not drawn.
 fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
     let projection = frame.projection;
     let perspective = projection.kind == PERSPECTIVE;
@@ -260,8 +263,10 @@ fn reaches_near(splat: ViewSplat, extent: f32) -> bool {
     return splat.p.z < projection.near || is_close || distance * VAST < size;
 }
 
-// Projects splat i of the segment, given in view space, and fills its record. Its centre is at or beyond z_near, unless
-// the application places the splat. `shading` is its shading normal in world space, and `color` its linear albedo.
+// Projects splat i of the segment, given in view space, and fills its record. The result takes part in no pass if the
+// splat touches no pixel, lies before the near or behind the far plane, is edge-on, or faces away and is culled. The
+// splat's centre is at or beyond z_near, unless the application places the splat. A placed splat that reaches the near
+// plane takes part in no pass, either. `shading` is its shading normal in world space, and `color` its linear albedo.
 fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> SetUpSplat {
     let projection = frame.projection;
     let projective = frame.projective != 0u;

@@ -11,7 +11,7 @@
 @group(1) @binding(3) var count_sums: texture_2d<f32>;
 // Planes of the tile at the offsets Frame.…_at, each row by row.
 @group(1) @binding(4) var<storage, read_write> planes: array<f32>;
-// The next five are bound only if edges are antialiased. `edge_threshold` of the edge background: the reversed depth
+// The next five are read only if edges are antialiased. `edge_threshold` of the edge background: the reversed depth
 // threshold of edge pixels, 0 elsewhere.
 @group(1) @binding(5) var shade_edge_threshold: texture_2d<f32>;
 // The z + ε and the ε of the splat that defines each pixel's depth threshold; zeros without one.
@@ -20,9 +20,10 @@
 @group(1) @binding(7) var edge_background_color: texture_2d<f32>;
 @group(1) @binding(8) var edge_background_surface: texture_2d<f32>;
 @group(1) @binding(9) var edge_background_material: texture_2d<f32>;
-// The next two are bound only if there are polygons. Reversed depth threshold of each pixel; 0 without one.
+// Reversed depth threshold of each pixel; 0 without one. Shading reads it only if there are polygons.
 @group(1) @binding(10) var shade_threshold: texture_depth_2d;
-// Depth of each pixel's nearest polygon, and the polygon's index plus one; zeros without one.
+// Depth of each pixel's nearest polygon, and the polygon's index plus one; zeros without one. Read only if there are
+// polygons.
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
 // Smallest Σw, the sum of weights, with which a pixel has a surface. With a smaller sum, attributes have been lost to

@@ -17,7 +17,7 @@ struct ShadowMap {
 @group(0) @binding(4) var<storage, read> shadow_texels: array<f32>;
 
 // Returns the fraction of a light, 0 to 1, that reaches a point according to one map. The point p and the unit normal
-// of its surface are in the map's view space.
+// of its surface are in the map's view space. A point nearer than the map's near plane is lit.
 fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
     let projection = map.projection;
     if p.z < projection.near {

@@ -25,8 +25,8 @@ const SHADER_HOST: u32 = 7u;
 // Number of samples along a side of a pixel, if edges are antialiased by samples (rendering model §5).
 const SAMPLES_SIDE: u32 = 4u;
 
-// Uniform of a frame, or of one tile of a frame that exceeds a texture. If edges are antialiased, the targets have a
-// border of one pixel around the shaded region, since passes read neighbours.
+// Uniform of a frame, or of one tile of a frame that exceeds a texture. If passes read neighbouring pixels, the targets
+// have a border around the shaded region, except at the image's edge.
 struct Frame {
     projection: Projection,
     // Filter radius h in pixels; 0 for no filter.
@@ -165,7 +165,7 @@ struct Object {
     cull_back: u32,
     two_sided: u32,
     // Coverage of a unit of weight: 1/W0 at the frame's cutoff, with W0 the interior weight of the object's cloud
-    // (rendering model §5).
+    // (rendering model §5). 1 if W0 is unknown.
     coverage: f32,
     // 1 if the cloud is oriented: all outward normals point out of the same surface. 1 if, in addition, the frame
     // separates the front and back side of that surface.

@@ -92,9 +92,9 @@ pub enum Stage {
 pub enum BindingKind {
     /// A uniform buffer.
     Uniform,
-    /// A storage buffer that is read.
+    /// A storage buffer that is declared as read-only.
     StorageRead,
-    /// A storage buffer that is written.
+    /// A storage buffer that is declared as writable. Shaders may read it, too.
     StorageWrite,
     /// A two-dimensional texture of floats, read by texel.
     Texture,

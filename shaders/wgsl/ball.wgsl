@@ -114,7 +114,8 @@ fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
 struct BallHit {
     // Unit outward normal in view axes.
     normal: vec3f,
-    // Depth divided by the centre's depth (perspective), or minus the centre's depth (orthographic).
+    // Perspective: quotient of the point's depth and the centre's. Orthographic: difference of the point's depth and
+    // the centre's.
     depth: f32,
 }
 

@@ -21,7 +21,8 @@ const SLOPE_MARGIN_PX: f32 = 0.7;
 struct DepthPlane {
     // Change per pixel to the right and down: of the denominator (DEPTH_RECIPROCAL) or of the depth (DEPTH_LINEAR).
     gradient: vec2f,
-    // Depth at the anchor of a splat whose anchor is its projected centre.
+    // Depth at the anchor (DEPTH_LINEAR), or numerator of the depth (DEPTH_RECIPROCAL). If the anchor is the projected
+    // centre, both are the centre's depth.
     scale: f32,
     // Value of the denominator at the anchor; 1 if the anchor is the projected centre.
     at_anchor: f32,
@@ -49,8 +50,10 @@ fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
 }
 
 // Returns the depth tolerance ε of a splat (rendering model §5) in world units. `radius_max` is the splat's larger
-// semi-axis in world units. `h_px` is the filter radius in pixels, 0 for a splat drawn without a filter. The slope term
-// is Surfel's own: without the term, a surface seen at a grazing angle rejects half of its own filter.
+// semi-axis in world units. `h_px` is the filter radius in pixels, 0 for a splat drawn without a filter. With
+// TOLERANCE_RELATIVE, the multiple of the semi-axis is at most a tenth, and ε at most a fifth, of the centre's depth
+// (orthographic: of the view's height). The slope term is Surfel's own: without the term, a surface seen at a grazing
+// angle rejects half of its own filter.
 fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
     let p = splat.p;
     let n = splat.n;
@@ -95,7 +98,8 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
 const STEP_PX: f32 = 2.0;
 
 // Returns the largest distance behind a polygon's depth z, in world units, at which a neighbouring pixel may still show
-// the same surface. `gradient` is the change of the polygon's depth per pixel to the right and down.
+// the same surface. It is 1/1000 to 1/10 of z (orthographic: of the view's height). `gradient` is the change of the
+// polygon's depth per pixel to the right and down.
 fn step_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return max(min(STEP_PX * v2_length(gradient), 0.1 * scale), 1e-3 * scale);

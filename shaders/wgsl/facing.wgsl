@@ -21,8 +21,9 @@ fn sheet_limit(shown: f32, other: f32) -> f32 {
 }
 
 // Returns the shading normal of a back-facing splat of an oriented two-sided surface. It is usually the reversed
-// normal. Near the contour, where |cosine| ≤ RIM_SINE, it is the normal mirrored in the plane perpendicular to the ray.
-// `cosine` is that of the angle between the splat's geometric normal and the unit direction `to_eye`.
+// normal. Near the contour, where |cosine| ≤ RIM_SINE, it is the normal itself if that faces the eye, otherwise the
+// normal mirrored in the plane perpendicular to the ray. `cosine` is that of the angle between the splat's geometric
+// normal and the unit direction `to_eye`.
 fn back_normal(shading: vec3f, cosine: f32, to_eye: vec3f) -> vec3f {
     let along = v3_dot(shading, to_eye);
     let mirrored = shading - to_eye * (min(along, 0.0) * 2.0);

@@ -18,7 +18,7 @@ struct Projection {
     principal_px: vec2f,
     // Planar depth of the near plane; nothing nearer is drawn.
     near: f32,
-    // Planar depth of the far plane of an orthographic view; nothing farther is drawn.
+    // Planar depth of the far plane of an orthographic view; nothing farther is drawn. In perspective the largest f32.
     far: f32,
     // Height of an orthographic view, in world units.
     height: f32,

@@ -34,7 +34,8 @@ fn tap_weights(share: f32) -> vec4f {
 }
 
 // Returns the largest distance behind a polygon's depth z, in world units, at which a texel of a shadow map may still
-// show the same surface. `gradient` is the change of the polygon's depth per texel to the right and down.
+// show the same surface. It is at most a fifth of z (orthographic: of the height of the map's view). `gradient` is the
+// change of the polygon's depth per texel to the right and down.
 fn slope_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return min(SLOPE_MARGIN_PX * v2_length(gradient), 0.2 * scale);

@@ -38,7 +38,8 @@ impl Backend {
 pub struct Run {
     /// Backend and adapter that drew the images.
     pub info: RendererInfo,
-    /// Note that the backend's calls weren't validated, with the reason; `None` if they were.
+    /// Note that the backend's calls weren't validated, with the reason; `None` if they were, and for the backend
+    /// `cpu`.
     pub note: Option<String>,
     /// Results of comparing the truths, in their order. A failure without an image follows for each unused expectation.
     pub checked: Vec<Checked>,
@@ -54,7 +55,7 @@ impl Run {
 /// Options for starting a backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// Part of the adapter's name, in any case; `None` for any adapter.
+    /// Part of the adapter's name, in upper or lower case; `None` for any adapter.
     pub adapter: Option<&'a str>,
     /// True if validation layers check every call, if they are installed.
     pub validation: bool,
@@ -262,7 +263,7 @@ impl log::Log for Listener {
     fn flush(&self) {}
 }
 
-/// Starts recording the messages of wgpu and of the layers below it.
+/// Starts recording warnings and errors of wgpu and of the layers below it, unless the process already has a logger.
 pub fn listen() {
     // The logger may be installed already.
     if log::set_logger(&Listener).is_ok() {

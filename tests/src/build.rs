@@ -61,7 +61,7 @@ pub struct Clipped {
     pub splat: Splat,
     /// Clip curve; `None` for no curve.
     pub curve: Option<ClipCurve>,
-    /// Clip lines; at most four.
+    /// Clip lines. Only the first four count.
     pub lines: Vec<ClipLine>,
     /// Rule that joins the clip lines: a point must be inside all of them, or inside at least one.
     pub mode: ClipMode,

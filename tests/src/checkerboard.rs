@@ -27,7 +27,8 @@ const TURN_DEG: f64 = 80.0;
 /// Number of samples of the exact image along a side of a pixel.
 const SAMPLES: u32 = 16;
 
-/// RMSE in five bands of the square's rows, from far to near. The bands have 1/16, 1/16, 1/8, 1/4 and 1/2 of the rows.
+/// RMSE in five bands of the image rows that show the square, from far to near. The bands have 1/16, 1/16, 1/8, 1/4 and
+/// 1/2 of the rows.
 pub type Bands = [f64; 5];
 
 /// Returns the measured variants: names and settings.

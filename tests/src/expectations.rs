@@ -12,7 +12,7 @@ use surfel_render::RendererInfo;
 pub struct Expectation {
     /// Backend that differs.
     pub backend: Backend,
-    /// Part of the adapter's name, in any case; empty for every adapter.
+    /// Part of the adapter's name, in upper or lower case; empty for every adapter.
     pub adapter: &'static str,
     /// Full name of the scene.
     pub scene: &'static str,

@@ -78,7 +78,8 @@ impl RayCaster {
     }
 
     /// Returns a camera that looks at the middle of the mesh along −`view`. Its distance is such that the mesh covers
-    /// about the fraction `share` of the image.
+    /// about the fraction `share` of the image. The distance is limited to 1.2 to 60 half-diagonals of the mesh's
+    /// bounds.
     pub fn camera_covering(&self, view: DVec3, share: f64, size: u32) -> Camera {
         let (mut near, mut far) = (1.2f64, 60.0f64);
         for _ in 0..14 {

@@ -17,7 +17,8 @@ const SECOND_DRIVERS: [&str; 3] = [
 /// Environment variable that lists drivers for the Vulkan loader.
 const DRIVERS: &str = "VK_DRIVER_FILES";
 
-/// Runs a program of the package `surfel-conformance` with these options.
+/// Runs a program of the package `surfel-conformance` with these options. The program `conformance` runs once more on a
+/// second driver, if one is installed and the environment selects none. Fails if either run fails.
 pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
     // If Vulkan is incomplete, the program itself reports the missing backends.
     if let Err(problem) = vulkan::prepare(root) {
@@ -41,7 +42,7 @@ pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
 }
 
 /// Returns the options of a second run, with the backends that use a Vulkan driver. `None` if there are no such
-/// backends, or if the options select an adapter or special scenes.
+/// backends, or if there are options other than `--backend`, `--scene` and `--report`.
 fn second_options(options: &[&str]) -> Option<Vec<String>> {
     let (mut kept, mut backends, mut all) = (Vec::new(), Vec::new(), true);
     let mut left = options.iter();

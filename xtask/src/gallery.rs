@@ -62,7 +62,8 @@ pub(crate) fn run(root: &Path) -> bool {
         && film(root)
 }
 
-/// Draws the images of the models in `folder`, which is relative to the current folder.
+/// Draws the images of the models in `folder`, which is relative to the current folder. True if at least one image was
+/// drawn, and none failed.
 pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     let result = std::env::current_dir().and_then(|here| {
         std::fs::create_dir_all(root.join(MODEL_IMAGES))?;
@@ -146,7 +147,7 @@ fn page(root: &Path) -> bool {
     })
 }
 
-/// Returns the images on a page that follow a command of the program. Each has its name, and the words of its command
+/// Returns the first image after each command of the program on a page. Each has its name, and the words of its command
 /// with the page's image size and without an output file.
 fn commands(page: &str) -> Vec<(String, Vec<String>)> {
     let (mut command, mut is_command, mut found) = (String::new(), false, Vec::new());
@@ -192,8 +193,8 @@ fn expanded(word: &str) -> Vec<String> {
     list.split(',').flat_map(|item| rest.iter().map(move |after| format!("{before}{item}{after}"))).collect()
 }
 
-/// Returns the words of a command without its output file, and with the size [`IMAGE_SIZE`] or, for figures, the width
-/// [`FIGURE_WIDTH`].
+/// Returns the words of a command without its output file, and with the size [`IMAGE_SIZE`]. For figures, the width is
+/// [`FIGURE_WIDTH`] instead, and `--dpi` is left out.
 fn sized(words: &[String]) -> Vec<String> {
     let is_figure = words.first().is_some_and(|word| word == "figure");
     // The size of a figure's panel determines the proportions of the figure, so it isn't replaced.

@@ -198,7 +198,8 @@ fn executable(_path: &Path) -> Result<(), String> {
     Err("the kit is for Linux: build it there".into())
 }
 
-/// Returns the largest version of glibc among the symbols that a program imports, such as `GLIBC_2.35`.
+/// Returns the largest version of glibc among the symbols that a program imports, such as `GLIBC_2.35`. The version is
+/// a major and a minor number; both are 0 if there are no such symbols.
 fn least_glibc(program: &[u8]) -> [u32; 2] {
     const PREFIX: &[u8] = b"GLIBC_";
     let versions = program.windows(PREFIX.len()).enumerate().filter(|(_, bytes)| *bytes == PREFIX).map(|(at, _)| {

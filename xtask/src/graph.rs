@@ -75,8 +75,8 @@ fn metadata(root: &Path) -> Result<Value, String> {
     Err(format!("cargo metadata failed: {complaint}"))
 }
 
-/// Returns all packages by their ids in cargo. Only dependencies that a program links are listed, not development or
-/// build dependencies.
+/// Returns all packages by their ids in cargo; `None` if cargo's output has another form. Only dependencies that a
+/// program links are listed, not development or build dependencies.
 fn packages(metadata: &Value, checksums: &BTreeMap<(String, String), String>) -> Option<BTreeMap<String, Package>> {
     let text = |value: &Value| value.as_str().map(str::to_owned);
     let members: BTreeSet<String> = metadata["workspace_members"].as_array()?.iter().filter_map(text).collect();

@@ -146,14 +146,15 @@ fn shown(command: &Command) -> String {
     words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ")
 }
 
-/// True if the program can be started with this argument.
+/// True if the program can be started with this argument and succeeds.
 fn is_here(program: &str, argument: &str) -> bool {
     let mut command = Command::new(program);
     command.arg(argument).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     command.status().is_ok_and(|status| status.success())
 }
 
-/// Returns the time of the last commit, in seconds since 1970. Archives contain this time instead of the time of day.
+/// Returns the time of the last commit, in seconds since 1970; `0` if git fails. Archives contain this time instead of
+/// the time of day.
 fn epoch(root: &Path) -> String {
     let stdout = output(Command::new("git").current_dir(root).args(["log", "-1", "--format=%ct"])).unwrap_or_default();
     let time = String::from_utf8_lossy(&stdout).trim().to_owned();

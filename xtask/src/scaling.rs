@@ -61,7 +61,8 @@ impl Shape {
     }
 }
 
-/// Shortest CPU times of a shape at its four sizes, and its peak memory.
+/// Shortest CPU times of a shape at its four sizes, and its peak memory. For short runs, the times are means of several
+/// runs.
 struct Row {
     shape: Shape,
     seconds: [f64; 4],

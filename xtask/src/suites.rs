@@ -288,7 +288,9 @@ impl Parser<'_> {
         (self.excuse, self.excuses) = (CapturedOutput::Outside, 0);
     }
 
-    /// Returns the name of the suite in `unittests src/lib.rs (target/debug/deps/surfel_math-0123)`.
+    /// Returns the name of a suite, such as `surfel-math unit tests of src/lib.rs`. `rest` has the form `unittests
+    /// src/lib.rs (target/debug/deps/surfel_math-0123)`. Integration tests have their file's path in place of the first
+    /// two words. `None` if nothing is in parentheses.
     fn suite_name(&mut self, rest: &str) -> Option<String> {
         let (source, binary) = rest.split_once(" (")?;
         let source = source.replace('\\', "/");

@@ -56,7 +56,8 @@ const GPU_CLAIMS: [&str; 2] = ["README.md", "docs/performance.md"];
 /// Page of GPU measurements, relative to the root.
 const GPU_PAGE: &str = "docs/data/gpu.md";
 
-/// Returns the pages that disagree with the page of GPU measurements on whether a GPU was measured.
+/// Returns the problems of the pages in [`GPU_CLAIMS`]: each must link the page of GPU measurements, and agree with it
+/// on whether a GPU was measured. None if that page doesn't exist.
 fn gpu_claims(root: &Path) -> Vec<String> {
     let Ok(page) = std::fs::read_to_string(root.join(GPU_PAGE)) else { return Vec::new() };
     let is_measured = !page.contains(crate::gpu_kit::NOT_MEASURED);

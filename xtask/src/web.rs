@@ -70,7 +70,7 @@ fn has_library(root: &Path) -> bool {
 }
 
 /// Tests the modules in node against the program that earlier tests have built. With `full`, builds the modules first,
-/// which takes minutes; otherwise tests the modules that exist.
+/// which takes minutes, and also tests exported pages in Chromium; otherwise tests the modules that exist.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== drawing module of exported pages");
     if !runs(Command::new("node").arg("--version").stdout(Stdio::null()).stderr(Stdio::null())) {

@@ -22,7 +22,8 @@ struct Function {
     length: usize,
 }
 
-/// Returns the functions of a source, except those in test modules.
+/// Returns the functions before the first test module of a source. Functions without a body, and those whose body is on
+/// the first line, aren't listed.
 fn functions(source: &str) -> Vec<Function> {
     let lines: Vec<&str> = source.lines().collect();
     let is_test_module = |pair: &[&str]| pair[0].trim() == "#[cfg(test)]" && pair[1].trim_start().starts_with("mod ");

@@ -42,7 +42,8 @@ fn files(folder: &Path, below: &str, found: &mut Vec<(String, String)>) {
     }
 }
 
-/// Returns the module of a file: `tiles/grid.rs` is `tiles::grid`, `lib.rs` is empty.
+/// Returns the module of a file: `tiles/grid.rs` is `tiles::grid`. Empty for `lib.rs`, `main.rs` and `mod.rs` at the
+/// root.
 fn module(file: &str) -> String {
     let path = file.trim_end_matches(".rs").trim_end_matches("/mod");
     if ["lib", "main", "mod"].contains(&path) { String::new() } else { path.replace('/', "::") }

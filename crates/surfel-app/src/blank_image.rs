@@ -17,7 +17,7 @@ const BACKGROUND_TOLERANCE: u8 = 8;
 const MIN_ALPHA: f32 = 0.5 / 255.0;
 
 /// True if no pixel of `frame` differs from the background colour (linear RGB and straight alpha) by more than 8 levels
-/// of 255. The frame has linear colours, 8-bit colours or both.
+/// of 255. The frame has linear colours, 8-bit colours or both. False if the frame has no colours.
 pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     let background = [r * a, g * a, b * a, a].map(|c| limit_color(c) as f32);
     let encoded = encode_rgba8(background);

@@ -23,7 +23,8 @@ pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     }
 }
 
-/// True if an option changes the camera. An error of the camera is then reported as a usage error.
+/// True if an option other than `--camera` and `--view` changes the camera or the region of its image. An error of the
+/// camera is then reported as a usage error.
 pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
     options.eye.is_some()
         || options.target.is_some()
@@ -35,9 +36,9 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.tile.is_some()
 }
 
-/// Returns a camera that frames the scene from the direction of `--view`; `None` without this option. The camera frames
-/// the part of the scene inside the world-space sphere `kept`, or all of it if `kept` is `None`. The projection is that
-/// of `camera`, unless the options state another.
+/// Returns a camera that frames the scene from the direction of `--view`; `None` without this option, and for a scene
+/// that can't be framed. The camera frames the part of the scene inside the world-space sphere `kept`, or all of it if
+/// `kept` is `None`. The projection is that of `camera`, unless the options state another.
 pub(crate) fn reframe(
     camera: &Camera,
     scene: &Scene,
@@ -62,7 +63,8 @@ fn fov_of(focal_px: f64, height_px: u32) -> f64 {
     2.0 * (0.5 * f64::from(height_px) / focal_px).atan().to_degrees()
 }
 
-/// Returns the camera for an image of another size with the same proportions.
+/// Returns the camera for an image of another size. The intrinsics of a calibrated camera are scaled with the image
+/// along x and y; other projections retain their vertical extent.
 pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
     let [x, y] = [0, 1].map(|k| f64::from(size[k]) / f64::from(camera.size[k]));
     let projection = match camera.projection {
@@ -75,7 +77,8 @@ pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
 }
 
 /// Applies the options for eye, target, up direction, projection and size to a camera. `own_near` is true if neither
-/// options nor files state a near plane. The near plane is then fitted to the scene.
+/// options nor files state a near plane. A camera that changes then gets a near plane fitted to the scene, and with a
+/// new eye or target also the scene's up axis.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {
@@ -126,8 +129,9 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     ViewAxes::named(view, up).up.into()
 }
 
-/// Fits the near and far planes of a camera to the scene. The near plane changes only if `own_near` is true (no option
-/// or file states it), and the far plane only if the scene extends beyond it.
+/// Fits the near and far planes of a camera to the scene. Planes change only if `own_near` is true (no option or file
+/// states the near plane). However, an orthographic camera without a far plane always gets one. A perspective camera
+/// then loses its far plane. Nothing changes for an empty scene.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
     let Some((first, last)) = surfel_framing::depth_range(scene, camera.eye.into(), forward) else { return };
@@ -179,7 +183,8 @@ fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) ->
     cameras.into_iter().map(used).collect()
 }
 
-/// Sets the near plane of another program's camera, which has none, to a distance in front of the scene.
+/// Fits the near plane of another program's camera, which has none, to the scene. The near plane is halfway to the
+/// scene, or close to the eye if the scene extends behind the eye.
 pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     refit_depth(&mut camera, scene, true);
     camera

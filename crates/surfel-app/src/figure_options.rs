@@ -30,25 +30,26 @@ pub enum MarkKind {
 pub struct FigureOptions {
     /// Title above the panels.
     pub title: Option<String>,
-    /// Titles below the panels, one for each file or one for each column.
+    /// Titles below the panels, one for each file or one for each column. Empty uses the names of the files.
     pub titles: Vec<String>,
     /// Titles to the left of the rows, one for each row.
     pub row_titles: Vec<String>,
     /// Number of subjects, at least 1; `None` means 1. A subject is a group of files with one camera and one light. The
     /// files are divided, in their order, into this many groups of equal size.
     pub subjects: Option<u32>,
-    /// Largest number of panels side by side, at least 1. Further panels begin a new row.
+    /// Largest number of panels side by side, at least 1. Panels beyond this number begin a new row. `None` places all
+    /// panels of a subject in one row.
     pub wrap: Option<u32>,
     /// Colour map for an additional row of panels, which shows distances to the first file. `None` adds no row.
     pub error_row: Option<Colormap>,
     /// Distance to the first file, in the units of the coordinates, that gets the last colour of the error row; more
-    /// than 0. `None` uses the 98th percentile of all distances.
+    /// than 0. `None` uses the 98th percentile of all distances, rounded up to a tick of the colour bar.
     pub error_max: Option<f64>,
     /// Marks over the panels.
     pub marks: Vec<MarkKind>,
     /// Name of the unit of the coordinates, for scale bars and colour bars.
     pub unit: Option<String>,
-    /// Title of the colour bar or legend of values.
+    /// Title of the colour bar or legend of values; `None` uses the name of the attribute.
     pub value_title: Option<String>,
     /// True if colour bars and legends are left out.
     pub no_legend: bool,

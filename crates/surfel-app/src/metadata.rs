@@ -56,7 +56,7 @@ pub enum Content {
         /// covers 64 blocks of 1 MiB, evenly spaced from the file's beginning to its end.
         sha256: String,
     },
-    /// A pipe, which can be read only once and isn't hashed.
+    /// Anything but a regular file, such as a pipe. It isn't hashed, because a pipe can be read only once.
     Unknown,
     /// A file that doesn't exist, although another input refers to it.
     Missing,
@@ -78,7 +78,8 @@ pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>
     names.into_iter().map(|path| Ok(Input { content: content(&path, stdin)?, path })).collect()
 }
 
-/// Returns size and hash of a file. If the path is `-`, returns those of `stdin`, or [`Content::Unknown`] without it.
+/// Returns size and hash of a file, or of `stdin` if the path is `-`. Returns [`Content::Missing`] if the file doesn't
+/// exist, and [`Content::Unknown`] for a pipe, and for `-` without `stdin`.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read.

@@ -70,7 +70,8 @@ impl OrthoRequest<'_> {
         Ok(ortho)
     }
 
-    /// Checks that the output names are TIFF and differ, and that the files don't exist yet.
+    /// Checks that there is an image to write, and that images have TIFF names and don't exist yet, unless they may be
+    /// overwritten. No output may be an input or have the name of another output.
     fn check_files(&self) -> Result<(), Error> {
         let OrthoFiles { color, dsm, normals, overwrite } = self.files;
         let images = [("-o", color), ("--dsm", dsm), ("--normals", normals)];

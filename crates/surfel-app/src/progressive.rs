@@ -27,9 +27,9 @@ pub enum Detail {
 ///
 /// Depending on the files, the coarse scenes are:
 ///
-/// - Files with levels of detail (COPC): two coarse scenes, with the camera of the full scene. They have at most 1/64
-///   and 1/16 of the full scene's points, but no fewer than [`FIRST_POINTS`]. Their splats are up to 16 and 4 times as
-///   large.
+/// - Files with levels of detail (COPC), some of them loaded only in part: two coarse scenes, with the camera of the
+///   full scene. Their point limits are 1/64 and 1/16 of the full scene's, but no lower than [`FIRST_POINTS`], unless
+///   that exceeds the full scene's limit. Their splats are up to 16 and 4 times as large.
 /// - Files without levels, some of them with more than [`FIRST_POINTS`]: one coarse scene, with its own framed camera.
 ///   It shows [`FIRST_POINTS`] of each file, evenly selected, and the files are then read again.
 /// - Other files: no coarse scene.

@@ -79,7 +79,8 @@ pub struct RenderOptions {
     pub fov_y: Option<f64>,
     /// True if the projection is orthographic.
     pub ortho: bool,
-    /// Height of the view in world units, for orthographic projection; `None` frames the scene.
+    /// Height of the view in world units, for orthographic projection. `None` frames the scene, or retains the height
+    /// that a given camera shows at its target.
     pub ortho_height: Option<f64>,
     /// Named set of settings, which promises an accuracy.
     pub preset: Option<Preset>,
@@ -97,8 +98,8 @@ pub struct RenderOptions {
     pub accumulate: Option<Accumulate>,
     /// Method for drawing transparent splats.
     pub transparency: Option<Transparency>,
-    /// Compositing of trained Gaussians. `None` composites them over one another, unless an option is given that
-    /// applies only to surfaces.
+    /// Compositing of trained Gaussians. `None` composites them over one another if all files are Gaussians without a
+    /// scene file, and no option applies only to surfaces.
     pub composite: Option<Composite>,
     /// Order in which trained Gaussians are composited, per Gaussian or per pixel.
     pub sort: Option<Sort>,
@@ -115,13 +116,15 @@ pub struct RenderOptions {
     pub all_levels: bool,
     /// True if lights cast shadows.
     pub shadows: bool,
-    /// Named light. `None` uses the light of the style or the scene file, or else lights that follow the camera.
+    /// Named light. `None` uses the first of: the light of the style, `studio` if the options state a ground, the light
+    /// of the scene file, lights that follow the camera.
     pub light: Option<NamedLight>,
     /// Number of directions by which a sky's light is sampled, 1 to 65,536.
     pub light_directions: Option<u32>,
     /// True if light that surfaces reflect to each other is included.
     pub bounce: Option<bool>,
-    /// Style of the ground below the scene; `Some(None)` draws no ground.
+    /// Style of the ground below the scene. `Some(None)` draws no ground; `None` draws that of the style or the scene
+    /// file, if any.
     pub ground: Option<Option<GroundStyle>>,
     /// Style: named set of defaults for options that aren't set.
     pub style: Option<Style>,
@@ -178,7 +181,8 @@ impl SplatOptions {
         };
     }
 
-    /// Sets a colouring that all images share ([`crate::request::shared_coloring`]).
+    /// Sets a colouring that all images share ([`crate::request::shared_coloring`]). Also sets its range of values, or,
+    /// for categories without names, the colour map `tab20` if no map is set.
     pub fn set_coloring(&mut self, coloring: Coloring) {
         match &coloring.scale {
             ColorScale::Range { range, .. } => self.set_range(RangeChoice::Values(*range)),

@@ -113,14 +113,15 @@ pub struct Resolved {
     pub turntable: Turntable,
     /// Up axis of the scene: from the options, the scene file or its objects.
     pub up: Up,
-    /// True if the camera comes from a scene file or a camera file, not from framing the scene.
+    /// True if the camera is given by a scene file, a camera file or a program, and doesn't come from framing the
+    /// scene.
     pub has_own_camera: bool,
     /// Absolute paths of other files that the input files refer to, such as textures, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
     /// Colourings by attributes, for colour bars; empty unless the options or the scene file request some.
     pub colorings: Colorings,
-    /// Properties from which default lights, which follow the camera, are derived. `None` if the scene has lights of
-    /// its own.
+    /// Properties from which default lights, which follow the camera, are derived. `None` for a scene file, a sky,
+    /// lights in the options, and another program's cameras.
     pub(crate) lighting: Option<Lighting>,
     /// True if automatic framing includes stray points ([`LoadedObjects::frames_all`]).
     pub(crate) frames_all: bool,
@@ -357,7 +358,8 @@ impl Request {
         self.objects.iter().any(|object| exceeds(object).is_some())
     }
 
-    /// Returns the objects. Their paths are relative to the scene file's folder.
+    /// Returns the objects. Their paths are relative to the scene file's folder, or without a scene file to the current
+    /// folder.
     pub fn objects(&self) -> &[ObjectFile] {
         &self.objects
     }
@@ -373,14 +375,15 @@ impl Request {
         self.scene.is_none()
     }
 
-    /// Returns the paths of the objects' point and splat files, without stdin.
+    /// Returns the paths of the files that are drawn as splats, without stdin.
     pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
         let named = self.objects.iter().filter_map(|object| object.splats.as_ref());
         named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
     }
 
     /// Returns a coarser version of the request, for quick previews. `most` maps the current point limit (`None` for no
-    /// limit) to the coarser one. The largest projected radius of octree splats is multiplied by `times`.
+    /// limit) to the coarser one. The largest projected radius of splats in levels of detail is multiplied by `times`,
+    /// up to [`MAX_LOD_ERROR_PX`].
     pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
@@ -419,7 +422,8 @@ impl Request {
     /// Loads the objects.
     ///
     /// # Errors
-    /// Errors of [`load_objects`].
+    /// Errors of [`load_objects`], and [`Error::Unsuitable`] if options are for Gaussians drawn over one another and
+    /// there are none.
     pub fn load(&self, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
         let options = self.load_options().with_stdin(self.stdin.clone());
         let bare = self.tells_composite();
@@ -548,7 +552,7 @@ impl Request {
 }
 
 /// Determines one colouring for the values of several sources, each of which gets its own image. Returns `None` if no
-/// source is coloured by numbers. Loads the sources one after another.
+/// source is coloured by values. Loads the sources one after another.
 ///
 /// # Errors
 /// [`Error::Usage`] if the options don't name an attribute; otherwise as [`Request::new`] and [`Request::load`].
@@ -591,7 +595,8 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
 }
 
-/// Passes a note to `note` if most of the trained Gaussians in front of the camera are too near to be drawn.
+/// Passes a note to `note` if more than half of the trained Gaussians in front of a perspective camera are too near to
+/// be drawn.
 fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
     let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
     let (near, forward) = (gaussian::near(&view.projection), view.forward());
@@ -710,8 +715,9 @@ fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
     })
 }
 
-/// Loads the matcap image that the options name, or else the one that the scene file names. Makes its path in `file`
-/// absolute. Returns `None` for the built-in matcap and if no matcap is named.
+/// Loads the matcap image that the options name, or else the one that the scene file names. A path from the options is
+/// made absolute and stored in `file`. Returns `None` if the shader isn't `matcap`, if the matcap is the built-in one,
+/// and if none is named.
 fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Matcap>>, Error> {
     if let Some(given) = &options.matcap {
         file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };

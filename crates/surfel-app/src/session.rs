@@ -309,8 +309,8 @@ impl Session {
         Ok(())
     }
 
-    /// Drops loaded scenes before another one is loaded. The scene shown last is retained if two scenes of its size
-    /// have at most [`MAX_SPLATS_OF_TWO`] splats together.
+    /// Drops loaded scenes before another one is loaded. The scene shown last is retained if twice the number of splats
+    /// in all loaded scenes is at most [`MAX_SPLATS_OF_TWO`].
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MAX_SPLATS_OF_TWO));
@@ -461,7 +461,8 @@ impl Session {
     }
 
     /// Returns the properties of the surface at a pixel of the scene shown last. `at` is its column and row, counted
-    /// from the top left corner. `None` if the pixel shows the background.
+    /// from the top left corner; a pixel outside of the image is moved to its border. `None` if the pixel shows the
+    /// background.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].
@@ -556,7 +557,8 @@ fn coarse_settings(settings: Settings) -> Settings {
     fast.with_lod_error_px(settings.lod_error_px.max(2.0))
 }
 
-/// Returns the camera for the given options. Its near and far planes enclose the box with these corners.
+/// Returns the camera for the given options. If there are corners, the near plane is fitted to their box, unless the
+/// scene has its own camera. The far plane is fitted to the box for an orthographic camera only.
 fn moved(resolved: &Resolved, options: &RenderOptions, corners: &[DVec3]) -> Camera {
     let own = &resolved.file.camera;
     let mut camera = resized(own, options.size.unwrap_or(own.size));
@@ -583,7 +585,8 @@ fn moved(resolved: &Resolved, options: &RenderOptions, corners: &[DVec3]) -> Cam
     camera
 }
 
-/// Returns the names and values of the columns of an object's splat, which is identified by its row in the file.
+/// Returns the names and values of the columns of an object's splat, which is identified by its row in the file. Empty
+/// for geometry other than splats, and if no splat has the row.
 fn values_of(object: &Object, row: u32) -> Vec<(String, f64)> {
     let Geometry::Splats(cloud) = &object.geometry else { return Vec::new() };
     let data = cloud.data();

@@ -16,8 +16,8 @@ pub(crate) struct SkyAndGround {
 
 impl SkyAndGround {
     /// Applies the options to `file`, the sky and ground of a scene file. The file's sky and ground are ignored if
-    /// `shader` can't show stored light. `scene` has the framed objects; points outside of the sphere `kept` are strays
-    /// and don't affect the ground.
+    /// `shader` can't show stored light. A ground without a sky is dropped. `scene` has the framed objects; points
+    /// outside of the sphere `kept` are strays and don't affect the ground.
     ///
     /// # Errors
     /// [`Error::Usage`] if the options request a sky and an object can't store its light. Also [`Error::Usage`] if the
@@ -65,7 +65,7 @@ impl SkyAndGround {
         Ok(Self { ground: ground.filter(|_| sky.is_some()), sky })
     }
 
-    /// Stores sky and ground in a scene file. A sky replaces all lights.
+    /// Stores sky and ground in a scene file. A sky replaces all lights, and sets the shader to `unlit`.
     pub(crate) fn put(self, file: &mut SceneFile) {
         if self.sky.is_some() {
             (file.lights, file.settings.shader) = (None, Shader::Unlit);

@@ -83,7 +83,7 @@ fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(Error::from)?.0)
 }
 
-/// Returns a sentence with the number, the shape and the radii of splats.
+/// Returns a phrase with the number, the shape and the radii of splats, and with their interior weight if it is known.
 pub fn summary(cloud: &SplatCloud) -> String {
     let shape = match cloud.data().shape {
         Shape::Disks { .. } => "disks",

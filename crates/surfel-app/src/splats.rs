@@ -119,7 +119,8 @@ pub fn check_used(
 }
 
 /// Writes the colour bar if the options name a file for it. It shows the options' own colouring (`legend`), or else the
-/// first of `colorings` that represents values.
+/// first of `colorings` that represents values. In the latter case, passes a note to `note` for each later colouring
+/// that has another scale.
 ///
 /// # Errors
 /// [`Error::Usage`] if no file is coloured by values, [`Error::Io`] if the image can't be written.

@@ -91,7 +91,8 @@ pub struct Part {
 }
 
 impl Part {
-    /// Creates part `index` of `count`; `None` if the numbers are out of range.
+    /// Creates part `index` of `count`, where `index` = `count` means part 0. `None` if `index` is greater than
+    /// `count`, or `count` isn't from 1 to 1,000,000.
     pub fn new(index: u64, count: u64) -> Option<Self> {
         let (index, count) = (u32::try_from(index).ok()?, u32::try_from(count).ok()?);
         ((1..=MAX_PARTS).contains(&count) && index <= count).then(|| Self { index: index % count, count })
@@ -142,7 +143,7 @@ pub struct FrameRange {
 }
 
 impl FrameRange {
-    /// Returns the frames of the range. Fails if one of them isn't less than `frames`, the number of frames.
+    /// Returns the frames of the range. Fails if the range's end B isn't less than `frames`, the number of frames.
     pub fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
         if self.last as usize >= frames {
             return Err(format!(
@@ -161,7 +162,7 @@ impl std::fmt::Display for FrameRange {
     }
 }
 
-/// Parses a value of `--frame-range`.
+/// Parses a value of `--frame-range`: `A-B[:STEP]`, or `A` for one frame.
 pub fn frame_range(text: &str) -> Result<FrameRange, String> {
     let parse = || {
         let (range, step) = text.split_once(':').unwrap_or((text, "1"));
@@ -343,8 +344,8 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     Ok([side(w)?, side(h)?])
 }
 
-/// Parses a memory size in bytes, from 1 to 2⁶⁰: a number, optionally with a unit K, M, G or T. K is 1024 bytes, and
-/// each further unit is 1024 times the one before.
+/// Parses a memory size in bytes, from 1 to 2⁶⁰: a number, optionally with a unit K, M, G or T, in upper or lower case.
+/// B or iB may follow. K is 1024 bytes, and each larger unit is 1024 times the one before.
 pub fn memory(text: &str) -> Result<u64, String> {
     let upper = text.trim().to_ascii_uppercase();
     let text = ["IB", "B"].into_iter().find_map(|word| upper.strip_suffix(word)).unwrap_or(&upper);
@@ -366,7 +367,7 @@ pub fn region(text: &str) -> Result<Region, String> {
     }
 }
 
-/// Parses the name of an up axis: `+x`, `-x`, `+y`, `-y`, `+z`, `-z`, or `auto` for `None`.
+/// Parses the name of an up axis: `+x`, `-x`, `+y`, `-y`, `+z`, `-z`, or `auto` for `None`. A plus sign may be omitted.
 pub fn up(text: &str) -> Result<Option<Up>, String> {
     if text == "auto" {
         return Ok(None);

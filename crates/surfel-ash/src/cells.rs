@@ -186,7 +186,7 @@ struct Resources<'a> {
     cells: &'a CellBuffers,
     /// Uniform of each round.
     rounds: &'a HashMap<CellRound, Buffer>,
-    /// Records of splats at the near plane.
+    /// Records of splats that reach the near plane.
     near: &'a Buffer,
     /// Buffers of each segment that can touch the tile, by the segment's index.
     segments: &'a HashMap<usize, SegmentBuffers>,

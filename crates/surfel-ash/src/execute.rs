@@ -35,7 +35,8 @@ pub(crate) struct Tile<'a> {
     setup_frame: vk::DescriptorSet,
     /// Descriptor set of each pixel pass.
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
-    /// Descriptor set of the targets that each draw reads; none for draws that read no target.
+    /// Descriptor set of the targets and buffers that each draw reads in addition to the frame's and the records; none
+    /// for draws that read no more.
     reads: HashMap<Draw, vk::DescriptorSet>,
     /// Size of the drawn part of the targets, in pixels.
     size: [u32; 2],
@@ -43,15 +44,15 @@ pub(crate) struct Tile<'a> {
     shaded: [u32; 2],
     /// Descriptor sets of each segment of splats; `None` for segments that can't touch the tile.
     segments: Vec<Option<SegmentSets>>,
-    /// Draw calls of splats at the near plane.
+    /// Draw calls of splats that reach the near plane.
     near: Vec<RecordDraw>,
     /// Descriptor set of the polygons, and their number.
     polygons: (vk::DescriptorSet, u32),
-    /// Buffer of a counter: the number of splats that were set up and touch the tile.
+    /// Buffer of a counter: the number of splats that the GPU has set up and that touch the tile.
     drawn: Buffer,
     /// Host-readable copy of `drawn`.
     pub drawn_readback: Buffer,
-    /// Indirect draws of transparent splats; `None` if there are none.
+    /// Indirect draws of transparent layers; `None` if no pass of the tile draws such layers.
     layer_draws: Option<Buffer>,
     /// Host-readable copy of the header of `layer_draws`, which has the number of drawn layers.
     pub layers_readback: Option<Buffer>,
@@ -70,7 +71,7 @@ pub(crate) struct TileInputs<'a> {
     pub queries: &'a Queries,
     pub frame: &'a FrameScene,
     pub data: &'a TileData,
-    /// Pixel passes among the tile's steps.
+    /// Pixel passes among the steps of the tile and of its samples.
     pub pixel_passes: &'a [PixelPass],
     /// Texels of the shadow maps that the tile reads.
     pub shadow_texels: &'a Buffer,
@@ -96,7 +97,8 @@ struct RecordDraw {
     lit: Option<vk::DescriptorSet>,
     /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Index of this draw among the indirect draws of transparent layers.
+    /// Index of this draw: segments of the scene come first, then elements of `data.near`. It is the number of the draw
+    /// in the plane of nearest splats, and its place among the indirect draws of layers.
     index: usize,
 }
 
@@ -155,8 +157,8 @@ fn segment_sets(
     Ok(segments)
 }
 
-/// Creates the draw calls of records of splats at the near plane. Buffers that their sets refer to are added to
-/// `buffers`.
+/// Creates the draw calls of the splats that reach the near plane: one per element of `data.near`. Buffers that their
+/// descriptor sets refer to are added to `buffers`.
 fn near_draws(
     device: &Arc<Device>,
     sets: &Sets,
@@ -196,8 +198,8 @@ impl<'a> Tile<'a> {
     pub(crate) fn new(device: &Arc<Device>, inputs: &TileInputs<'a>) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, queries, frame, data, pixel_passes, .. } = *inputs;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Number of sets: three for frame, setup and polygons; one per draw and pixel pass; two per group of records at
-        // the near plane; three per segment.
+        // Number of sets: three for frame, setup and polygons; one per draw and pixel pass; two per element of
+        // `data.near`; three per segment.
         let draws = &targets.key.draws;
         let sets = Sets::new(
             device,
@@ -380,8 +382,8 @@ impl<'a> Tile<'a> {
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
         // Lookups that can fail come before the render pass begins, because a render pass that began has to end.
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
-        // Splats at the near plane belong to no segment. They are drawn in the first step of each pass. Draws without
-        // records have no pipeline for clipped splats.
+        // Splats that reach the near plane belong to no segment. They are drawn in the first step of each pass. Draws
+        // without records have no pipeline for clipped splats.
         let takes_near = first && draw.draws_records();
         let records: Vec<&RecordDraw> = segments
             .chain(self.near.iter().filter(|near| takes_near && near.is_transparent == draw.is_transparent()))

@@ -60,7 +60,7 @@ pub struct Renderer {
     info: RendererInfo,
     /// True if the adapter computes on the CPU.
     is_software: bool,
-    /// The smaller of the device's limits and the limits in the options.
+    /// Limits on the use of the device: each is the smaller of the device's and the one in the options.
     limits: Limits,
     /// Storage format of splats in the device's memory.
     storage: Storage,
@@ -95,8 +95,8 @@ impl Renderer {
         Self::start(device, candidate, &options)
     }
 
-    /// Creates a renderer on a program's existing device. The renderer uses none of the device's optional features, so
-    /// queries don't count fragments.
+    /// Creates a renderer with default options on a program's existing device. The renderer uses none of the device's
+    /// optional features, so queries count neither fragments nor shader invocations.
     ///
     /// # Safety
     /// The handles must be valid, belong together, and stay valid as long as the renderer exists. No other thread may
@@ -197,7 +197,8 @@ impl Renderer {
         Buffer::new(&self.device, "shadow texels", 4 * texels, storage, MemoryLocation::GpuOnly)
     }
 
-    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed.
+    /// Returns the texels of a plan's shadow maps, drawn now or cached from the last frame if nothing changed. Times of
+    /// drawing are added to the statistics.
     fn shadow_maps(
         &mut self,
         scene: &ResidentScene,
@@ -405,7 +406,7 @@ impl Renderer {
     }
 
     /// Executes `work`, waits for it, and returns what `read` makes of the words of the planes. The returned flag is
-    /// true if no A-buffer layers remain to be drawn.
+    /// false if more transparent layers may lie behind those that were drawn.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -461,8 +462,9 @@ impl Renderer {
         Ok((read(targets.readback.words(data.planes.floats as usize)?), is_whole))
     }
 
-    /// Measures the device's fill rates in square targets of side `side_px`, in pixels. Fill rates are upper bounds of
-    /// the speed of passes. Returns an empty list if the device has no timestamps.
+    /// Measures the device's fill rates in square targets of side `side_px` in pixels, or of the largest texture's side
+    /// if that is smaller. Fill rates are upper bounds of the speed of passes. Returns an empty list if the device has
+    /// no timestamps.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size; [`RenderError::Backend`] if the device fails.
@@ -507,10 +509,11 @@ struct FrameJob<'a> {
 struct TileWork {
     /// Render passes among the steps, and among the steps of samples.
     draws: Vec<Draw>,
-    /// Pixel passes among the steps.
+    /// Pixel passes among the steps, and among the steps of samples.
     pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
-    /// Parts of the samples of the tile's edge pixels; empty without edge antialiasing by samples.
+    /// Samples of the tile's edge pixels, in parts that each fit the tile's targets; empty unless edges are antialiased
+    /// by samples.
     samples: Vec<SamplePart>,
 }
 

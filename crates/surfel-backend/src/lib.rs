@@ -77,8 +77,8 @@ fn feature_of(name: &'static str) -> &'static str {
 pub struct BackendOptions {
     /// Number of threads of a CPU backend; 0 uses as many as the machine has.
     pub threads: usize,
-    /// Part of the name of the adapter to use, in any case; `None` accepts any adapter. A CPU backend fails to start
-    /// unless its adapter name ([`RendererInfo::adapter`]), such as `AVX2`, contains the text.
+    /// Part of the name of the adapter to use, in upper or lower case; `None` accepts any adapter. A CPU backend fails
+    /// to start unless its adapter name ([`RendererInfo::adapter`]), such as `AVX2`, contains the text.
     pub adapter: Option<String>,
     /// True if splats are stored as 16-bit numbers, relative to the bounds of their chunk (up to 256 neighbouring
     /// splats). This takes half the memory or less, with a measured error (docs/accuracy.md). The reference backend
@@ -91,7 +91,7 @@ pub struct BackendOptions {
 }
 
 impl BackendOptions {
-    /// Sets the part of the adapter's name, in any case; `None` accepts any adapter.
+    /// Sets the part of the adapter's name, in upper or lower case; `None` accepts any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();
@@ -200,7 +200,8 @@ pub struct BackendInfo {
     pub missing_feature: Option<&'static str>,
 }
 
-/// Returns all backends with their availability on this machine, fastest first.
+/// Returns all backends with their availability on this machine, fastest first. To find out, each backend of this build
+/// is started.
 pub fn backends() -> Vec<BackendInfo> {
     let info = |name| {
         let (state, missing_feature) = match Backend::by_name(name, &BackendOptions::default()) {
@@ -230,13 +231,13 @@ impl Backend {
     /// Starts the fastest backend that works on this machine, with default options, whatever scene it will draw.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend that was tried.
+    /// Errors of [`Backend::choose`].
     pub fn auto() -> Result<Self, BackendError> {
         Self::by_name("auto", &BackendOptions::default())
     }
 
-    /// Frees memory that the CPU backend would reuse for later frames. Useful after an image that is much larger than
-    /// the next ones.
+    /// Frees memory that the CPU backend would reuse for later frames; does nothing in other backends. Useful after an
+    /// image that is much larger than the next ones.
     pub fn release_memory(&mut self) {
         #[cfg(feature = "cpu")]
         #[allow(irrefutable_let_patterns, reason = "the only backend of the smallest build")]
@@ -248,7 +249,7 @@ impl Backend {
     /// Starts the fastest backend that works on this machine and supports the scene, settings and planes.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend that was tried.
+    /// Errors of [`Backend::choose`].
     pub fn auto_for(
         scene: &Scene,
         settings: &Settings,
@@ -510,7 +511,7 @@ fn capabilities_of(name: &str) -> Option<Capabilities> {
 }
 
 /// True unless the backend needs a GPU and the machine has none. Starting the backend would then find a software device
-/// at best. Only Linux machines are examined.
+/// at best. Only Linux machines are examined; on others the result is true.
 fn has_device_for(name: &str) -> bool {
     if name == "cpu" || !cfg!(target_os = "linux") {
         return true;

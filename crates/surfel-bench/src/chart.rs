@@ -72,7 +72,8 @@ struct LogAxis {
 }
 
 impl LogAxis {
-    /// Returns the values with labels: powers of ten, and on short axes multiples in between.
+    /// Returns the values with labels: powers of ten. On short axes, multiples in between have labels, too; on long
+    /// axes, only every second, fifth or later power has one.
     fn ticks(self) -> Vec<f64> {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let length = high - low;
@@ -144,7 +145,7 @@ pub struct Series {
     pub color: usize,
     /// Points [x, y] in drawing order. NaN interrupts the line.
     pub points: Vec<[f64; 2]>,
-    /// Labels of the points; either one per point, or none.
+    /// Labels of the points, which are drawn only with [`Style::Points`]; either one per point, or none.
     pub labels: Vec<String>,
 }
 
@@ -246,8 +247,8 @@ impl Chart {
         root.present()
     }
 
-    /// Draws the labels of points. Each label is at one of four sides of its point, and is omitted if it would overlap
-    /// marks or other labels at all of them.
+    /// Draws the labels of points. Each label is at one of four sides of its point. It is omitted if at all four it
+    /// would leave the plot, or overlap another label or a mark of a series of points.
     fn label<'a>(&self, root: &Drawing<'a>, plot: &Plot<'_, 'a>) -> Result<(), DrawingError<'a>> {
         let labelled = || self.series.iter().filter(|series| series.style == Style::Points);
         let place = |point: (f64, f64)| plot.backend_coord(&point);

@@ -57,8 +57,8 @@ fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     (radius, (radius * direction - (gradient - direction * gradient.dot(direction))).normalize())
 }
 
-/// Returns the surface of the [`ball`] as `4·rings²` triangles between circles of latitude, with colours and normals.
-/// `rings` is at least 2.
+/// Returns the surface of the [`ball`] as `4·rings·(rings − 1)` triangles between circles of latitude, with colours and
+/// normals. `rings` is at least 2.
 pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     let waves = waves();
     let columns = 2 * rings;

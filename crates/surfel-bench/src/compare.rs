@@ -4,7 +4,8 @@ use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Returns a table with the ratios of B to A: medians, their noise, and minima.
+/// Returns a table with the ratios of B to A: medians, their noise, and minima. Only scenes and numbers of threads that
+/// both runs have are compared.
 ///
 /// The table compares CPU times if both runs have them, since other work on the machine affects CPU time little.
 /// Otherwise it compares wall-clock times.
@@ -54,9 +55,9 @@ fn least(frames_ms: &[f64]) -> f64 {
     frames_ms.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the relative standard error of a median: 1.2533·σ/√n. σ is computed from the quartiles, so that a few
-/// disturbed frames have no effect. Both constants are those of the normal distribution. A disturbance of the whole run
-/// isn't included.
+/// Returns the standard error of a median, relative to the median: 1.2533·σ/√n, or NaN for fewer than two frames. σ is
+/// computed from the quartiles, so that a few disturbed frames have no effect. Both constants are those of the normal
+/// distribution. A disturbance of the whole run isn't included.
 fn standard_error(frames_ms: &[f64]) -> f64 {
     if frames_ms.len() < 2 {
         return f64::NAN;

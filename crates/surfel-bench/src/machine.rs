@@ -45,8 +45,8 @@ pub(crate) fn busy_ms() -> Option<f64> {
     None
 }
 
-/// Returns the name of the CPU with its family and model, as Linux reports them. The names of virtual CPUs alone are
-/// ambiguous.
+/// Returns the name of the CPU with its family and model, as Linux reports them; empty on other systems. The names of
+/// virtual CPUs alone are ambiguous.
 fn cpu() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {

@@ -76,7 +76,7 @@ struct Ready {
     upload: usize,
     view: View,
     settings: Settings,
-    /// Measurements of the scene, one entry per backend.
+    /// Measurements of the scene, one entry per number of threads.
     samples: Vec<Samples>,
 }
 

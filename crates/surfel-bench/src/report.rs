@@ -68,7 +68,8 @@ pub(crate) struct Row {
     pub splats: u64,
     /// Number of splats that were drawn, without culled ones.
     pub drawn: u64,
-    /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
+    /// Total number of fragments of the frame that contribute to any pixel; `None` if the backend doesn't count them,
+    /// or if there are none.
     pub fragments: Option<u64>,
     /// Number of pixels to which at least one splat contributes.
     pub covered_px: u64,
@@ -78,17 +79,17 @@ pub(crate) struct Row {
     pub drawn_per_s: f64,
     /// Number of fragments divided by the median time, per second; `None` if the backend doesn't count fragments.
     pub fragments_per_s: Option<f64>,
-    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets; `None` if
-    /// fragments or the fill rate aren't known.
+    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets. `None` if
+    /// fragments, the fill rate or the time of the attribute pass aren't known.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
     /// Fragments per second of the whole frame, as a fraction of the GPU's fill rate for the targets of the attribute
-    /// pass; `None` as for `share_of_blend`.
+    /// pass. `None` if fragments or the fill rate aren't known.
     #[serde(default)]
     pub frame_share_of_blend: Option<f64>,
-    /// Mean number of fragments per drawn splat; `None` if the backend doesn't count fragments.
+    /// Mean number of fragments per drawn splat; `None` if `fragments` is `None`, or if no splat was drawn.
     pub fragments_per_splat: Option<f64>,
-    /// Mean number of fragments per covered pixel; `None` if the backend doesn't count fragments.
+    /// Mean number of fragments per covered pixel; `None` if `fragments` is `None`, or if no pixel is covered.
     pub fragments_per_px: Option<f64>,
     /// Number of pairs of a splat and a block of 4×4 pixels that the CPU backend computed; `None` for other backends.
     pub block_pairs: Option<f64>,
@@ -121,7 +122,7 @@ pub(crate) struct Samples {
     pub stats: Vec<Stats>,
     /// Number of pixels to which at least one splat contributes.
     pub covered_px: u64,
-    /// Number of fragments; 0 if the backend doesn't count them.
+    /// Number of fragments of one frame; 0 if the backend doesn't count them.
     pub fragments: u64,
 }
 

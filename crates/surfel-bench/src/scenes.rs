@@ -265,8 +265,8 @@ fn sharp(path: &Path) -> Result<Loaded, Failure> {
     Ok(Loaded { camera, ..framed(cloud, Cull::Back) })
 }
 
-/// Returns a scene of a cloud with the default lights. The camera is on the z axis, as near as possible while the whole
-/// cloud is visible.
+/// Returns a scene of a cloud with the default lights. The camera is on the z axis, as near as possible while the
+/// centres of all splats are visible.
 fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
     let slope = (0.5 * FOV_Y_DEG).to_radians().tan();
     // A centre is visible if |x| and |y| are at most (eye − z)·slope.

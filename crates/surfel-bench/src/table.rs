@@ -126,7 +126,8 @@ fn cost(row: &Row) -> f64 {
     row.busy_ms.unwrap_or(row.median_ms)
 }
 
-/// Returns notes on the cost of each shader. The scenes of other shaders are named after the Phong scene.
+/// Returns a note per scene of the shader `phong` on its time relative to the shaders `normal` and `unlit`. The scenes
+/// of those shaders have its name with `-normal` and `-unlit`; without both, there is no note.
 fn shader_notes(rows: &[Row]) -> Vec<String> {
     let phong = rows.iter().filter(|row| row.shader == "phong");
     let notes = phong.filter_map(|phong| {
@@ -146,7 +147,8 @@ fn shader_notes(rows: &[Row]) -> Vec<String> {
     notes.collect()
 }
 
-/// Returns a note on the speed-up with two threads, if both numbers of threads were measured.
+/// Returns a note on the speed-up of two threads over one, in the scenes that were measured with both; `None` if there
+/// are none.
 fn scaling_note(rows: &[Row]) -> Option<String> {
     let gains = rows.iter().filter(|row| row.threads == 1).filter_map(|one| {
         let two = rows.iter().find(|row| row.scene == one.scene && row.threads == 2)?;

@@ -53,8 +53,8 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     judge(args, &image, written, &changed, &drawn, console)
 }
 
-/// Reports whether the image drawn again is identical to the original. Fails with exit code 5 if it differs without a
-/// reported cause, such as a changed input.
+/// Reports whether colour and depth of the image drawn again are identical to those of the original. Fails with exit
+/// code 5 if they differ although `changed` is empty, the command line states no backend, and no GPU drew the original.
 fn judge(
     args: &Options,
     image: &Planes,

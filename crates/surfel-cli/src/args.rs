@@ -142,7 +142,7 @@ fn inputs(name: &'static str, help: &'static str, count: impl Into<clap::builder
 }
 
 /// Returns clap's argument for an option of the table. `known` are the names of the command's options, to which
-/// conflicts are limited.
+/// conflicts and requirements are limited.
 fn argument(row: &Row, known: &[&str]) -> Arg {
     let known = |names: &'static [&'static str]| names.iter().copied().filter(|name| known.contains(name));
     let help = row.help.strip_suffix('.').unwrap_or(row.help);

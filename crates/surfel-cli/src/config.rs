@@ -23,8 +23,8 @@ fn excluding(command: Commands, key: &str) -> Vec<&'static str> {
     by_others.chain(own).chain(of_camera).collect()
 }
 
-/// Returns the flags of the configuration file as command-line arguments. Flags that the command line also has and
-/// flags of other commands are omitted.
+/// Returns the flags of the configuration file as command-line arguments. Flags that the command line also has, flags
+/// that conflict with those on the command line, and flags of other commands are omitted.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
     let wrong = |what: String| Failure::usage(format!("{}: {what}", path.shown()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;

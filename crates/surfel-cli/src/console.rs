@@ -24,14 +24,14 @@ impl Console {
         Self { quiet, verbose }
     }
 
-    /// Prints a note for the user.
+    /// Prints a note for the user, unless `-q` is given.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
             to_stderr(&format!("note: {}\n", harmless(&as_flags(text))));
         }
     }
 
-    /// Prints a detail if `-v` is given.
+    /// Prints a detail if `-v` is given, and `-q` isn't.
     pub(crate) fn detail(&self, text: &str) {
         if self.verbose && !self.quiet {
             to_stderr(&format!("{}\n", harmless(&as_flags(text))));

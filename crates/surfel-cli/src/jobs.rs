@@ -320,8 +320,8 @@ impl Job {
 
 /// Placeholder for a task's number in OpenJD.
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
-/// Largest length, in bytes, of a command that a job system passes as one word. Linux allows 128 KiB including the
-/// terminating zero.
+/// Limit of the length, in bytes, of a command that a job system passes as one word; commands must be shorter. Linux
+/// allows 128 KiB including the terminating zero.
 const MAX_COMMAND_BYTES: usize = 128 * 1024 - 1;
 
 /// Returns an error if a command is too long for a job system that passes it to a shell as one word.
@@ -387,8 +387,9 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     pieces::check(&render, !format.is_stdout())
 }
 
-/// Returns the flags for all tasks, with the colour range of all inputs added. Tasks then don't compute the range, and
-/// all use the same one. The colour bar, if requested, is written here.
+/// Returns the flags for all tasks. If the flags colour by an attribute without stating a range, and all images share
+/// one range, the range over all inputs is added. Tasks then don't compute the range, and all use the same one. The
+/// colour bar, if requested, is written here.
 fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Console) -> Result<Vec<String>, Failure> {
     let mut flags: Vec<OsString> = args.flags.iter().map(OsString::from).collect();
     join_values(&mut flags);

@@ -44,7 +44,8 @@ use failure::Failure;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Stack size, in bytes, of the thread that parses the arguments. The grammar of all commands needs most of 1 MiB.
+/// Stack size, in bytes, of the thread that parses the arguments and executes the command. The grammar of all commands
+/// needs most of 1 MiB.
 const STACK_BYTES: usize = 8 << 20;
 
 fn main() -> ExitCode {

@@ -43,7 +43,8 @@ fn tell(failure: &Failure) -> u8 {
 }
 
 /// Joins a flag whose value is optional with the next word, if that word is a value of the flag. `--edge-aa samples`
-/// becomes `--edge-aa=samples`, and `--colorbar BAR.png` becomes `--colorbar=BAR.png`. Any other word is an input.
+/// becomes `--edge-aa=samples`, and `--colorbar BAR.png` becomes `--colorbar=BAR.png`. For a path, the word must have
+/// the extension of the option's example. Any other word is an input.
 pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     for row in table().rows().filter(|row| row.missing.is_some()) {
         let flag = format!("--{}", row.name);

@@ -132,7 +132,8 @@ pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
     }
 }
 
-/// Refuses combinations of flags for tiles and shards that contradict each other.
+/// Refuses `--frame-range` for a single image, `--skip-existing` without a file, and `{tile}` in the output name
+/// without `--tile`.
 pub(crate) fn check(args: &Options, to_files: bool) -> Result<(), Failure> {
     let moves = args.render.turntable || args.path.is_some();
     if args.frame_range.is_some() && !moves && !args.sequence && args.cameras.is_none() {

@@ -118,7 +118,7 @@ pub(crate) struct Session<'a> {
 /// Result of drawing all images of a scene or a sequence.
 #[derive(Default)]
 pub(crate) struct Drawn {
-    /// Files written, one per frame; empty for stdout.
+    /// Files written, one per frame, or a film; empty for stdout.
     pub(crate) files: Vec<PathBuf>,
     /// Statistics that `--stats` prints; `None` without the option.
     stats: Option<Value>,
@@ -436,7 +436,8 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// Returns the metadata of the image at `path`. `carried` caches the hashes of the inputs from frame to frame.
+    /// Returns the metadata of the image at `path`. They are empty with `--no-metadata`, for formats that store none,
+    /// and, with a note, if a path isn't UTF-8. `carried` caches the hashes of the inputs from frame to frame.
     fn metadata(
         &self,
         output: &Output,
@@ -497,7 +498,8 @@ pub(crate) fn drawn(
     Ok(drawn)
 }
 
-/// Returns the preset that the settings match, whose promise of accuracy then applies; `None` with 16-bit storage.
+/// Returns the preset that the settings match, whose promise of accuracy then applies. `None` if they match no preset,
+/// and with 16-bit storage.
 fn promised(args: &Options, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| !args.quantised)
 }

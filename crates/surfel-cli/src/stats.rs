@@ -13,7 +13,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     *m
 }
 
-/// Returns a timed run with the number of fragments that another run of the same frame counted.
+/// Returns a timed run with the number of fragments that another run of the same frame counted. Counters that only the
+/// other run has are added.
 pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
     run.fragments = counted.fragments;
     let unknown = |(name, _): &&(&str, f64)| run.counters.iter().all(|(known, _)| known != name);

@@ -28,7 +28,8 @@ pub(crate) struct Verified {
 struct Model {
     preset: Preset,
     whole: Comparison,
-    /// Difference in the pixels inside surfaces ([`inside_surfaces`]); `None` if there are no such pixels.
+    /// Difference in the pixels inside surfaces ([`inside_surfaces`]); `None` if fewer than one pixel in twenty is
+    /// inside, and for transparent scenes.
     inside: Option<Comparison>,
 }
 
@@ -80,7 +81,8 @@ fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Compariso
 }
 
 impl Verified {
-    /// Returns a description of each measured error that exceeds what the preset promises.
+    /// Returns a description of each measured error that exceeds what the preset promises; empty if there is no model
+    /// error.
     fn broken(&self) -> Vec<String> {
         let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
         let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();

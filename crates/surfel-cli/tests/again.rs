@@ -165,7 +165,7 @@ fn again_says_what_is_missing_or_changed() {
     f.run("again x.png -o z.png --backend reference").code(0);
 }
 
-/// Writes a PNG of 4 × 4 pixels with these texts.
+/// Writes a grey PNG of 4 × 4 pixels with these metadata entries.
 fn forged(f: &Folder, name: &str, texts: &[(&str, String)]) {
     let color = vec![[0.5, 0.5, 0.5, 1.0]; 16];
     let planes = surfel_io::Planes { width: 4, height: 4, color: Some(color), ..Default::default() };

@@ -173,7 +173,8 @@ fn a_large_file_by_levels_has_one_range_for_all_views_and_tiles() {
     assert!(lo > 97.0 && lo < 98.5 && hi > 101.5 && hi < 103.0, "{lo} {hi}");
 }
 
-/// Returns a sheet of 10×10 quads with a measurement and a class per vertex and a part per face.
+/// Returns a sheet of 10×10 quads as PLY. Vertices have a measurement `temp` and a class `kind`; faces have a part
+/// number `part` and a measurement `temp`.
 fn sheet() -> String {
     let mut text = "ply\nformat ascii 1.0\nelement vertex 121\nproperty float x\nproperty float y\nproperty float z\n\
                     property float temp\nproperty uchar kind\nelement face 100\n\

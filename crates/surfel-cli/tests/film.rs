@@ -60,7 +60,8 @@ fn sampled(count: usize, seed: u64) -> String {
     (0..count).map(|_| point()).collect()
 }
 
-/// Returns a camera path around the origin.
+/// Returns a camera path of three keys around the origin. `times` has the times of the keys, separated by spaces, or
+/// nothing.
 fn keys(times: &str) -> String {
     let key = |eye: &str, time: &str| {
         format!(

@@ -408,7 +408,7 @@ fn shares_of_a_conversion_are_put_together() {
     ] {
         folder.run(&format!("convert 0.las {words}")).fails(2, part);
     }
-    folder.run("convert a-0000.shard -o x.shard --shard 0/2").fails(3, "can't be shared out");
+    folder.run("convert a-0000.shard -o x.shard --shard 0/2").fails(3, "can't be divided again");
     assert!(!folder.names().iter().any(|name| name.starts_with('x') || name.ends_with(".resume")));
 }
 

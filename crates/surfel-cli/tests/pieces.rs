@@ -63,7 +63,8 @@ fn tiles_equal_the_whole_to_the_byte() {
     f.run("again joined.exr -o again.exr").code(0);
 }
 
-/// True if two images have the same planes and texts, to the bit.
+/// True if two images have the same size, the same colour, depth, normals and weights to the bit, and the same
+/// metadata.
 fn same(f: &Folder, a: &str, b: &str) -> bool {
     let bits = |name: &str| {
         let image = f.image(name);

@@ -330,8 +330,8 @@ fn lighting(scene: &ResidentScene, view: &View, plan: &FramePlan, shadows: Vec<S
         .with_matcap(scene.matcap.clone())
 }
 
-/// Returns the factor from a pixel's sum of weights to its coverage. `None` if coverage isn't needed, or if the factor
-/// differs among splats and coverage must be summed.
+/// Returns the factor from a pixel's sum of weights to its coverage. `None` if coverage isn't needed, if the scene has
+/// no clouds, or if the factor differs among splats and coverage must be summed.
 fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
     let filter = &plan.splat_filter;
     let mut scales = scene.clouds.iter().map(|cloud| cloud.coverage_per_weight(filter.cutoff));
@@ -348,8 +348,9 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
-/// True if a tile whose splats are all tiny, of at most 3×3 pixels, may be drawn splat by splat. This requires that no
-/// screen-space pass follows, and that the plan needs only the sums that such a tile computes.
+/// True if a tile whose splats are all tiny, of at most 3×3 pixels, may be drawn splat by splat. This requires that the
+/// frame has only opaque splats, that no screen-space pass follows, and that the filter isn't `clamp`. It also requires
+/// that the plan needs only the sums that such a tile computes.
 fn supports_tiny_tiles(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.

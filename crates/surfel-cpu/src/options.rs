@@ -8,6 +8,7 @@ use surfel_model::Storage;
 #[non_exhaustive]
 pub struct Options {
     /// Number of threads. 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
+    /// WebAssembly has no threads, and ignores the number.
     pub threads: usize,
     /// SIMD instructions that the renderer uses.
     pub simd: SimdLevel,

@@ -14,7 +14,8 @@ use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, Ren
 /// Capabilities of this backend, by which a plan rejects what the backend can't draw.
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin, Feature::Sky] };
 
-/// The CPU backend's renderer. It has its own thread pool and doesn't use the global one.
+/// The CPU backend's renderer. It has its own thread pool and doesn't use the global one, except in WebAssembly, where
+/// the caller's thread draws.
 pub struct Renderer {
     info: RendererInfo,
     threads: Threads,

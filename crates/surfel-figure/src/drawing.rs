@@ -153,7 +153,8 @@ pub struct Drawing {
     /// Items from back to front.
     pub items: Vec<Item>,
     /// Rectangles that the layout assigned, each with the kind of its content: title, heading, panel, caption, row
-    /// label, key or mark. Areas don't overlap, except for marks, which are inside their panels.
+    /// label, key or mark. Areas don't overlap, except for marks, which are inside their panels unless these are too
+    /// small for them.
     pub areas: Vec<(&'static str, Rect)>,
 }
 

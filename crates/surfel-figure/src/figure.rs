@@ -76,7 +76,7 @@ impl Panel {
         Some(first..differing.next_back().map_or(first, |(row, _)| row as u32) + 1)
     }
 
-    /// Reduces the panel to these rows of its image. Marks move with the image.
+    /// Reduces the panel to these rows of its image. Labels and lines move with the image.
     pub fn crop_rows(&mut self, rows: Range<u32>) {
         let Range { start, end } = rows.start.min(self.size[1])..rows.end.min(self.size[1]);
         if let Some(picture) = &self.picture {
@@ -105,8 +105,8 @@ impl Panel {
 /// Mark over an image. Positions and lengths are in pixels of the image, with y down.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Mark {
-    /// Scale bar in the lower left corner. It is in the lower right corner if only there the image behind the bar has
-    /// one colour.
+    /// Scale bar near the lower left corner. It is near the lower right corner if only there the image behind the bar
+    /// has one colour.
     Scale {
         /// Length of the bar, in pixels of the image.
         length: f64,
@@ -115,7 +115,7 @@ pub enum Mark {
     },
     /// Directions of the world's axes, drawn in the lower right corner.
     Axes([Axis; 3]),
-    /// North arrow in the upper right corner.
+    /// North arrow near the upper right corner.
     North {
         /// Direction of north as a vector in the image (x right, y down), of any length but 0.
         direction: [f64; 2],

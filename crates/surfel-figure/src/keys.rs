@@ -16,7 +16,7 @@ const BAR_HEIGHT: (f64, f64) = (7.0, 26.0);
 const TICK: f64 = 0.35;
 /// Distance between a tick line and its label, in ems.
 const TICK_GAP: f64 = 0.3;
-/// Smallest average distance between the ticks of a colour bar, in ems. It determines the number of ticks.
+/// Smallest average distance between the ticks of a colour bar, in ems. It determines the number of ticks, from 2 to 8.
 const TICK_DISTANCE: f64 = 2.6;
 /// Side of the coloured square of a legend entry, in ems.
 const SWATCH: f64 = 0.95;

@@ -80,6 +80,7 @@ impl Grid {
 
 impl Figure {
     /// Returns the rows that share the label of row `r`: the row that has it, and the rows without a label below it.
+    /// Returns only row `r` if neither it nor a row above has a label.
     fn group(&self, r: usize) -> Range<usize> {
         let has_label = |row: &Row| row.label.is_some();
         let Some(first) = self.rows[..=r].iter().rposition(has_label) else { return r..r + 1 };

@@ -80,8 +80,8 @@ impl Placer<'_> {
 
     /// Returns the area for a mark that is wanted in one of these corners of the panel, in order of preference. From
     /// each corner, the nearest free area is searched in which the image has one colour. Otherwise, the result is the
-    /// nearest free area that covers either only background pixels or none of them. If there is no such area either,
-    /// the result is the first corner.
+    /// nearest free area that covers either only background pixels or none of them. If there is no such area either, or
+    /// the panel has no image, the result is the first corner.
     fn even_area(&self, corners: &[Rect]) -> Rect {
         let em = self.em();
         let steps = (MAX_MOVE / MOVE) as i32;
@@ -203,8 +203,8 @@ impl Placer<'_> {
         self.take(Rect::new([center[0] - reach, center[1] - reach], [2.0 * reach; 2]));
     }
 
-    /// Draws a labelled point. Its text is placed beside the point so that it overlaps neither another mark nor the
-    /// panel's border, and preferably where the image has one colour.
+    /// Draws a labelled point. If possible, its text is placed beside the point so that it overlaps neither another
+    /// mark nor the panel's border, and where the image has one colour. Points outside the panel aren't drawn.
     fn label(&mut self, at: [f64; 2], text: &str) {
         let em = self.em();
         let at = [self.panel.at[0] + at[0], self.panel.at[1] + at[1]];

@@ -23,7 +23,8 @@ fn round_up(least: f64) -> f64 {
     factor.unwrap_or(10.0) * power
 }
 
-/// Returns the largest of 1, 2 and 5 times a power of ten that isn't more than `most`; 0 unless `most` is positive.
+/// Returns the largest of 1, 2 and 5 times a power of ten that isn't more than `most`; 0 unless `most` is positive and
+/// finite.
 pub fn round_length(most: f64) -> f64 {
     if !(most > 0.0 && most.is_finite()) {
         return 0.0;
@@ -34,7 +35,7 @@ pub fn round_length(most: f64) -> f64 {
 }
 
 /// Returns the smallest multiple of a round step that isn't less than `value`. The step is 1, 2 or 5 times a power of
-/// ten, and at least a `count`-th of the value. Returns 0 unless `value` is positive.
+/// ten, and at least a `count`-th of the value. Returns 0 unless `value` is positive and finite.
 pub fn round_end(value: f64, count: usize) -> f64 {
     if !(value > 0.0 && value.is_finite()) {
         return 0.0;

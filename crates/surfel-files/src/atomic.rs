@@ -145,8 +145,9 @@ impl Pending {
     }
 }
 
-/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program. If the
-/// process was killed, the next process that creates a temporary file in the folder removes it.
+/// A temporary file for this process alone. It is removed when it is dropped, and by [`remove_temporary_files`], which
+/// a program calls when a signal ends it. If the process was killed, the next process that creates a temporary file in
+/// the folder removes it.
 #[derive(Debug)]
 pub struct Temporary {
     file: NamedTempFile,

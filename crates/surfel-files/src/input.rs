@@ -10,7 +10,8 @@ use std::rc::Rc;
 
 /// Largest size, in bytes, of an input file that is loaded as a whole. Larger files are refused.
 pub const MAX_BYTES: u64 = 64 << 30;
-/// Maximum number of bytes that are read from a source whose size isn't known in advance, such as a pipe.
+/// Maximum number of bytes that are read from a pipe or another source whose size isn't known in advance, or from a
+/// file to which another file refers. Longer ones are refused.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
 /// Constant part, in bytes, of the limit of [`most_unpacked`] on unpacked data.
 const UNPACKED_BYTES: u64 = 64 << 20;
@@ -47,7 +48,7 @@ pub fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, O
     }
 }
 
-/// Reads a file of at most `limit` bytes, or a pipe of at most 1 GiB, as a whole.
+/// Reads a file of at most `limit` bytes as a whole. A pipe may have at most 1 GiB, too.
 ///
 /// # Errors
 /// [`IoError::System`] if the file doesn't exist, is a folder, can't be read or doesn't fit into memory;
@@ -126,7 +127,8 @@ impl Siblings {
         siblings
     }
 
-    /// Returns the paths that [`Self::read`] requested, whether the files exist or not. Callers list them as inputs.
+    /// Returns the paths that [`Self::read`] requested and was allowed to read, whether the files exist or not. Callers
+    /// list them as inputs.
     pub fn asked(&self) -> Vec<PathBuf> {
         match self {
             Self::None => Vec::new(),

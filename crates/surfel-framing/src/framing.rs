@@ -45,7 +45,7 @@ pub struct FrameOptions {
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
-    /// Fraction of the image's width or height that the scene fills, in (0, 1].
+    /// Fraction of the image's width or height that the scene fills, clamped to [0.01, 1].
     pub fill: f64,
     /// Axis of a turntable through the scene's centre, a unit vector in world space. The scene then fits the image at
     /// all angles. `None` if the scene doesn't turn.
@@ -76,7 +76,8 @@ impl Support {
     }
 
     /// Returns the minima, over a scene's splats, of the linear functions whose gradients are `directions`. `at` maps a
-    /// splat's centre to the position at which they are evaluated, or to `None` to skip the splat.
+    /// splat's centre, or a point of a clipped splat's outline, to the position at which they are evaluated. It returns
+    /// `None` to skip the splat or the point.
     fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
         let add = |support: &mut Self, p: DVec3, splat: &Extent| {
             if at(p).is_none_or(|p| support.may_grow(p, splat)) {
@@ -212,8 +213,8 @@ fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
 }
 
 /// Returns the extent from its centre to which each Gaussian of an object is limited for framing: the largest one,
-/// after excluding needles (the longest 1 in 50). Returns infinity for other geometry. Framing needles would make the
-/// scene small, although they are hardly visible far from their centres.
+/// after excluding needles (the longest 1 in 50). Returns infinity for other geometry, and if there are no Gaussians.
+/// Framing needles would make the scene small, although they are hardly visible far from their centres.
 fn longest(object: &Object) -> f64 {
     let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
     let step = gaussians.len().div_ceil(MEASURED).max(1);
@@ -359,16 +360,16 @@ impl Len for Geometry {
 }
 
 /// Places a camera so that the scene is centred and as large as `options.fill` allows. The ellipses themselves fit the
-/// image, not only their bounding box. Returns `None` if the scene is empty.
+/// image, not only their bounding box. Returns `None` if the scene is empty or its bounds aren't finite.
 ///
-/// Stray points are ignored ([`crate::strays::without_strays`]):
+/// Stray points are ignored ([`crate::strays::without_strays`]), unless the scene has fewer than 200 points:
 ///
 /// - In clouds of splats, strays are isolated points, at most 1 in 25. The farthest stray is at least 1.5 times as far
 ///   from the centre as all points that aren't strays.
-/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is at least 1.5 times as far from the centre as all other
-///   Gaussians.
-/// - In other geometry, at most 1 point in 200 is a stray. Each stray is at least four times as far from the centre as
-///   all other points.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is more than 1.5 times as far from the centre as the
+///   nearest 98 % of the Gaussians.
+/// - In other geometry, at most 1 point in 200 is a stray. Each stray is more than four times as far from the centre as
+///   the nearest 99.5 % of the points.
 ///
 /// The longest 1 in 50 Gaussians are framed as if they were only as long as the next longest one.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
@@ -451,8 +452,8 @@ struct Reach {
 
 /// Moves `eye` sideways so that the left and right margins of the image become nearly equal, and also the upper and
 /// lower ones. The step assumes that the outermost splats remain outermost. Also returns the centring error before the
-/// step: the largest difference between opposite margins, as a tangent. `keep` is true for centres of splats that are
-/// framed.
+/// step: the largest difference between opposite margins, as a tangent. If the step isn't finite, returns `eye` and 0.
+/// `keep` is true for centres of splats that are framed.
 ///
 /// The step is needed because only two sides of the image limit the distance of the eye. The margins at the other two
 /// sides may be unequal.
@@ -505,19 +506,21 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
 }
 
 /// Returns the centre of the bounds of the part of a scene inside of a sphere, at which [`frame_within`] centres the
-/// image. `None` for the sphere selects the whole scene. Returns `None` if there is no geometry.
+/// image. `None` for the sphere selects the whole scene. Returns `None` if there is no geometry or its bounds aren't
+/// finite.
 pub fn center_within(scene: &Scene, kept: Option<Sphere>) -> Option<DVec3> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
-/// Returns the minimum and maximum coordinates of the scene's splats, or `None` if there is no geometry.
+/// Returns the minimum and maximum coordinates of the scene's splats and vertices, or `None` if there is no geometry or
+/// its bounds aren't finite.
 pub fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     bounds(scene, |_| true)
 }
 
 /// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.
-/// Returns `None` if there is no geometry.
+/// Returns `None` if there is no geometry or its depths aren't finite.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
     let (first, last) = (support.least[0], -support.least[1]);
@@ -549,17 +552,18 @@ pub fn upright_of(samples: &Samples, convention: UpConvention) -> Upright {
     up_axis::upright(samples, convention)
 }
 
-/// Returns the best view of the objects: the one with the highest viewpoint entropy and visible curvature among twelve
-/// candidates.
+/// Returns the best view of the objects: the one of twelve candidates with the largest weighted sum of several
+/// criteria, mainly viewpoint entropy and visible curvature.
 ///
 /// The candidates are 30° apart around the objects and 20° above the horizon. The best one is also compared with a view
-/// from 40° above the horizon. Objects whose height is less than 0.4 of their smaller width are viewed from 40° above
-/// the horizon, and flatter ones (less than 0.22) from 50°.
+/// from the same side, 40° above the horizon. Objects whose height is less than 0.4 of their smaller width are viewed
+/// from 40° above the horizon, and flatter ones (less than 0.22) from 50°.
 ///
 /// Three-quarter views are preferred to slightly better straight ones, and front views to back views. The front is that
 /// of [`crate::NamedView::Front`], unless the shape has a semantic front. A semantic front is at the head of an animal,
 /// opposite to a tail or a backrest, or at the toes of a figure. A room that is open on one side is viewed through the
-/// opening. Equal objects next to each other are viewed like one of them.
+/// opening, from 10° above the horizon. Reliefs, and surfaces that a depth camera captured, are viewed straight from
+/// the front. Equal objects next to each other are viewed like one of them.
 ///
 /// At most 20,000 splats or triangles are sampled, always the same ones. Objects with fewer than 24 splats or triangles
 /// get [`ViewAngles::ISO`].

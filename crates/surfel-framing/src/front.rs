@@ -136,8 +136,8 @@ impl<'a> Body<'a> {
         there.map(|p| self.height(p))
     }
 
-    /// Returns the direction away from the backrest of a seat, or `None`. A shape is a seat if all of its patches above
-    /// [`BACKREST`] are at one end.
+    /// Returns the direction away from the backrest of a seat, or `None`. A shape is a seat if it is high enough
+    /// ([`SEAT`]) and all of its patches above [`BACKREST`] are at one end.
     fn backrest(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let high = || self.patches.all.iter().filter(|p| self.height(p) > BACKREST);
         let is_behind = |end: &DVec3| high().all(|p| p.position.dot(*end) > BEHIND * 0.5 * length);
@@ -156,7 +156,8 @@ impl<'a> Body<'a> {
         (lead.abs() > HIGHER && chin > CHIN).then_some(end)
     }
 
-    /// Returns the direction away from the thin end, which is the tail, or `None` unless exactly one end is thin.
+    /// Returns the direction away from the thin end, which is the tail. Returns `None` unless exactly one end is thin
+    /// and the body is long enough ([`SLENDER`]).
     fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
         let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
             let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);

@@ -24,8 +24,8 @@ pub struct Patch {
     pub color: [f32; 3],
     /// True if the normal distinguishes outside from inside. False for a Gaussian, whose normal has an arbitrary sign.
     pub has_sides: bool,
-    /// True if the normal is stored in the file and fits the positions of the points; false if it is estimated from
-    /// neighbours.
+    /// True if the normal is stored in the file and fits the positions of the points. False if it is estimated from
+    /// neighbours or doesn't fit, and for geometry other than clouds of splats.
     pub is_given: bool,
 }
 
@@ -104,8 +104,8 @@ impl Patches {
         Self::normalised(all, Kind::of(objects))
     }
 
-    /// Returns a sample that consists of the patches with the given indices, with its own centre and scale. Returns
-    /// `None` if there are too few patches.
+    /// Returns a sample that consists of the patches with the given indices, without stray points, with its own centre
+    /// and scale. Returns `None` if there are too few patches, or if their extent is zero.
     pub fn some(&self, numbers: &[usize]) -> Option<Self> {
         let in_world = |number: &usize| {
             let p = self.all[*number];

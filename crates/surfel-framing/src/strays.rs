@@ -38,9 +38,11 @@ impl Kind {
         }
     }
 
-    /// Returns the ratio of two distances from the centre, of the farthest stray and of the farthest other point, above
-    /// which strays are left out of the frame. In perspective, a point toward the eye, 1.5 times as far from the centre
-    /// as all others, would make the other points less than half as high as the image.
+    /// Returns the ratio of two distances from the centre above which strays are left out of the frame. For clouds of
+    /// splats, they are those of the farthest stray and of the farthest other point. Otherwise, they are those of any
+    /// stray and of the farthest point that remains when the farthest 1 in N ([`Self::one_in`]) is excluded. In
+    /// perspective, a point toward the eye, 1.5 times as far from the centre as all others, would make the other points
+    /// less than half as high as the image.
     const fn farther(self) -> f64 {
         match self {
             Self::Splats | Self::Gaussians => 1.5,
@@ -73,17 +75,17 @@ impl Sphere {
     }
 }
 
-/// Returns a sphere around a scene without its stray points, or `None` if no stray points are detected. `sample` is a
-/// selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that are farther
-/// than `distance` from `middle`.
+/// Returns a sphere around a scene without its stray points, or `None` if no stray points are detected or `sample` has
+/// fewer than 200 points. `sample` is a selection of the scene's `total` points. `far(middle, distance)` returns all
+/// points of the scene that are farther than `distance` from `middle`.
 ///
 /// - In clouds of splats, at most 1 point in 25 is a stray. All strays are isolated by the criteria of [`outliers`],
 ///   and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled points that aren't
 ///   isolated, so that no part of the surface is lost.
-/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is more than 1.5 times as far from the centre as all other
-///   Gaussians.
+/// - Among Gaussians, at most 1 in 50 is a stray. Each stray is more than 1.5 times as far from the centre as the
+///   nearest 98 % of the sampled Gaussians.
 /// - In other geometry, at most 1 point in 200 is a stray. Each stray is more than four times as far from the centre as
-///   all other points.
+///   the nearest 99.5 % of the sampled points.
 pub fn without_strays(
     (sample, total): (&[DVec3], usize),
     kind: Kind,

@@ -270,8 +270,9 @@ pub(crate) fn upright(samples: &Samples, convention: UpConvention) -> Upright {
     Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
-/// Returns the positive axis along which heights are measured, if the coordinates along the other two axes are in the
-/// range of map coordinates. Otherwise, returns `None`.
+/// Returns the positive axis along which heights are measured. The centre's coordinate along this axis is at most
+/// [`MAX_HEIGHT`]. Its other two coordinates are in the range [`MAP`] and more than twice the scene's half diagonal.
+/// Returns `None` if no axis fits.
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
@@ -548,8 +549,8 @@ fn floors(patches: &Patches) -> [f64; 6] {
 }
 
 /// Scores the evidence, from 0 to 1, of a depth camera at the origin that looks along the z axis. The sign `ahead`
-/// gives its direction. All points are then within its field of view, and nearly each direction has one surface. If the
-/// camera looks along +z, y points down; along −z, as in OpenGL, y points up.
+/// gives its direction. Nearly all points are then within its field of view ([`WITHIN_VIEW`]), and nearly each
+/// direction has one surface. If the camera looks along +z, y points down; along −z, as in OpenGL, y points up.
 pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     let at = |p: &Patch| p.position * patches.scale + patches.middle;
     if patches.all.len() < MIN_SEEN {

@@ -5,7 +5,8 @@ use std::fmt;
 use surfel_math::basis::unit;
 use surfel_model::{Camera, Up};
 
-/// Named view, relative to the scene's up axis. `Front` looks along −z if y is up, and along +y if z is up.
+/// Named view, relative to the scene's up axis. `Front` looks along −z if the up axis is +y, +x or −x, and along +z if
+/// it is −y. It looks along +y if the up axis is +z, and along −y if it is −z.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamedView {
     /// View from 30° to the right of the front and 20° above the horizon.

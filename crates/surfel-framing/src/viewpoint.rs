@@ -185,9 +185,10 @@ impl Compared {
     }
 }
 
-/// Chooses the view with the highest score for a scene, or for one part of a scene of equal parts. The elevation of the
-/// ring depends on the whole scene. The choice is deterministic, and takes a limited time whatever the size of the
-/// scene.
+/// Chooses the view with the highest score for a scene, or for one part of a scene of equal parts. A relief, or a
+/// surface that a depth camera captured, gets the front view instead, and a scene with too few patches
+/// [`ViewAngles::ISO`]. The elevation of the ring depends on the whole scene. The choice is deterministic, and takes a
+/// limited time whatever the size of the scene.
 pub(crate) fn choose_view(samples: &Samples, up: Up) -> ChosenView {
     let Some((all, patches)) = samples.all().zip(samples.one()) else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };

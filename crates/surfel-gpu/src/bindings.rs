@@ -36,7 +36,8 @@ pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot
 }
 
 /// Returns the number of workgroups needed to cover `length` invocations along an axis (0 is x, 1 is y, 2 is z) of the
-/// compute entry point with the name `entry`.
+/// compute entry point with the name `entry`. An unknown entry point counts as one with `layout::WORKGROUP` invocations
+/// per workgroup.
 pub fn workgroups(length: u32, entry: &str, axis: usize) -> u32 {
     let entry = ENTRIES.iter().find(|e| e.name == entry);
     let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);

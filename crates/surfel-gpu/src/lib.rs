@@ -47,8 +47,9 @@
 //! `surfel-ash`, which run them. No GPU API is visible. It has no Cargo features.
 //!
 //! Everything that needs f64 happens here, on the CPU: chunk origins relative to the eye, culling of chunks, and setup
-//! of the few splats that reach the near plane. The GPU sets up all other splats, by the WGSL twins of surfel-math's
-//! formulas. Buffers are filled at the offsets that `surfel-shaders` reflects from the shaders.
+//! of the few splats that reach the near plane (see `frame/near_plane.rs`). The GPU sets up all other splats, by the
+//! WGSL twins of surfel-math's formulas. Buffers are filled at the offsets that `surfel-shaders` reflects from the
+//! shaders.
 //!
 //! Modules import downward: `frame` (a view's tiles, uniforms, culling) uses `passes` (draws, targets, their order),
 //! which uses `scene` (splats, clips and textures in buffers).

@@ -84,7 +84,8 @@ impl StructWriter {
         self.vec3(offset, m.x_axis).vec3(offset + 16, m.y_axis).vec3(offset + 32, m.z_axis)
     }
 
-    /// Sets the shaders' `Projection` at a byte offset.
+    /// Sets the shaders' `Projection` at a byte offset. The far plane of a perspective projection, infinitely far, is
+    /// written as the largest f32.
     pub(crate) fn projection(&mut self, offset: usize, p: &Projection) -> &mut Self {
         use layout::projection as at;
         let (kind, height) = match p.kind {

@@ -70,7 +70,8 @@ pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
 /// file from making the decoder allocate much memory.
 ///
 /// Deflate compresses at most 1032 bytes into one, which are 8256 pixels of one bit; JPEG compresses less. A WebP may
-/// have no bits per pixel, so that up to 4096² pixels are accepted in any case.
+/// have no bits per pixel, so that 4096² pixels are accepted in addition, whatever the file's length. For PNG and JPEG,
+/// 65,536 pixels are.
 pub(super) fn can_hold(bytes: &[u8], width: u32, height: u32) -> bool {
     let free = if is_webp(bytes) { 1 << 24 } else { 1 << 16 };
     u64::from(width) * u64::from(height) <= bytes.len() as u64 * 8256 + free
@@ -110,8 +111,8 @@ pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     open(bytes, MAX_HEADER_BYTES).map(|decoder| decoder.dimensions())
 }
 
-/// Decodes an image, whose size the caller has checked, with at most `max_bytes` bytes of memory. Returns the reason if
-/// it can't be decoded.
+/// Decodes an image, whose size the caller has checked. Returns the reason if it can't be decoded, or if its samples
+/// take more than `max_bytes` bytes.
 pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
     let decoder = open(bytes, max_bytes)?;
     let (width, height) = decoder.dimensions();

@@ -39,7 +39,7 @@ fn half_of(channel: f32) -> f16 {
     f16::from_f32(channel.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
 
-/// Writes all planes as one EXR part. Equal planes give equal bytes.
+/// Writes all planes, except 8-bit colours, as one EXR part. Equal planes give equal bytes.
 ///
 /// # Errors
 /// [`io::Error`] if there is no plane, a plane has the wrong size, two have the same name, or `out` fails.

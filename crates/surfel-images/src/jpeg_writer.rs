@@ -26,7 +26,8 @@ impl Default for JpegOptions {
     }
 }
 
-/// Writes the colour plane as JPEG: 8 bits, sRGB-encoded, 4:4:4, blended onto the background. NaN becomes 0.
+/// Writes the colour plane as JPEG: 8 bits, sRGB-encoded, 4:4:4, blended onto the background. A colour of NaN becomes
+/// 0, and a pixel whose alpha is NaN shows the background.
 ///
 /// # Errors
 /// [`io::Error`] if there is no colour plane, its size is wrong, or a side has more than 65,535 pixels. Also

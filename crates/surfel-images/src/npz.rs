@@ -8,8 +8,8 @@ use std::path::Path;
 use surfel_files::atomic;
 use surfel_files::error::IoError;
 
-/// Writes all planes uncompressed: colours, depth, normals and weights as `<f4`, positions as `<f8`, integers as `<u4`.
-/// `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.
+/// Writes all planes, except 8-bit colours, uncompressed: colours, depth, normals and weights as `<f4`, positions as
+/// `<f8`, integers as `<u4`. `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.
 ///
 /// # Errors
 /// [`io::Error`] if there is no plane, a plane has the wrong size, the file would have 4 GiB or more, or `out` fails.

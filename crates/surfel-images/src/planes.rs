@@ -72,7 +72,8 @@ pub struct PlanesView<'a> {
 }
 
 impl PlanesView<'_> {
-    /// Returns the number of pixels, width times height. Returns an error if a plane has another number of values.
+    /// Returns the number of pixels, width times height. Returns an error if this number is 0 or more than
+    /// [`MAX_IMAGE_PIXELS`], or if a plane has another number of values.
     pub(super) fn pixels(&self) -> io::Result<usize> {
         let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         let pixels = u64::from(self.width) * u64::from(self.height);

@@ -7,8 +7,8 @@ use surfel_math::srgb::nearest_8_bit;
 use surfel_model::Texture;
 
 /// Decodes an image whose size has been checked, and reduces it to `width` × `height` texels, at most the image's own
-/// size. Each texel is the mean of the covered pixels in linear light. A PNG that isn't interlaced is never in memory
-/// as a whole. Returns the reason if the image can't be decoded.
+/// size. Each texel is the mean of the covered pixels in linear light. A PNG that is reduced and isn't interlaced is
+/// never in memory as a whole. Returns the reason if the image can't be decoded.
 pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u32; 2]) -> Result<Texture, String> {
     if (width, height) == size_of(bytes)? {
         let image = decode(bytes, max_bytes)?;

@@ -54,8 +54,8 @@ impl TextureDecoder {
     /// Decodes a PNG, JPEG or WebP image. An image larger than the limit is reduced. Notes use `name`.
     ///
     /// # Errors
-    /// A message with the reason, if the bytes aren't an image in these formats. Also a message if the images of the
-    /// file exceed their common limit.
+    /// A message with the reason, if the bytes aren't an image in these formats. Also a message if a side has more than
+    /// 32,768 texels, or if the images of the file exceed their common limit.
     pub fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
@@ -92,8 +92,8 @@ impl TextureDecoder {
 /// Reads a matcap: an image of a lit sphere, as PNG, JPEG or WebP.
 ///
 /// # Errors
-/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't an image in these formats.
-/// [`IoError::Model`] if it has no texels or more than 2048 per side.
+/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't an image in these formats, or is a
+/// truncated JPEG. [`IoError::Model`] if it has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = input::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {

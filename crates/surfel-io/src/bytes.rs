@@ -94,7 +94,8 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Reads at most `most` bytes from offset `start` on; fewer if the bytes end before.
+    /// Reads at most `most` bytes from offset `start` on; fewer if the bytes end before. Returns an empty slice if
+    /// there isn't enough memory, like [`Self::read`].
     pub(crate) fn at_most(self, start: usize, most: usize) -> Cow<'a, [u8]> {
         let start = start.min(self.len());
         let part = self.part(start..start.saturating_add(most).min(self.len()));
@@ -144,7 +145,8 @@ impl<'a> Bytes<'a> {
 
     /// Returns the shortest range of a file that contains all `parts`, and the offset of each part in the range.
     /// Reading this range once replaces a read for each part. Returns `None` if the range is longer than the parts
-    /// together: reading them one by one is then faster.
+    /// together: reading them one by one is then faster. Also returns `None` if there are no parts, if a part is in
+    /// memory, or if the parts are from different files.
     pub(crate) fn hull(parts: &[Self]) -> Option<(Self, Vec<usize>)> {
         let Self::File { file, start, .. } = *parts.first()? else { return None };
         let (mut first, mut end, mut total) = (start, start, 0_usize);

@@ -16,10 +16,10 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use surfel_model::{Camera, Projection};
 
-/// Largest number of cameras in a camera path.
+/// Largest number of keys in a camera path. Paths with more are refused.
 const MAX_KEYS: usize = 100_000;
-/// Factor for the near plane of a camera that doesn't state one. The plane's distance from the eye is at most `NEAR`
-/// times the target's, so that the plane clips nothing.
+/// Factor for the near plane of a camera with the default near plane and without a stated far plane. The plane's
+/// distance from the eye is at most `NEAR` times the target's, so that the plane clips nothing.
 const NEAR: f64 = 1e-3;
 /// Factor for the far plane of a parallel projection that doesn't state one. The plane's distance from the eye is `FAR`
 /// times the sum of the target's distance and the view's height, so that the plane clips nothing.
@@ -93,8 +93,9 @@ impl<'de> Deserialize<'de> for CameraEntry {
 /// Reads a camera path. Names of files in it are relative to its folder.
 ///
 /// # Errors
-/// [`IoError::System`] if a file can't be read. [`IoError::Invalid`] with line and column if the content isn't a camera
-/// path, for fewer than two keys, and for times that don't increase.
+/// [`IoError::System`] if a file can't be read. [`IoError::Invalid`] if the content isn't a camera path, with line and
+/// column; for fewer than 2 or more than 100,000 keys; for an invalid camera; and for times that don't increase or that
+/// only some keys have.
 pub fn read(path: &Path) -> Result<CameraKeys, IoError> {
     parse(&files::read(path, MAX_BYTES)?, path)
 }
@@ -139,8 +140,9 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<CameraKeys, IoError> {
     Ok(CameraKeys { keys, closed: file.closed })
 }
 
-/// Sets the clip planes that a camera doesn't state, so that they clip nothing. A near plane with the default value
-/// moves nearer to the eye if the target is near. A parallel projection gets a distant far plane.
+/// Sets the clip planes that a camera doesn't state, so that they clip nothing. If no far plane is stated, a near plane
+/// with the default value moves nearer to the eye if the target is near. A parallel projection without a far plane gets
+/// a distant one.
 fn choose_depths(camera: &mut Camera) {
     let distance = (0..3).map(|k| (camera.target[k] - camera.eye[k]).powi(2)).sum::<f64>().sqrt();
     if camera.far.is_none() && camera.near == Camera::perspective([0.0; 3], [1.0; 3], 45.0, [1, 1]).near {

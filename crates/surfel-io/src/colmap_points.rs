@@ -21,11 +21,13 @@ const PER_ELEMENT: usize = 2;
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 /// Number of bytes of a track element in a binary file: index of an image, and index of the point in the image.
 const ELEMENT_BYTES: u64 = 8;
-/// Maximum number of text lines that are examined to detect COLMAP's format.
+/// Maximum number of lines of a text file that are examined to detect COLMAP's format, without comments and blank
+/// lines.
 const MAX_DETECTION_LINES: usize = 100;
 
 /// True if a file with the name `name` and the first bytes `head` is COLMAP's `points3D.txt`. Either the first comments
-/// name its columns; or all lines are points, and the name or differing track lengths show the format.
+/// name its columns; or the complete lines of `head`, at most [`MAX_DETECTION_LINES`], are points. In the latter case,
+/// the name must begin with `points3D`, or the tracks must differ in length.
 pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
     let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));
@@ -44,8 +46,8 @@ pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     !rows.is_empty() && (is_named || differ) && rows.iter().all(|line| is_row(line))
 }
 
-/// True if a line is a point of `points3D.txt`: whole numbers except for the position and the error, and complete pairs
-/// in the track.
+/// True if a line is a point of `points3D.txt`: whole numbers except for the position and the error, colours from 0 to
+/// 255, an error of −1 or at least 0, and complete pairs in the track.
 fn is_row(line: &[u8]) -> bool {
     let mut count = 0;
     let fits = words(line).all(|word| {
@@ -62,7 +64,8 @@ fn is_row(line: &[u8]) -> bool {
     fits && count >= BEFORE_TRACK && (count - BEFORE_TRACK).is_multiple_of(PER_ELEMENT)
 }
 
-/// True if the bytes of a file are those of `points3D.bin`: the stated number of records fills the file.
+/// True if the bytes of a file are those of `points3D.bin`: the stated number of points, at least one, fills the file,
+/// and all positions and errors are finite. Reads up to the whole file if its size allows the stated number.
 pub(crate) fn looks_like_binary(bytes: Bytes<'_>) -> bool {
     let count = bytes.at_most(0, 8);
     let Some(count) = count.first_chunk().map(|count| u64::from_le_bytes(*count)) else { return false };
@@ -76,7 +79,8 @@ pub(crate) fn looks_like_binary(bytes: Bytes<'_>) -> bool {
     .is_ok()
 }
 
-/// Returns the number of points that `points3D.bin` states, if the file is large enough for them.
+/// Returns the number of points that `points3D.bin` states, if the file is large enough for that many points without
+/// tracks; else `None`.
 #[cfg(feature = "laz")]
 pub(crate) fn count(bytes: Bytes<'_>) -> Option<u64> {
     let count = u64::from_le_bytes(*bytes.at_most(0, 8).first_chunk()?);

@@ -28,13 +28,14 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{TableColumns, Up};
 
-/// Maximum number of columns of a point file. Files with more are refused.
+/// Maximum number of columns of a point file. Files with more don't count as point files: [`ColumnFile::open`] returns
+/// `None`.
 const MAX_COLUMNS: usize = 128;
-/// Number of bytes at the start of a file that are read to detect its format. The number of points of a text file is
-/// estimated from them, too.
+/// Number of bytes at the start of a file that are read to detect its format; for PCD files and compressed files, more
+/// are read. The number of points of a text file is estimated from as many bytes each at its start, middle and end.
 const HEAD_BYTES: usize = 1 << 16;
 
-/// An open point file of any of these formats, whose columns are read block by block.
+/// An open point file of one of this module's formats, whose columns are read block by block.
 #[derive(Clone, Debug)]
 pub(crate) struct ColumnFile {
     pub(crate) format: Format,
@@ -54,7 +55,7 @@ pub(crate) struct ColumnFile {
     unpacked: Option<Arc<OpenFile>>,
 }
 
-/// Format, estimated number of points and up axis of a point file, read from its start.
+/// Format, estimated number of points and up axis of a point file, from its header or from samples of its data.
 pub(crate) struct Survey {
     pub(crate) format: Format,
     pub(crate) count: PointCount,
@@ -62,8 +63,9 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// Detects the format of a point file from its first bytes (`head`). Text formats need the file's name, too. A file
-/// without a header is only a point file if `columns` describes its rows. Returns `None` for other files.
+/// Detects the format of a point file from its first bytes (`head`). XYZ and PTS files also need their extension, and
+/// binary COLMAP points all `bytes`. A binary file without a header is only a point file if `columns` states types for
+/// its rows. Returns `None` for unsupported files, but may return a format that isn't one of points.
 fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
     #[cfg(feature = "pcd")]
@@ -102,8 +104,9 @@ fn context(options: &LoadOptions) -> Context<'_> {
     Context::new(options, Siblings::None)
 }
 
-/// Estimates format, number of points and up axis of a point file from its start. Returns `None` for other files and
-/// for invalid headers.
+/// Detects format and up axis of a point file, and estimates its number of points, from its header or from samples of
+/// its data. Returns `None` for other files, for invalid headers, and for files that have no points or are too short
+/// for the stated number.
 pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Survey> {
     let file = OpenFile::open_any(path)?;
     let bytes = file.bytes();
@@ -172,7 +175,8 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
 }
 
 impl ColumnFile {
-    /// Opens a point file; returns `None` for other files. Text and compressed data are unpacked to a temporary file in
+    /// Opens a point file. Returns `None` for other files, for files of splats, for files that can't be opened, and for
+    /// files with more than [`MAX_COLUMNS`] columns. Text and compressed data are unpacked to a temporary file in
     /// `folder`.
     pub(crate) fn open(path: &Path, folder: &Path, columns: Option<&TableColumns>) -> Result<Option<Self>, IoError> {
         let Some(file) = OpenFile::open_any(path) else { return Ok(None) };
@@ -207,7 +211,7 @@ impl ColumnFile {
         let options = LoadOptions { columns: columns.cloned(), ..LoadOptions::default() };
         let mut context = context(&options);
         let mut out = Unnamed::new(folder);
-        // Only E57 files state a viewpoint and a coordinate reference system.
+        // Only the reader of E57 files returns a viewpoint and a coordinate reference system.
         let (mut viewpoint, mut crs) = (None, Crs::default());
         let mut float_colors = FloatColors::Linear;
         let (columns, mut roles) = match format {
@@ -290,7 +294,8 @@ impl ColumnFile {
         matches!(self.format, Format::Ply | Format::E57)
     }
 
-    /// True if the numbers were printed as text.
+    /// True if the file's numbers count as printed text without types: XYZ, PTS, PTX and COLMAP points, even binary
+    /// ones. PLY and PCD files never do, because their headers state number types.
     pub(crate) fn is_text(&self) -> bool {
         matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap)
     }
@@ -330,7 +335,7 @@ impl<'a> Unnamed<'a> {
         Self { folder, file: None, bytes: 0, finished: None }
     }
 
-    /// Returns all bytes that were written, for reading. No more bytes can be written then.
+    /// Returns all bytes that were written, for reading. Must be called only once, after all bytes were written.
     fn written(&mut self) -> Result<Bytes<'_>, Problem> {
         let Some(file) = self.file.take() else { return Ok(Bytes::Memory(&[])) };
         let file = file.into_inner().map_err(|error| unwritable(error.into_error()))?;

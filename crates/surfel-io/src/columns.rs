@@ -104,7 +104,7 @@ pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
 }
 
 /// Combines columns of x, y and z to positions. Returns an origin, and the positions relative to it. The origin is 0 if
-/// f32 represents all coordinates exactly.
+/// f32 represents all values of the columns' number types exactly.
 pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => {
@@ -130,7 +130,8 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
-/// Largest rounding step of coordinates for which users get no note, as a fraction of the points' extent.
+/// Largest rounding step of coordinates for which users get no note, as a fraction of the longest side of the points'
+/// bounds.
 const MAX_ROUNDING_FRACTION: f64 = 1.0 / 50_000.0;
 
 /// Returns a note for the user if 32-bit coordinates between `min` and `max` are so far from the origin that rounding
@@ -147,7 +148,7 @@ pub(crate) fn f32_step(largest: f64) -> f64 {
 }
 
 /// Returns a note for the user if the rounding step `step` of coordinates between `min` and `max` is more than 1/50,000
-/// of their extent; else `None`.
+/// of the longest side of these bounds; else `None`.
 pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
     let extent = (max - min).max_element();
     (extent > 0.0 && step > extent * MAX_ROUNDING_FRACTION).then(|| {
@@ -155,8 +156,8 @@ pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option
     })
 }
 
-/// True if f32 is precise enough for measured points between `min` and `max`. This holds if the largest coordinate is
-/// at most 32 times the extent, because f32 then resolves 1/500,000 of the extent.
+/// True if f32 is precise enough for measured points between `min` and `max`. This holds if the largest absolute
+/// coordinate is at most 32 times the longest side of the bounds: f32 then rounds by at most 1/500,000 of this side.
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }

@@ -31,7 +31,7 @@ pub struct LoadOptions {
 pub enum Content {
     /// Validated splats, which can be drawn as they are.
     Splats(SplatCloud),
-    /// Points without radii, from which splats are estimated. All positions are finite.
+    /// Points, from which splats are estimated. They may have radii that the file states. All positions are finite.
     Points(PointCloud),
     /// A mesh of triangles. All indices are in range, and all positions are finite.
     Mesh(Mesh),
@@ -42,7 +42,7 @@ pub enum Content {
 }
 
 impl Content {
-    /// Returns the up axis that the file itself states, if any.
+    /// Returns the up axis that the file itself states, or that its reader detects from its points; `None` if neither.
     pub fn own_up(&self) -> Option<Up> {
         match self {
             Self::Splats(splats) => splats.data().up,

@@ -29,7 +29,7 @@ pub(crate) struct Context<'a> {
     pub(crate) siblings: Siblings,
     /// Notes for the user so far, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
-    /// The same notes as a set, to find duplicates.
+    /// Notes that [`Self::note`] has added, as a set, to find duplicates.
     note_set: HashSet<String>,
     /// Number of notes dropped because there were more than [`MAX_NOTES`].
     dropped_notes: usize,
@@ -105,7 +105,7 @@ impl<'a> Context<'a> {
     }
 
     /// Validates splats and returns them as content. If `repair` is requested, invalid splats are dropped with a note
-    /// instead of failing.
+    /// instead of failing. Alphas that are all 0 are removed with a note.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
         self.drop_zero_alphas(&mut data.alphas);
@@ -116,7 +116,8 @@ impl<'a> Context<'a> {
         Ok(Content::Splats(cloud))
     }
 
-    /// Validates points and returns them as content. Points whose position isn't finite are dropped with a note.
+    /// Validates points and returns them as content. Points whose position isn't finite are dropped, alphas that are
+    /// all 0 removed, and colours that are all black removed, each with a note.
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
         self.drop_zero_alphas(&mut points.alphas);
@@ -129,7 +130,7 @@ impl<'a> Context<'a> {
     }
 
     /// Validates a mesh and returns it as content. A mesh with texture coordinates but no texture gets the texture of
-    /// the options.
+    /// the options. Alphas that are all 0 are removed with a note.
     pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
         self.drop_zero_alphas(&mut mesh.alphas);
         mesh.validate()?;

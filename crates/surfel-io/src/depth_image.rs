@@ -5,8 +5,8 @@ use crate::context::Context;
 use glam::{DVec2, DVec3};
 use surfel_model::{PointCloud, Up};
 
-/// Smallest number of rows, and of columns, of pixels for which points may be a depth image. At least `MIN_SIDE`² / 4
-/// of the sampled points must have a depth.
+/// Smallest number of rows, and of columns, of pixels for which points may be a depth image. The number of sampled
+/// points with a depth must be at least `MIN_SIDE`² / 4 = 64.
 const MIN_SIDE: usize = 16;
 /// Maximum number of points that are sampled for the test.
 const MOST: usize = 20_000;
@@ -16,7 +16,8 @@ const MIN_CORRELATION: f64 = 0.99;
 
 /// Detects whether points are a camera's depth image of `columns` × `rows` pixels, row by row, with the camera at the
 /// origin. If so, sets the points' up axis and viewpoint, and adds a note. The axes are either x right, y down, z
-/// forward, so that −y is up, or OpenGL's, with y up and z backward.
+/// forward, so that −y is up, or OpenGL's, with y up and z backward. Content other than points, and points with a known
+/// up axis or viewpoint, stay unchanged.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
     if points.up.is_some() || points.viewpoint.is_some() {
@@ -32,8 +33,9 @@ pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], cont
     }
 }
 
-/// True if the slopes x/z and y/z of the points are proportional to column and row, as in a pinhole camera at the
-/// origin. The camera looks along z with y down if `ahead` is 1, or along −z with y up if `ahead` is −1.
+/// True if the slopes x/z and y/z of the points grow linearly with column and row, as in a pinhole camera at the
+/// origin. False if a sampled point is behind the camera. The camera looks along z with y down if `ahead` is 1, or
+/// along −z with y up if `ahead` is −1.
 fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) -> bool {
     // Points without a depth may have been dropped; the others' row numbers then give their pixels.
     let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);

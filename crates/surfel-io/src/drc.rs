@@ -10,8 +10,8 @@ use draco_core::{DecodeLimits, DecoderBuffer, GeometryAttributeType, Mesh, MeshD
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Maximum number of faces or points per byte of a Draco stream. Valid files have far fewer; headers of hostile files
-/// state more.
+/// Maximum number of faces, and of points, per byte of a Draco stream. A stream of any size may have 65,536 more, but
+/// none may have more than 2²⁶. Valid files have far fewer; headers of hostile files state more, and are refused.
 const MAX_PER_BYTE: u64 = 4096;
 
 /// Decompresses a mesh or points, or returns the reason why that fails.
@@ -153,7 +153,7 @@ fn number_of(kind: DataType, bytes: &[u8]) -> f64 {
     }
 }
 
-/// Reads an attribute of one number per point as a column of the same number type.
+/// Reads an attribute of one number per point as a column of the same number type; 64-bit integers become f64.
 fn column(attribute: &PointAttribute, points: usize) -> ExtraValues {
     let kind = attribute.data_type();
     if kind == DataType::Float32 {
@@ -180,7 +180,8 @@ fn color_type(kind: DataType) -> ColorType {
     }
 }
 
-/// Converts colours to linear light. If their number type doesn't determine their range, it is estimated, with a note.
+/// Converts colours to linear light. If their number type doesn't determine their range, it is estimated. The note of
+/// [`ColorScale::note`], if there is one, is added, except for floats from 0 to 1.
 fn linear_colors(rgba: &[[f32; 4]], kind: ColorType, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     let all = || rgba.iter().flat_map(|c| &c[..3]).map(|c| f64::from(*c)).filter(|c| c.is_finite());
     let largest = all().fold(0.0, f64::max);

@@ -19,7 +19,7 @@ pub enum Format {
     Gltf,
     /// glTF as one binary file, JSON and buffer together.
     Glb,
-    /// Points as columns of numbers in a text file: XYZ, TXT, CSV, ASC.
+    /// Points as columns of numbers in a text file, such as XYZ, TXT, CSV or ASC.
     Xyz,
     /// Leica PTS: points as text, a count and then rows of x y z intensity r g b.
     Pts,
@@ -153,7 +153,7 @@ impl Format {
         }
     }
 
-    /// Returns the format that the extension of a file's name stands for, in either case; `None` for unknown
+    /// Returns the format that the extension of a file's name stands for, in upper or lower case; `None` for unknown
     /// extensions. A final `.gz` is ignored.
     pub fn from_extension(path: &Path) -> Option<Self> {
         if extension(path)? == "gz" {
@@ -217,7 +217,8 @@ impl Format {
         })
     }
 
-    /// Detects the format from the file's first bytes; returns `None` if they aren't conclusive.
+    /// Detects the format from the file's first bytes; returns `None` if they aren't conclusive. For a ZIP file,
+    /// `bytes` must also include its last 64 KiB.
     ///
     /// # Errors
     /// [`Problem`] if the bytes are those of an unsupported format, or if a `.surfel` file (by `hint`) lacks its

@@ -34,8 +34,8 @@ pub(crate) struct Gaussians {
     pub(crate) rotations: Vec<DQuat>,
     /// Opacity in [0, 1], from 0 for transparent.
     pub(crate) alphas: Vec<f32>,
-    /// Colours without their view-dependent part, sRGB-encoded unless `linear_colors` is true. Surfaces clamp them to
-    /// [0, 1].
+    /// Colours without their view-dependent part, sRGB-encoded unless `linear_colors` is true. Surface splats clamp
+    /// sRGB-encoded colours to [0, 1], and linear ones only from below, to 0.
     pub(crate) display_colors: Vec<[f64; 3]>,
     /// View-dependent part of the colours, as spherical harmonics.
     pub(crate) harmonics: Harmonics,
@@ -53,12 +53,12 @@ pub(crate) enum Harmonics {
     None,
     /// Coefficients that the reader skips, with their number per splat if the file states it.
     Unread(Option<usize>),
-    /// The degree, 1 to 3, and (degree + 1)² − 1 RGB coefficients for each splat, splat by splat.
+    /// The degree, 0 to 3, and (degree + 1)² − 1 RGB coefficients for each splat, splat by splat.
     Read(u32, Vec<[f32; 3]>),
 }
 
 impl Harmonics {
-    /// Returns a note for the user that surface splats don't use the coefficients; `None` if there are none.
+    /// Returns a note for the user that the splats don't use the coefficients; `None` if there are none.
     fn left_out(&self) -> Option<String> {
         let count = match self {
             Self::None | Self::Read(0, _) => return None,
@@ -119,7 +119,7 @@ impl Context<'_> {
     }
 
     /// Converts Gaussians to surface splats. A splat is spanned by the first two axes of a 2D Gaussian, or by the two
-    /// longest of a 3D Gaussian.
+    /// longest of a 3D Gaussian. Gaussians with an opacity below [`GaussianCloud::FAINT`] are dropped with a note.
     fn surface(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.notes.extend(g.harmonics.left_out());
         let total = g.centers.len();

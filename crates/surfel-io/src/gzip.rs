@@ -11,7 +11,8 @@ pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x1f\x8b") && bytes.get(2).is_none_or(|method| *method == 8)
 }
 
-/// Unpacks a gzip file to `out`. If the file has several members, their contents are concatenated.
+/// Unpacks a gzip file to `out`. If the file has several members, their contents are concatenated. Returns an error if
+/// the file is damaged, or if it unpacks to more than [`most_unpacked`] bytes.
 pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Problem> {
     let limit = most_unpacked(bytes.len());
     let (unpacked, failed) = pour(MultiGzDecoder::new(bytes.reader()), limit + 1, out)?;
@@ -31,8 +32,8 @@ pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Proble
     Ok(())
 }
 
-/// Returns the first `most` bytes of a gzip file's content, and the estimated size of the whole content in bytes. The
-/// size is extrapolated from the start.
+/// Returns the first bytes of a gzip file's content, at most `most` and only those before any damage, and the estimated
+/// size of the whole content in bytes. The size is extrapolated from the start.
 #[cfg(feature = "laz")]
 pub(crate) fn head(bytes: Bytes<'_>, most: usize) -> (Vec<u8>, u64) {
     let mut reader = bytes.source();

@@ -46,8 +46,9 @@ use std::io::{Read, Seek};
 use std::path::Path;
 use surfel_model::PointCloud;
 
-/// Loads splats, Gaussians, points or a mesh from a file. The first bytes and the extension decide the format.
-/// Textures, materials and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
+/// Loads splats, Gaussians, points, a mesh or an octree from a file. The content and the extension decide the format.
+/// Textures, materials and buffers that the file names are read only from the file's folder and below, unless
+/// [`LoadOptions::allow_outside`] is true.
 ///
 /// # Errors
 /// [`IoError::System`] if the file can't be read. [`IoError::Invalid`] if it is damaged, or in a format that this build
@@ -68,8 +69,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     load_whole(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
 }
 
-/// Loads a file whose bytes are in memory. Rows of numbers without a header are read if their values fit exactly one
-/// common layout of columns; a note then states the layout.
+/// Loads a file whose bytes are in memory. If `options` name no columns and no format is recognised, the bytes may be
+/// rows of numbers without a header. They are read if their values fit exactly one common layout of columns, which a
+/// note then states.
 fn load_whole(
     bytes: &[u8],
     hint: Option<Format>,
@@ -104,7 +106,7 @@ pub struct PointSurvey {
 
 /// Passes the points of a LAS, LAZ or COPC file to `each`, block by block, without colours and row numbers. A block
 /// lacks a column if all its values are zero. Memory doesn't grow with the number of points. Returns `None` for other
-/// files.
+/// files, and for files that can't be opened.
 ///
 /// # Errors
 /// Errors of [`load`].
@@ -143,7 +145,8 @@ fn open_seekable(path: &Path) -> Option<(Format, RegularFile)> {
 }
 
 /// Opens a file whose columns are read in place, so that memory contains the data only once: PLY, PCD, NPY, NPZ or rows
-/// of numbers without a header. Returns `None` for other formats, and for anything that isn't a regular file.
+/// of numbers without a header. Returns `None` for other formats, for files of more than [`files::MAX_BYTES`], and for
+/// anything that isn't a regular file.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
@@ -204,8 +207,8 @@ fn read_bytes(
     Ok((format, read_as(format, bytes, context)?))
 }
 
-/// Detects the format of a file in memory: from its first bytes if they are conclusive, else from `hint`, else from the
-/// content.
+/// Detects the format of a file in memory. Signatures come first, then the content of rows that `options` describe,
+/// PCD, PTX, COLMAP points and SOG, then `hint`, and last the content of the remaining formats.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Format, Problem> {
     if let Some(format) = Format::from_signature(bytes, hint)? {

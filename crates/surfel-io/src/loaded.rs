@@ -15,9 +15,9 @@ pub struct Loaded {
     pub content: Content,
     /// Format of the file, as it was detected.
     pub format: Format,
-    /// Up axis of the geometry: as stated in the file, else the format's default. Defaults are +z for STL and for
-    /// formats of points alone, such as LAS, E57 and text. They are −y for Gaussian-splat PLY, SPLAT, SOG and COLMAP,
-    /// which have the axes of a camera with y down. They are +y for all others.
+    /// Up axis of the geometry: as stated in the file or detected from its points, else the format's default. Defaults
+    /// are +z for STL and for formats of points alone, such as LAS, E57 and text. They are −y for Gaussian-splat PLY,
+    /// SPLAT, SOG and COLMAP, which have the axes of a camera with y down. They are +y for all others.
     pub up: Up,
     /// True if the file contains trained Gaussians, even if they were converted to splats.
     pub gaussian: bool,

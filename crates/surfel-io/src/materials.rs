@@ -60,7 +60,8 @@ impl Material {
 }
 
 /// Adds the emission of materials to their colours. If a material's colour or emission is textured, the sum becomes one
-/// texture. The sum is lit, although emission shouldn't be; a note reports this.
+/// texture. If that would exceed the file's limit of texels, the emission is left out with a note. The sum is lit,
+/// although emission shouldn't be; a note reports this.
 pub(crate) fn add_emission<'a>(
     materials: impl Iterator<Item = &'a mut Material>,
     textures: &mut Vec<Arc<Texture>>,

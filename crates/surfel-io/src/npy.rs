@@ -23,7 +23,8 @@ pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
 /// Largest number of rows of an array that is recognised as transposed: its rows are coordinates, and its columns are
 /// points.
 const WIDEST_POINT: usize = 16;
-/// Largest number of columns that an array of points may have. Larger arrays are refused.
+/// Largest number of columns that an array of points may have; wider ones are refused. Of a field of a record, at most
+/// this many numbers are read.
 const MAX_COLUMNS: usize = 64;
 /// Maximum nesting depth of the Python literal in an array's header.
 const MAX_DEPTH: usize = 8;
@@ -215,7 +216,7 @@ impl<'a> Members<'a> {
     }
 
     /// Reads size and columns of the points of an archive from the starts of its arrays. Returns `None` for splats and
-    /// meshes.
+    /// meshes, for more than 1000 arrays, and if no array is recognised as positions.
     #[cfg(feature = "laz")]
     pub(crate) fn survey(&self) -> Option<Surveyed> {
         const HEAD_BYTES: usize = 1 << 12;
@@ -258,7 +259,8 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
 }
 
 /// Returns the index of the array with the positions, or with their x coordinates, among the arrays of an archive.
-/// Returns `None` if no array is recognised as positions.
+/// Without a known name, the only array of N×3 to N×16 numbers counts as positions. Returns `None` if no array is
+/// recognised as positions.
 fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     let find = |names: &[&str]| {
         names
@@ -518,7 +520,8 @@ fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, b
     Ok((names.into_iter().enumerate().map(part).collect(), unnamed))
 }
 
-/// Returns names for the `count` numbers of a field or array: `normals` of three become nx, ny and nz.
+/// Returns names for the `count` numbers of a field or array: `normals` of three become nx, ny and nz. Numbers of
+/// unknown fields get the endings `_0`, `_1` and so on.
 fn expanded(name: &str, count: usize) -> Vec<String> {
     let lower = name.to_ascii_lowercase();
     let known: &[&str] = match (lower.as_str(), count) {

@@ -57,7 +57,8 @@ fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
 struct Vertices {
     positions: Vec<DVec3>,
     normals: Vec<Vec3>,
-    /// Red, green, blue and alpha of the vertices, as the file states them.
+    /// Red, green, blue and alpha (NaN if missing) as the file states them, of the vertices that have a colour. They
+    /// are used only if all vertices have one.
     colors: Vec<[f64; 4]>,
 }
 

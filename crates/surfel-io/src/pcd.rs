@@ -12,7 +12,7 @@ use glam::DVec3;
 use std::io::{self, Read, Write};
 use surfel_model::Up;
 
-/// Maximum length of a header, in bytes.
+/// Maximum length of a header, in bytes; a longer one is refused.
 const MAX_HEADER_BYTES: usize = 1 << 20;
 /// Maximum factor by which LZF expands data. A reference of 3 bytes copies 7 + 255 + 2 bytes.
 const LZF_EXPANSION: usize = 88;

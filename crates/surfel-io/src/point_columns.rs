@@ -109,10 +109,11 @@ impl Roles {
     }
 
     /// Detects the roles of columns from their values. Also returns the decisive reasons, as text for a note. Renames
-    /// all columns to their roles, or to `column_N` with their numbers in the file, `numbers`.
+    /// all columns to their roles, or to `column_N` with their numbers in the file, `numbers`. The second column of a
+    /// name gets the ending `_2`.
     ///
     /// # Errors
-    /// [`Problem`] for columns that aren't points.
+    /// [`Problem`] if the rows are camera poses.
     pub(crate) fn by_content(columns: &mut [Named<'_>], numbers: &[usize]) -> Result<(Self, Vec<String>), Problem> {
         let values: Vec<Strided<'_>> = columns.iter().map(|c| c.values).collect();
         let layout = column_roles::choose(&values, numbers)?;
@@ -147,7 +148,8 @@ impl Roles {
     }
 }
 
-/// Returns a column's name for comparisons: in lower case, without quotes, unit and comment characters.
+/// Returns a column's name for comparisons: in lower case, without quotes, unit and comment characters. Blanks,
+/// hyphens, points and colons become underscores.
 pub(crate) fn plain_name(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#'));
     let name = name.split(['[', '(']).next().unwrap_or(name).trim();
@@ -173,7 +175,7 @@ pub(crate) enum Source {
     Typed,
 }
 
-/// Builds a point cloud from columns; or a cloud of disks, if there are valid normals and radii.
+/// Builds a point cloud from columns; or a cloud of disks, if all points have a valid position, normal and radius.
 pub(crate) fn build(
     columns: Vec<Named<'_>>,
     roles: &Roles,

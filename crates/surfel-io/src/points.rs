@@ -268,7 +268,7 @@ impl PointLines {
         self.table.push(&self.row, data)
     }
 
-    /// Stores a comment before the points, which may name the columns.
+    /// Stores one of the first 1000 comments before the points, which may name the columns.
     fn comment(&mut self, line: &[u8]) {
         if self.table.rows > 0 || self.table.comments.len() >= 1000 {
             return;
@@ -308,8 +308,8 @@ impl PointLines {
         Ok(cells)
     }
 
-    /// Handles a line that contains a word instead of a number. Before the points, the line may name the columns; later
-    /// it is an error.
+    /// Handles a line that contains a word instead of a number. Before the points, the line must name the columns,
+    /// unless the user did; later it is an error.
     fn words(&mut self, line: &[u8], word: &[u8], at: Location) -> Result<(), Fault> {
         if self.table.rows > 0 {
             let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
@@ -422,8 +422,8 @@ const SCAN_LINES: [(usize, &str); 10] = {
     [count, count, pose, pose, pose, pose, matrix, matrix, matrix, matrix]
 };
 
-/// Parses a PTX file, and writes the values of its points to `data` as rows of `f64`. Records in `kept` the row numbers
-/// of these points in the file.
+/// Parses a PTX file, and writes the values of its points to `data` as rows of `f64`. Drops points at exactly 0, 0, 0
+/// with a note. Records in `kept` the row numbers of these points in the file.
 pub(crate) fn unpack_ptx(
     bytes: Bytes<'_>,
     data: &mut dyn Write,

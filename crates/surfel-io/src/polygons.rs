@@ -60,8 +60,9 @@ impl Triangulator {
         self.triangles.extend((2..n as u32).map(|i| [0, i - 1, i]));
     }
 
-    /// True if all triangles of the fan about the first corner face as the polygon does, with the normal `normal`. The
-    /// triangles then don't overlap either: the whole polygon is visible from its first corner.
+    /// True if all triangles of the fan about the first corner face as the polygon does, with the normal `normal`, or
+    /// are flat ([`FLAT`]). The triangles then don't overlap either: the whole polygon is visible from its first
+    /// corner.
     fn fan_is_inside(&self, normal: DVec3) -> bool {
         let least = -FLAT * normal.length_squared();
         let [first, ref others @ ..] = self.corners[..] else { return true };

@@ -13,10 +13,10 @@ use crate::words::counted;
 use std::path::Path;
 use surfel_model::{NumberFormat, TableColumns};
 
-/// Maximum number of rows whose coordinates are checked for plausibility.
+/// Maximum number of rows, spread over the file, whose coordinates are checked for plausibility.
 const MAX_CHECKED_ROWS: usize = 1000;
-/// Range of the absolute values of plausible coordinates. If numbers are read as a wrong type, some are usually
-/// outside.
+/// Range of the absolute values of plausible coordinates; 0 is plausible, too. If numbers are read as a wrong type,
+/// some are usually outside.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
 /// Usual layouts of rows in `.bin` files without a header, as `--columns` states them: KITTI and many others; nuScenes;
@@ -44,8 +44,9 @@ pub(crate) fn detected(name: &Path, bytes: &[u8]) -> Option<TableColumns> {
     found.filter(|_| fitting.next().is_none())
 }
 
-/// True if rows with this layout fit a file: the first rows have finite plausible coordinates, and every other named
-/// column is an intensity or a colour.
+/// True if a file consists of at least [`MIN_ROWS`] whole rows with this layout, of which the first [`EXAMINED_ROWS`]
+/// are plausible. Then coordinates are 0 or in [`SCANNED`], none is 0 in all rows, and the values of other named
+/// columns are from 0 to [`MAX_INTENSITY`].
 fn fits(bytes: &[u8], columns: &TableColumns) -> bool {
     let row_bytes = columns.row_bytes();
     if !bytes.len().is_multiple_of(row_bytes) || bytes.len() / row_bytes < MIN_ROWS {
@@ -90,7 +91,8 @@ pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
     Problem::new(format!("has {} and `columns` names {named}", counted(found as u64, "columns"))).expected(expected)
 }
 
-/// True if `--columns` states types, and neither the file's name nor its start shows another format.
+/// True if `--columns` states types, the start of the file is binary, and the file's name isn't that of another format
+/// than XYZ or PTS.
 pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -> bool {
     let hint = Format::from_extension(name);
     columns.is_some_and(TableColumns::is_typed)
@@ -98,7 +100,7 @@ pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -
         && is_binary(head)
 }
 
-/// Returns the name by which readers look up a column: "intensity" for "i", and all other names unchanged.
+/// Returns the name by which readers look up a column: "intensity" for "i" or "I", and all other names unchanged.
 pub(crate) fn canonical_name(name: &str) -> String {
     if name.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { name.to_owned() }
 }
@@ -146,7 +148,8 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
     Ok((named, roles))
 }
 
-/// Checks that the first coordinates are plausible. Otherwise the types are wrong, or columns are missing.
+/// Checks the coordinates of up to [`MAX_CHECKED_ROWS`] rows, spread over the file. Returns an error if more than 5 %
+/// of these rows have an implausible coordinate: the types are wrong, or columns are missing.
 fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Result<(), Problem> {
     let rows = position[0].values.len();
     let (mut wrong, mut seen, mut first) = (0, 0, None);

@@ -28,12 +28,13 @@ impl RowNumbers {
         self.read = self.read.saturating_add(1);
     }
 
-    /// Returns the row numbers in the file of the kept points; `None` if none were dropped.
+    /// Returns the row numbers in the file of the kept points; `None` if no row was dropped.
     pub(crate) fn finish(self) -> Option<Vec<u32>> {
         self.rows
     }
 
-    /// Sets the row numbers of points that were made from the recorded rows.
+    /// Sets the row numbers of points that were made from the recorded rows. Does nothing for other content, or if no
+    /// row was dropped.
     pub(crate) fn give(self, content: &mut Content) {
         let own = match content {
             Content::Points(points) => &mut points.rows,

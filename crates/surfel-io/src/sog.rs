@@ -162,7 +162,8 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     })
 }
 
-/// Unpacks a unit quaternion w, x, y, z; the last byte, minus 252, is the index of the omitted largest component.
+/// Unpacks a unit quaternion w, x, y, z; the last byte, minus 252, is the index of the omitted largest component. A
+/// last byte below 252 is invalid and yields the identity.
 fn rotation(&[a, b, c, tag]: &[u8; 4]) -> DQuat {
     let Some(largest) = tag.checked_sub(252).map(usize::from) else { return DQuat::IDENTITY };
     let mut parts = [0.0; 4];

@@ -29,7 +29,8 @@ fn binary_count(bytes: &[u8]) -> Option<usize> {
     Some(u32::from_le_bytes(count.try_into().ok()?) as usize)
 }
 
-/// True if an STL file is text. Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
+/// True if an STL file is text. Binary files may start with "solid", too; text has "facet" or "endsolid" within the
+/// first 1024 bytes.
 fn is_text(bytes: &[u8]) -> bool {
     let head = bytes[..bytes.len().min(1024)].trim_ascii_start();
     let has = |word: &[u8]| head.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word));

@@ -115,7 +115,7 @@ impl WideColors {
     }
 }
 
-/// Returns a column's name for comparisons: in lower case, without blanks and punctuation.
+/// Returns a column's name for comparisons: its ASCII letters and digits, in lower case.
 pub(crate) fn plain_name(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
@@ -141,7 +141,8 @@ pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model
     Some(surfel_model::Column3::from_f32(vectors.collect()))
 }
 
-/// Returns the text before the first zero byte, without line breaks, control characters and surrounding blanks.
+/// Returns the text before the first zero byte, without surrounding blanks. Control characters, such as line breaks,
+/// become blanks.
 pub(crate) fn one_line(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
     let text = String::from_utf8_lossy(&bytes[..end]);

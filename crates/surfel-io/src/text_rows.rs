@@ -71,7 +71,8 @@ impl Dialect {
         Words { divider: self.divider, rest: Some(line) }
     }
 
-    /// True if two separators have nothing between them, or a line begins or ends with a separator.
+    /// True if two commas or semicolons have nothing but blanks between them, or a line begins or ends with one. Commas
+    /// don't count if they are decimal marks.
     pub(crate) fn has_empty_cell(self, line: &[u8]) -> bool {
         let commas = !self.has_decimal_commas;
         let mut cells = line.split(move |&b| b == b';' || commas && b == b',');
@@ -140,7 +141,7 @@ pub(crate) fn is_comment(line: &[u8]) -> bool {
     line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// True if a cell states that a value is missing.
+/// True if a cell is empty, or states that a value is missing, as `NA` and `null` do.
 pub(crate) fn is_missing(cell: &[u8]) -> bool {
     cell.is_empty() || [&b"NA"[..], b"N/A", b"null", b"none"].iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
@@ -214,7 +215,7 @@ impl Plan {
     /// words or be empty.
     ///
     /// # Errors
-    /// [`Problem`] if lines don't have as many cells as `columns` states.
+    /// [`Problem`] if fewer than half of the examined lines have as many cells as `columns` states.
     pub(crate) fn of(head: &[u8], is_whole: bool, columns: Option<&TableColumns>) -> Result<Self, Problem> {
         let dialect = Dialect::of(head);
         let plain = Self { dialect, kept: None, words: Vec::new(), empty: Vec::new(), point_word: None };
@@ -263,8 +264,9 @@ impl Plan {
         Ok(fitting.first().map_or(plain, |trial| trial.plan().with_point_word(&rows)))
     }
 
-    /// Detects the word that begins the lines of points, from `rows` at the start of a file. If a line names the
-    /// columns, the words are values of a column, and no word is chosen.
+    /// Detects the word that begins the lines of points: one of [`POINT_WORDS`] with which more than half of `rows`, at
+    /// the start of a file, begin. If the first line names the columns, the words are values of a column, and no word
+    /// is chosen.
     fn with_point_word(mut self, rows: &[&[u8]]) -> Self {
         let is_left_out = self.kept.as_ref().is_some_and(|kept| kept.first() == Some(&false));
         let is_named = rows.first().is_some_and(|line| names(line, self.dialect).is_some());
@@ -343,7 +345,7 @@ impl Plan {
 }
 
 /// True if rows are plain numbers: all words are numbers, except in the first line. The lines have equal numbers of
-/// words, or fewer where a cell is empty.
+/// words, or fewer where a cell is empty. At most half of the rows have an empty cell.
 fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     let mut width = None;
     // If most rows have an empty cell, a column is empty.
@@ -382,8 +384,9 @@ pub(crate) fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
         .or_else(|| of(&|b| matches!(b, b',' | b';') || b.is_ascii_whitespace(), false))
 }
 
-/// True if `head`, the start of a file, looks like a table. Either a line has at least three numbers, preceded only by
-/// names and a count. Or a line has names of a position, with numbers in these columns below.
+/// True if `head`, the start of a file, looks like a table. Either the first line consists of at least three numbers,
+/// or the second one does, below a count or names of a position. Or the first line has names of a position, and at
+/// least three columns contain numbers.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let dialect = Dialect::of(head);
     let mut lines = Lines::new(head).map(|(_, line)| line).filter(|line| !is_comment(line));
@@ -398,7 +401,8 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
         || is_names(first) && second.is_some() && is_table(head)
 }
 
-/// True if `head`, the start of a file, can be split into columns of which at least three contain numbers.
+/// True if `head`, the start of a file, isn't plain numbers, but can be split into columns of which at least three
+/// contain numbers.
 pub(crate) fn is_table(head: &[u8]) -> bool {
     // Format detection passes a multiple of 4096 bytes; with any other length, `head` is the whole file.
     let is_whole = !head.len().is_multiple_of(4096);

@@ -82,8 +82,8 @@ impl<'a> Node<'a> {
     }
 }
 
-/// Converts a text to what GeoTIFF allows: one line of ASCII. Control characters and non-ASCII characters become
-/// question marks, since a NUL would end the text.
+/// Converts a text to what GeoTIFF allows: one line of ASCII. Tabs and line breaks become blanks. Other control
+/// characters and non-ASCII characters become question marks, since a NUL would end the text.
 pub(crate) fn printable(text: &str) -> String {
     let of_char = |c: char| match c {
         ' '..='~' => c,
@@ -210,8 +210,8 @@ const DATUMS: [(&[&str], u16); 6] = [
     (&["geocentricdatumofaustralia2020", "dgda2020"], 7844),
 ];
 
-/// Returns GeoTIFF keys for a projected system that states no EPSG code. Returns `None` for other systems, and for
-/// projections that GeoTIFF lacks.
+/// Returns GeoTIFF keys for a projected system that states no EPSG code. Returns `None` for other systems, and if
+/// GeoTIFF lacks the projection or one of its parameters.
 pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     let whole = Node::parse(wkt)?;
     let system = whole.find(&PROJECTED)?;
@@ -265,14 +265,16 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     (taken == parameters().count()).then_some(keys)
 }
 
-/// Returns the EPSG code of a unit of length by its size in metres. Known are the metre, the foot and the survey foot.
+/// Returns the EPSG code of a unit of length by its size in metres; `None` for units other than the metre, the foot and
+/// the survey foot.
 fn unit_code(metres: f64) -> Option<u16> {
     // Files print the survey foot with 9 to 15 digits.
     let known = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)];
     known.iter().find(|(size, _)| (metres / size - 1.0).abs() < 1e-9).map(|(_, code)| *code)
 }
 
-/// Adds keys for the vertical system that a WKT states, if any: its EPSG code, or else its name and unit.
+/// Adds keys for the vertical system that a WKT states, if any: its EPSG code, or else its name and unit. Adds nothing
+/// if these are missing or the unit has no code.
 pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
     let root = Node::parse(wkt);
     let Some(system) = root.as_ref().and_then(|root| root.find(&["VERTCRS", "VERTICALCRS", "VERT_CS"])) else { return };

@@ -12,7 +12,8 @@ use std::io::Write;
 
 /// Maximum factor by which deflate expands data. Members that state more are refused.
 const DEFLATE_EXPANSION: u64 = 1032;
-/// Maximum number of bytes of a ZIP file's directory that is read; enough for 100,000 members.
+/// Maximum number of bytes of a ZIP file's directory; enough for 100,000 members. A file with a larger directory is
+/// refused.
 const DIRECTORY_BYTES: usize = 1 << 24;
 
 /// A ZIP file with its directory of members.
@@ -66,7 +67,7 @@ impl Deflated<'_> {
         Ok(())
     }
 
-    /// Returns the member's first bytes after unpacking, at most `most`.
+    /// Returns the member's first bytes after unpacking, at most `most`; fewer if the member is damaged.
     #[cfg(feature = "laz")]
     pub(crate) fn head(&self, most: usize) -> Vec<u8> {
         let mut head = Vec::new();

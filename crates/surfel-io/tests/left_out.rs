@@ -1,6 +1,5 @@
 //! Files of formats that aren't built are refused with the name of their Cargo feature. Run with `cargo test -p
 //! surfel-io --no-default-features`.
-//! --no-default-features`.
 
 use std::path::Path;
 use surfel_io::{Format, LoadOptions, load_bytes, read_image_bytes};

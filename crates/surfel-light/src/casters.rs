@@ -22,7 +22,8 @@ pub(crate) struct Sphere {
 }
 
 impl Sphere {
-    /// Estimates the sphere that contains a scene except for stray points; `None` if the scene has no surfaces.
+    /// Estimates the sphere that contains a scene's splats and meshes except for stray points; `None` if there are
+    /// none. Octrees and Gaussians don't count.
     pub(crate) fn of(scene: &Scene) -> Option<Self> {
         let total: usize = scene.objects.iter().map(count).sum();
         let step = total.div_ceil(ESTIMATED).max(1);

@@ -17,7 +17,8 @@ pub(crate) struct DepthMap {
     depths: Vec<f32>,
 }
 
-/// Half-width and half-height of a disk, in texels, below which the disk is drawn as one texel.
+/// Half-width and half-height of a disk, in texels, below which the disk is drawn as one texel, or not at all if it is
+/// clipped.
 const TINY: f32 = 0.6;
 /// Largest half-width and half-height, in texels, of a disk that is drawn by testing all texels of its bounding box.
 /// Larger disks are drawn row by row.
@@ -50,8 +51,8 @@ impl DepthMap {
         Self { side, right: Vec3::X, down: Vec3::Y, forward: Vec3::Z, depths: vec![f32::INFINITY; side * side] }
     }
 
-    /// Draws the depths of all surfaces into the map, for light from the direction `toward`. The previous content is
-    /// lost.
+    /// Draws the depths of all surfaces into the map, for light from the direction `toward`. Disks of watertight
+    /// surfaces that face away from the light ([`Caster::Disk`]) are left out. The previous content is lost.
     pub(crate) fn draw(&mut self, casters: &Casters, toward: Vec3) {
         let (right, down) = orthonormal(toward.as_dvec3());
         (self.right, self.down, self.forward) = (right.as_vec3(), down.as_vec3(), -toward);
@@ -250,9 +251,9 @@ impl DepthMap {
         center.dot(self.right).abs() > reach || center.dot(self.down).abs() > reach
     }
 
-    /// Returns the fraction of the light, 0 to 1, that reaches a point `p` of a surface. It is the bilinear mean of the
-    /// depth comparisons at the four nearest texels. At each texel, the surface is taken as a plane whose
-    /// [`DepthMap::fall`] is `slope`.
+    /// Returns the fraction of the light, 0 to 1, that reaches a point `p` of a surface; 1 outside of the map. It is
+    /// the bilinear mean of the depth comparisons at the four nearest texels. At each texel, the surface is taken as a
+    /// plane whose [`DepthMap::fall`] is `slope`.
     #[inline]
     pub(crate) fn share(&self, p: Vec3, slope: Vec2) -> f32 {
         let (at, depth) = self.project(p);

@@ -98,8 +98,8 @@ impl LitGround {
         Self { plane, spacing, whole, shares }
     }
 
-    /// Returns the fraction of the unoccluded light that reaches a point of the ground. `at` is the point's position
-    /// along the plane's axes, in world units.
+    /// Returns the fraction of the unoccluded light that reaches a point of the ground; 1 outside of the square
+    /// [`Plane`]. `at` is the point's position along the plane's axes, in world units.
     fn share(&self, at: DVec2) -> f64 {
         let place = |x: f64| 0.5 * (unwarped(x / self.plane.half) + 1.0) * (POINTS - 1) as f64;
         let (x, y) = (place(at.x), place(at.y));

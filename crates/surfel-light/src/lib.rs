@@ -93,7 +93,7 @@ pub struct LitScene {
     /// Scene without its sky and ground. Draw its colours with [`Shader::Unlit`](surfel_model::Shader).
     pub scene: Scene,
     /// Ground, to be drawn behind the scene by [`LitGround::draw_behind`]; the scene's background is then transparent.
-    /// `None` if the scene has no ground.
+    /// `None` if the scene has no ground, no sky, or no splats and vertices.
     pub ground: Option<LitGround>,
 }
 

@@ -104,7 +104,8 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
 }
 
 /// Estimates the noise of a cloud, in half-axes of a splat: how far neighbours are outside of each other's planes. The
-/// noise offsets the lookup of light, so that noisy splats don't shade each other.
+/// result is from [`MIN_NOISE`] to 1. The noise offsets the lookup of light, so that noisy splats don't shade each
+/// other.
 fn noise_of(cloud: &SplatCloud) -> f32 {
     let order = cloud.morton_order();
     let step = order.len().div_ceil(NOISE_SAMPLES).max(1);
@@ -216,8 +217,8 @@ impl Shading<'_> {
     }
 
     /// Returns the brightness of a white surface that gets the light `[sky, areas]`, with the sky's even light and the
-    /// material's diffuse factor. Light that other surfaces reflect is estimated as if their albedo were `albedo`.
-    /// `whole` is the light of the sky on an unoccluded surface.
+    /// material's diffuse factor. If [`Sky::bounce`] is true, light that other surfaces reflect is added, as if their
+    /// albedo were `albedo`. `whole` is the light of the sky on an unoccluded surface.
     fn reflected(&self, [sky, areas]: [f32; 2], whole: f32, albedo: f32) -> f32 {
         let sky = if self.sky.bounce && whole > 0.0 { whole * with_interreflection(sky / whole, albedo) } else { sky };
         let even = self.sky.even as f32;

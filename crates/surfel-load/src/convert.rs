@@ -28,7 +28,8 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
 }
 
 /// Returns one flag per point or splat, true if the options select it; `None` if no option restricts the selection.
-/// Adds a note about the selection. `what` names the elements in the note.
+/// Adds a note about the selection. Returns an error if nothing is selected. `what` names the points or splats in
+/// messages.
 fn chosen(
     (count, position): (usize, &dyn Fn(usize) -> DVec3),
     extras: &[ExtraColumn],
@@ -226,7 +227,8 @@ fn finished(
     Ok((cloud, Conversion::Points(report)))
 }
 
-/// Fits the colours of splats so that their blend reproduces the colours of the points.
+/// Fits the colours of splats so that their blend reproduces the colours of the points. The colours stay unchanged if
+/// fitted ones predict held-out points no better.
 fn fit_colors(
     cloud: SplatCloud,
     path: &Path,

@@ -97,7 +97,7 @@ const fn effect(option: &'static str, inputs: Inputs, given: fn(&LoadOptions) ->
     Effect { option, inputs, given }
 }
 
-/// Returns the effect of the option with this key; `None` if the option affects all files.
+/// Returns the effect of the option with this key; `None` if the option isn't among [`EFFECTS`].
 pub fn of(option: &str) -> Option<Effect> {
     EFFECTS.into_iter().find(|effect| effect.option == option)
 }

@@ -17,7 +17,7 @@ pub enum Levels {
         /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
         /// Largest projected splat radius in pixels, more than 0, that is accepted. Finer nodes are read until splats
-        /// are below it.
+        /// are below it, or the point budget is reached.
         error_px: f64,
         /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped if the file
         /// stores radii and normals, and if the points are used for images only. `None` skips no points.

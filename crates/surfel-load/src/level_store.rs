@@ -86,8 +86,8 @@ impl LevelStore {
         self.nodes.is_some()
     }
 
-    /// Returns the cache of decoded nodes, after limiting its size to `room_bytes`; `None` if the store doesn't cache
-    /// nodes.
+    /// Returns the cache of decoded nodes, after limiting its size to `room_bytes`, or to 0 bytes if that is `None`.
+    /// Returns `None` if the store doesn't cache nodes.
     pub(crate) fn nodes(&self, room_bytes: Option<u64>) -> Option<Arc<NodeCache>> {
         let nodes = self.nodes.as_ref()?;
         nodes.limit(room_bytes.unwrap_or(0));
@@ -96,7 +96,6 @@ impl LevelStore {
 
     /// Returns a temporary COPC copy of a point file, and a note about it for the user. Writes the copy unless it
     /// exists. Returns `None` if the memory budget is too small for writing, or if the file itself is COPC.
-    /// `None` if the memory budget is too small for writing, or if the file has levels of detail itself.
     pub(crate) fn by_levels(
         &self,
         path: &Path,
@@ -138,7 +137,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Returns the folder for large temporary files: TMPDIR if it is set, or else a folder that isn't in memory.
+/// Returns the folder for large temporary files: TMPDIR if it is set, else `/var/tmp` on Unix, which isn't in memory,
+/// else the system's folder for temporary files.
 fn large_files_folder() -> PathBuf {
     let on_disk = Path::new("/var/tmp");
     let is_said = std::env::var_os("TMPDIR").is_some();

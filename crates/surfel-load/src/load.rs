@@ -90,7 +90,8 @@ pub(crate) fn read_needed(
     Ok(partly((loaded, report)))
 }
 
-/// Returns an error for a point file that won't fit into memory, before it is read.
+/// Returns an error for a point file that won't fit into memory, before it is read. Stdin isn't checked, nor is any
+/// file if the options select some of its points.
 pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
@@ -107,7 +108,8 @@ pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
 struct Converted {
     cloud: SplatCloud,
     conversion: Conversion,
-    /// True if the splats cover a watertight surface from outside, according to the file or its mesh.
+    /// True if the splats cover a watertight surface from outside, according to the file or its mesh, or if there are
+    /// splats for each visible side.
     is_watertight: bool,
     /// Octree, if the file contains one; `cloud` then has its finest splats.
     octree: Option<Box<Octree>>,
@@ -272,8 +274,8 @@ fn not_splats(path: &Path) -> Error {
 const MAX_OBJECT_M: f64 = 1.0;
 
 /// Returns the reason why a file's up axis is certain: the file or its format states it. Returns `None` for OBJ, STL,
-/// OFF, PLY, Draco, PCD and tables of numbers, which occur with any axis up. Also returns `None` for E57 and PTS files
-/// of a small object without a scanner position.
+/// OFF, PLY, Draco, PCD, `.surfel` and tables of numbers, which occur with any axis up, unless their default up axis is
+/// −y, as for Gaussian splats. Also returns `None` for E57 and PTS files of a small object without a scanner position.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);

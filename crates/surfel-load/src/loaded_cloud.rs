@@ -36,7 +36,8 @@ pub struct LoadedCloud {
     /// Reason why the up axis is certain. `None` if it is only the format's default, and files of the format have any
     /// up axis.
     pub up_reason: Option<UpReason>,
-    /// True if the splats cover a watertight mesh from outside, so that their backs are never visible.
+    /// True if no back of a splat is ever visible: the splats cover a watertight mesh from outside, or there are splats
+    /// for each visible side.
     pub is_watertight: bool,
     /// True if the splats were made from trained Gaussians. Their alphas are opacities of overlapping volumes, not of a
     /// surface.

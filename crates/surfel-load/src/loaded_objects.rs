@@ -81,7 +81,8 @@ pub struct ObjectFacts {
     pub sides_known: bool,
     /// True if the object has colours, whether from its file or by an attribute.
     pub colored: bool,
-    /// True if the file or its mesh states that the splats cover a watertight surface from outside.
+    /// True if no back of a splat is ever visible. The splats cover a watertight surface from outside, according to the
+    /// file or its mesh, or there are splats for each visible side.
     pub is_watertight: bool,
     /// True if overlapping splats have nearly the same depth, because they were made from a mesh of flat parts or
     /// clipped by `sharp`. A small depth tolerance then suffices.

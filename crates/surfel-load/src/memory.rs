@@ -92,7 +92,8 @@ pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     known + count.row_bytes + if count.has_colors { COLOR_BYTES } else { 0 }
 }
 
-/// Returns the peak memory, in bytes per point, that the heap retains after neighbours were searched.
+/// Returns the peak memory, in bytes per point, that the heap retains after neighbours were searched: 0 from
+/// [`RETAINED_POINTS`] points on, and without the GNU C library.
 fn retained_bytes(points: u64) -> u64 {
     if points < RETAINED_POINTS && cfg!(target_env = "gnu") { RETAINED_BYTES } else { 0 }
 }

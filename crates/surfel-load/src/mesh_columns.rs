@@ -27,7 +27,7 @@ impl MeshColumns {
     }
 
     /// Adds all columns to the splats. Floating-point columns are interpolated over triangles; integer columns get the
-    /// value of the nearest vertex.
+    /// value of the nearest vertex. A column of faces gives each splat the value of its face.
     pub(crate) fn all(&mut self, cloud: SplatCloud) -> Result<SplatCloud, ModelError> {
         let columns: Vec<(String, bool)> = self.mesh.vertex_extras.iter().map(named).collect();
         let of_triangles: Vec<String> = self.mesh.triangle_extras.iter().map(|extra| extra.name.clone()).collect();
@@ -65,7 +65,7 @@ impl MeshColumns {
     }
 
     /// Adds the column `name` to the splats, if the mesh has it. If `is_nearest` is true, each splat gets the value of
-    /// the nearest vertex; otherwise values are interpolated.
+    /// the nearest vertex; otherwise values are interpolated. A column of faces gives each splat the value of its face.
     fn with_column(&mut self, cloud: SplatCloud, name: &str, is_nearest: bool) -> Result<SplatCloud, ModelError> {
         let Self { mesh, places } = self;
         let of_vertices = ExtraColumn::find(&mesh.vertex_extras, name);

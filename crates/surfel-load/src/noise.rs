@@ -17,7 +17,8 @@ pub(crate) struct NoisePoints {
     withheld: u64,
 }
 
-/// Finds noise and withheld points, except points that the options select by class. Returns `None` if there are none.
+/// Finds noise and withheld points; returns `None` if there are none. Noise is ignored if `classes` lists classes to
+/// draw or is `all`, or if `condition` names the class; withheld points are ignored if `classes` is `all`.
 pub(crate) fn noise_points(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoisePoints> {
     let NoiseCriteria { by_class, by_flag } = NoiseCriteria::new(options);
     let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);

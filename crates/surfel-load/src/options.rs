@@ -34,8 +34,9 @@ pub struct LoadOptions {
     pub up: Option<Up>,
     /// True if points are read that the file marks as withheld.
     pub withheld: bool,
-    /// True if points that aren't part of a surface are dropped, for surface models. These are noise (classes 7 and 18)
-    /// and withheld points, unless `classes` or `condition` selects them by class.
+    /// True if points that aren't part of a surface are dropped, for surface models. Noise (classes 7 and 18) is
+    /// dropped unless `classes` lists classes to draw or is `all`, or `condition` names the class. Withheld points are
+    /// dropped unless `classes` is `all`.
     pub surface: bool,
     /// Levels of detail that are read from a COPC file; `None` reads all points.
     pub levels: Option<Levels>,
@@ -70,6 +71,8 @@ impl LoadOptions {
     }
 
     /// Replaces the conversion options by those of an object. Relative paths in them are relative to `base_dir`.
+    /// Options for colouring are dropped without `color_by`. With `all_levels`, [`Self::levels`] becomes `None`, unless
+    /// it is an overview and no option selects points.
     #[must_use]
     pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
         let join = |file: &Option<PathBuf>| file.as_ref().map(|file| base_dir.join(file));

@@ -20,7 +20,7 @@ pub fn display(path: &Path) -> ShownPath<'_> {
 /// Makes a path absolute without accessing the disk.
 ///
 /// # Errors
-/// [`Error::Io`] if the current folder no longer exists.
+/// [`Error::Io`] if the path is empty or the current folder no longer exists.
 pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     let action = "find where it is";
     let failed = |source| IoError::System { path: path.to_path_buf(), action, source }.into();

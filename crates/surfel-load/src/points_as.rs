@@ -41,7 +41,8 @@ pub(crate) fn median(mut radii: Vec<f64>) -> Option<f64> {
 }
 
 /// Replaces the splats of an object that were made from points by balls, disks or dots. Balls and disks without a
-/// stated radius get the radius `shared`, or else their [`own_radius`]. Objects of other geometry don't change.
+/// stated radius get the radius `shared`, or else their [`own_radius`]; dots get [`DOT_PX`]. Objects of other geometry
+/// don't change.
 pub(crate) fn redraw(object: &mut Object, points_as: PointsAs, shared: Option<f64>) -> Result<(), Error> {
     let own = || shared.or_else(|| own_radius(object, points_as)).map(PointRadius::World);
     let given = match points_as {
@@ -80,7 +81,8 @@ pub(crate) fn redraw(object: &mut Object, points_as: PointsAs, shared: Option<f6
     Ok(())
 }
 
-/// Returns the typical spacing of points from the splats made of them: the square root of the area per point.
+/// Returns the typical spacing of points, which is the square root of the area per point. It is estimated from the
+/// median radius of the splats made of them; 1 without splats.
 pub fn spacing(cloud: &SplatCloud) -> f64 {
     let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     let middle = radii.len() / 2;
@@ -184,7 +186,7 @@ const ROUGH_SAMPLES: (usize, usize) = (256, 8);
 const OFF_PLANE: f64 = 0.2;
 
 /// Returns the fraction of rough splats, from 0 to 1, estimated from a sample. The neighbours of a rough splat are off
-/// its plane by more than [`OFF_PLANE`].
+/// its plane by more than [`OFF_PLANE`] on average.
 fn roughness(cloud: &SplatCloud) -> f64 {
     let (most, neighbours) = ROUGH_SAMPLES;
     if cloud.len() <= neighbours {

@@ -217,7 +217,7 @@ impl LoadedObjects {
     }
 
     /// Returns the objects with only the splats that influence the camera. Splats of noise (classes 7 and 18) and
-    /// withheld points are left out.
+    /// withheld points are left out, unless an object has no others.
     pub fn framed(&self) -> Self {
         let surface = |(object, facts): (&Object, &ObjectFacts)| match &object.geometry {
             Geometry::Splats(cloud) if facts.noise => {
@@ -244,7 +244,8 @@ impl LoadedObjects {
 }
 
 /// Loads the files of `objects`; a file that several objects use is loaded once. Paths are relative to `base_dir`.
-/// Interior weights are estimated if the options request this, or if splats and meshes are drawn together.
+/// Interior weights that neither the file nor the object's material states are estimated if the options request this,
+/// or if splats and meshes are drawn together.
 ///
 /// # Errors
 /// Errors of [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
@@ -533,7 +534,8 @@ pub fn refine_objects(
     Ok(())
 }
 
-/// Loads the matcap of a scene file, if its shader uses one. The path in the file is relative to `base_dir`.
+/// Loads the matcap that a scene file names. Returns `None` if it names none, or if its shader isn't `matcap`. The path
+/// in the file is relative to `base_dir`.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or isn't a matcap.
@@ -565,8 +567,8 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
     Ok(scene)
 }
 
-/// Loads all files that a scene file names, and assembles the scene. Interior weights are estimated only if the file's
-/// settings need them.
+/// Loads all files that a scene file names, and assembles the scene. Also returns notes on the files. Interior weights
+/// are estimated if the options request them, or if the scene file's settings or meshes may need them.
 ///
 /// # Errors
 /// Errors of [`load_objects`], [`load_matcap`] and [`assemble`].

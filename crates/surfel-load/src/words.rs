@@ -2,7 +2,8 @@
 
 pub use surfel_io::counted;
 
-/// Formats a number with three significant digits. Numbers below 1e−5 and from 1e5 on are written with a power of ten.
+/// Formats a number with three significant digits, or as a whole number from 1000 on. Absolute values below 1e−5 and
+/// from 1e5 on are written with a power of ten.
 pub fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

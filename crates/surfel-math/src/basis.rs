@@ -15,7 +15,7 @@ const EQUAL_AXES: f64 = 1e-6;
 /// quadratically.
 const JACOBI_SWEEPS: usize = 12;
 
-/// Scales `v` of any magnitude (1e±300) to unit length; zero stays zero.
+/// Scales `v` of any magnitude (1e±300) to unit length; zero stays zero, and an infinite vector becomes zero.
 pub fn unit(v: DVec3) -> DVec3 {
     let largest = v.abs().max_element();
     if largest == 0.0 || !largest.is_finite() {

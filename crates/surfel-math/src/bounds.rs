@@ -5,7 +5,7 @@ use crate::project::{Projected, ViewSplat};
 use crate::projection::Projection;
 use crate::{Real, V2};
 
-/// A box of pixel offsets from an anchor, such as a splat's projected centre.
+/// A box of pixel offsets from an anchor, such as a splat's projected centre or the image's upper left corner.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent<R> {
     /// Smallest offset along x and y, in pixels.

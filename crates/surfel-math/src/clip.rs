@@ -53,7 +53,7 @@ impl Curve {
         (self.p2 - self.p1).cross(self.p3 - self.p1)
     }
 
-    /// True if the curve is replaced by its chord, because w = 0 or the control points are in a line.
+    /// True if the curve is replaced by its chord, because w = 0 or the control points are nearly in a line.
     pub fn is_chord(&self) -> bool {
         self.w <= 0.0 || self.turn().abs() < STRAIGHT
     }
@@ -108,11 +108,14 @@ impl<R: Real> Turn<R> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip<R> {
     /// Form proportional to τ2, the barycentric coordinate of the curve's middle control point `p2`: positive on that
-    /// point's side of the chord.
+    /// point's side of the chord. If only the chord clips, the form is positive on the removed side; without a curve,
+    /// it is −1 over (u, v).
     pub chord: Linear<R>,
-    /// Form proportional to τ1, the barycentric coordinate of the curve's start `p1`.
+    /// Form proportional to τ1, the barycentric coordinate of the curve's start `p1`; 0 everywhere if only the chord
+    /// clips, and without a curve.
     pub side1: Linear<R>,
-    /// Form proportional to τ3, the barycentric coordinate of the curve's end `p3`.
+    /// Form proportional to τ3, the barycentric coordinate of the curve's end `p3`; 0 everywhere if only the chord
+    /// clips, and without a curve.
     pub side3: Linear<R>,
     /// 1 if the splat retains the inside of the curve, −1 if it retains the outside.
     pub curve_sign: R,
@@ -136,7 +139,8 @@ impl Clip<f64> {
         }
     }
 
-    /// Returns the clip with a curve in its exact, implicit form. A curve with P1 = P3 removes nothing.
+    /// Returns the clip with a curve in its exact, implicit form. The chord replaces a curve for which
+    /// [`Curve::is_chord`] is true. A curve with P1 = P3 removes nothing.
     #[must_use]
     pub fn with_curve(self, curve: &Curve) -> Self {
         if curve.p1 == curve.p3 || curve.is_chord() {
@@ -159,7 +163,7 @@ impl Clip<f64> {
         }
     }
 
-    /// Returns the clip with a curve's chord in place of the curve.
+    /// Returns the clip with a curve's chord in place of the curve. A curve with P1 = P3 removes nothing.
     #[must_use]
     pub fn with_chord(self, curve: &Curve) -> Self {
         let nothing = Self::nothing();

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-/// Amount by which the cosine of a cone's half-angle is reduced, and (`SINE_SLACK`) the sum of the half-angles' sine is
-/// enlarged. Both exceed the rounding of stored normals, in f32 and in 16 bits.
+/// Amount by which the cosine of a cone's half-angle is reduced, and (`SINE_SLACK`) by which the sine of the sum of the
+/// half-angles is enlarged. Both exceed the rounding of stored normals, in f32 and in 16 bits.
 const COSINE_SLACK: f64 = 1e-6;
 const SINE_SLACK: f64 = 1e-4;
 
@@ -19,7 +19,7 @@ pub struct NormalCone {
 
 impl NormalCone {
     /// Returns a cone around the mean of these unit vectors that contains all of them. `None` if the cone isn't
-    /// narrower than a half space.
+    /// narrower than a half space, or if there are no vectors.
     pub fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
         let axis = normals.clone().sum::<DVec3>().try_normalize()?;
         let cosine = normals.map(|n| axis.dot(n)).fold(1.0, f64::min) - COSINE_SLACK;

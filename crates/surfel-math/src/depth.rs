@@ -95,7 +95,8 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
 const STEP_PX: f64 = 2.0;
 
 /// Returns the depth difference, in world units, that a polygon's slope may cause between neighbouring pixels
-/// (rendering model §5, edges by samples). `gradient` is the change of depth per pixel at depth `z`.
+/// (rendering model §5, edges by samples). `gradient` is the change of depth per pixel at depth `z`. The result is
+/// limited to between 0.001 and 0.1 of `z` (orthographic: of the view's height).
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,

@@ -24,8 +24,8 @@ pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [REACH_PX, REACH_PX],
 ];
 
-/// Factor of the mean rise toward the neighbours, by which eye-dome lighting darkens. With it, a plane turned by an
-/// angle is as dark as the angle's cosine, since the mean rise is the angle's tangent over π.
+/// Factor of the mean rise toward the neighbours, by which eye-dome lighting darkens. With it, the brightness of a
+/// plane turned by an angle is the angle's cosine, since the mean rise is the angle's tangent over π.
 const STRENGTH: f64 = std::f64::consts::PI;
 
 /// Returns the weight of the neighbour at `offset` (pixels) in the mean rise: the rise per world unit by which the

@@ -28,9 +28,9 @@ pub fn sheet_limit<R: Real>(shown: R, other: R) -> R {
 
 /// Returns the shading normal of a back-facing splat of an oriented two-sided surface. `cosine` is the cosine of the
 /// angle between the geometric normal and the unit direction `to_eye`. The shading normal is usually reversed. Near the
-/// contour, where a splat of the front side extends past the edge, it is mirrored in the plane perpendicular to the ray
-/// instead. Both results have the same angle to the ray, but the mirrored normal continues the normals of the front
-/// side.
+/// contour, where a splat of the front side extends past the edge, a shading normal that points away from the eye is
+/// mirrored in the plane perpendicular to the ray instead. Both results have the same angle to the ray, but the
+/// mirrored normal continues the normals of the front side. A shading normal that points to the eye is unchanged there.
 #[inline(always)]
 pub fn back_normal<R: Real>(shading: V3<R>, cosine: R, to_eye: V3<R>) -> V3<R> {
     let along = shading.dot(to_eye);

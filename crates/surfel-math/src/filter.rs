@@ -32,11 +32,12 @@ impl<R: Real> Filtered<R> {
     }
 }
 
-/// Applies `principal`, Surfel's own filter: lengthens the projected ellipse's axes to at least h pixels. The weight is
-/// multiplied by ∏ min(1, ℓ/h), where ℓ are the lengths of the axes in pixels.
+/// Applies `principal`, Surfel's own filter: lengthens the projected ellipse's principal half-axes to at least h
+/// pixels. The weight is multiplied by ∏ min(1, ℓ/h), where ℓ are the unfiltered lengths of the half-axes in pixels. If
+/// `projective` is false, the footprint is affine: its form W is 1 everywhere.
 ///
-/// Source: rendering model §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays
-/// exact, also in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
+/// Source: rendering model §4; the elliptic-splat filter that G06 §8 leaves as future work. A half-axis of at least h
+/// stays exact, also in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
 #[inline(always)]
 pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     principal_or_unturned(projected, h_px, projective, true)
@@ -103,8 +104,9 @@ fn widened<R: Real>(length: R, h_px: R) -> R {
     length.mul_add(length, h_px * h_px).sqrt()
 }
 
-/// True where both axes of the projected ellipse certainly measure at least h pixels, so that `principal` changes
-/// nothing. The test doesn't compute the axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
+/// True where both principal half-axes of the projected ellipse certainly measure at least h pixels, so that
+/// `principal` changes nothing. Near the limit it may be false although both measure h. The test doesn't compute the
+/// half-axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
 #[inline(always)]
 pub fn is_unaffected_by_principal<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     let (s, t) = (projected.j_s, projected.j_t);
@@ -139,8 +141,8 @@ pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
 /// separately if its projected diameter is shorter than 2h. The result's `turn` is the identity, relative to these
 /// half-axes.
 ///
-/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane. Here both sides are
-/// multiplied by it, factored as (1 − a)(1 + a).
+/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane. Here both sides of
+/// the comparison are multiplied by it, factored as (1 − a)(1 + a).
 #[inline(always)]
 pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());

@@ -39,8 +39,8 @@ const SLOPE_LIMIT: f64 = 1.3;
 /// Largest sine of the angle between a flat Gaussian's plane and the view ray at which the Gaussian is edge-on and not
 /// drawn (rendering model §2).
 const EDGE_ON: f64 = 1e-5;
-/// Largest absolute coefficient of a Gaussian's linear forms; larger ones are limited to it, so that products stay
-/// finite in f32.
+/// Largest absolute coefficient of the forms u and v of a flat Gaussian that is drawn without the filter `principal`;
+/// larger ones are limited to it, so that products stay finite in f32.
 const MAX_COEFFICIENT: f64 = 1e15;
 
 /// Returns the smallest planar depth, in world units, at which a projection draws Gaussians: the camera's near plane,
@@ -84,8 +84,9 @@ pub struct ProjectedGaussian {
     pub weight: f64,
 }
 
-/// Linear forms of the offset d, in pixels, from a Gaussian's projected centre. The ray through the pixel meets the
-/// Gaussian's plane at (u, v)/w standard deviations and depth z/w.
+/// Linear forms of the offset d, in pixels, from a Gaussian's projected centre. The ray through the pixel meets a flat
+/// Gaussian's plane at (u, v)/w standard deviations and depth z/w. For a solid Gaussian, w is 1 and (u, v) is the
+/// position in standard deviations of its projected footprint.
 #[derive(Clone, Copy, Debug)]
 pub struct GaussianForms<R> {
     /// Change of the form u per pixel to the right and down; at the projected centre u is 0.
@@ -383,7 +384,8 @@ pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
 }
 
 /// Converts the scene's background, a linear colour with straight alpha, to the form in which it is blended behind
-/// Gaussians: RGB in their colour space times alpha, and alpha.
+/// Gaussians: RGB times alpha, and alpha. RGB is in the Gaussians' colour space: linear if `linear_colors`, else
+/// sRGB-encoded.
 pub fn background([r, g, b, a]: [f64; 4], linear_colors: bool) -> [f64; 4] {
     let [r, g, b] = [r, g, b].map(|c| srgb::limit_color(if linear_colors { c } else { srgb::encode(c.max(0.0)) }) * a);
     [r, g, b, a]

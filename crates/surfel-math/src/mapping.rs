@@ -73,7 +73,8 @@ impl<R: Real> Footprint<R> {
         Self { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, w) }
     }
 
-    /// Creates the unfiltered footprint: projective, or affine (W ≡ 1; always so in an orthographic projection).
+    /// Creates the unfiltered footprint: projective, or affine (W ≡ 1). `projective` must be false in an orthographic
+    /// projection.
     #[inline(always)]
     pub fn unfiltered(projected: &Projected<R>, projective: bool) -> Self {
         let zero = projected.det_j.zero();

@@ -7,7 +7,8 @@ use crate::{Real, V2, V3};
 
 /// Returns the position of a unit normal in the sphere's image: x to the right and y down, (0, 0) where the sphere
 /// faces the eye, distance 1 at the rim. A zero normal counts as facing the eye. `to_eye` is a unit vector, `down` the
-/// view's down direction; all vectors have the same axes.
+/// view's down direction; all vectors are in the same coordinate system. If `down` is parallel to the ray, the result
+/// is (0, 0).
 #[inline(always)]
 pub fn coordinates<R: Real>(normal: V3<R>, to_eye: V3<R>, down: V3<R>) -> V2<R> {
     let across = to_eye.cross(down);

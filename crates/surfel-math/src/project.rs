@@ -121,9 +121,9 @@ fn column<R: Real>(a: V3<R>, center: V2<R>) -> V2<R> {
 pub struct Area<R> {
     /// Signed length of the cross product of s/k_s and t/k_t, positive along n.
     pub sine: R,
-    /// Scale of the half-axis s: its largest coordinate, or the radius of a disk.
+    /// Scale of the half-axis s: its largest absolute coordinate, or the radius of a disk.
     pub k_s: R,
-    /// Scale of the half-axis t: its largest coordinate, or the radius of a disk.
+    /// Scale of the half-axis t: its largest absolute coordinate, or the radius of a disk.
     pub k_t: R,
 }
 
@@ -159,12 +159,13 @@ pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
-/// Smallest ratio of a splat's size to its distance at which every backend sets up the splat in f64. Products of its
-/// projected half-axes may exceed f32's range. A filter's effect is invisible at this size.
+/// Ratio of a splat's size to its depth (orthographic: to the view's height) above which every backend sets up the
+/// splat in f64. Products of its projected half-axes may exceed f32's range. A filter's effect is invisible at this
+/// size.
 const VAST: f64 = 1e7;
 
-/// True for a splat so large that f32 may not represent its projection; `size` is the largest coordinate of its
-/// half-axes. The splat is drawn exactly, like [`Placement::Close`] ones.
+/// True for a splat so large that f32 may not represent its projection; `size` is the largest absolute coordinate of
+/// its half-axes. The splat is drawn exactly, like [`Placement::Close`] ones.
 #[inline(always)]
 pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
     let distance = match projection.kind {

@@ -9,9 +9,10 @@ impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask fo
 
 /// A real number, or several in SIMD lanes, so that one formula serves f64, f32 and SIMD code.
 ///
-/// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation is
-/// correctly rounded (IEEE 754), including the fused multiply-add. A formula therefore yields the same bits in f32 and
-/// in any lane of any SIMD level.
+/// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation but
+/// [`Real::scale_to_one`] and [`Real::inverse_sqrt`] is correctly rounded (IEEE 754), including the fused multiply-add.
+/// A formula without these two therefore yields the same bits in f32 and in any lane of any SIMD level. With them, it
+/// yields the same bits at any SIMD level, but not in f32.
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {

@@ -56,7 +56,8 @@ pub fn nearest_8_bit(linear: f32) -> u8 {
     level
 }
 
-/// Converts a linear premultiplied colour to straight RGBA with alpha at most 1. A colour without alpha becomes 0.
+/// Converts a linear premultiplied colour to straight RGBA with alpha at most 1. A colour becomes 0 if its alpha is 0,
+/// negative or NaN.
 pub fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
     // NaN fails the comparison, too, and can't be a divisor.
     if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }

@@ -45,7 +45,7 @@ pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
     t * t * (x.constant(3.0) - x.constant(2.0) * t)
 }
 
-/// Returns diffuse light, 0 to 1, in the steps of the shader `toon`: 0, ⅓, ⅔ and 1.
+/// Returns diffuse light, 0 to 1, in the steps of the shader `toon`: 0, ⅓, ⅔ and 1, with short ramps between them.
 #[inline(always)]
 pub fn ramp<R: Real>(light: R) -> R {
     let step = |at: f64| smoothstep(light, at - HALF_WIDTH, at + HALF_WIDTH);
@@ -61,7 +61,7 @@ pub fn highlight<R: Real>(strength: R) -> R {
 }
 
 /// Returns the factor by which `toon` multiplies a colour at `cosine` = |n·v|: 0 in the line at grazing angles, 1
-/// outside of it.
+/// outside of it, with a smooth transition at its edge.
 #[inline(always)]
 pub fn line<R: Real>(cosine: R) -> R {
     smoothstep(cosine, LINE[0], LINE[1])

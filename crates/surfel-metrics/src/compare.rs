@@ -45,7 +45,7 @@ pub struct Comparison {
     pub compared: usize,
     /// Largest absolute difference of a channel; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
-    /// Column and row of the first pixel with the difference `max_abs`; `None` if the images are equal.
+    /// Column and row of the first compared pixel with the difference `max_abs`; `None` if no compared pixel differs.
     pub max_abs_at: Option<(u32, u32)>,
     /// Root mean squared difference (RMSE) over all channels of the compared pixels.
     pub rmse: f64,

@@ -29,7 +29,7 @@ pub struct PlaneComparison {
     pub compared: usize,
     /// Largest absolute difference, 0 if nothing was compared; it may be infinite by the rule of [`abs_difference`].
     pub max_abs: f64,
-    /// Index of the first value with the difference `max_abs`; `None` if the planes are equal.
+    /// Index of the first compared value with the difference `max_abs`; `None` if no compared value differs.
     pub max_abs_index: Option<usize>,
     /// Root mean squared difference (RMSE): 0 if nothing was compared, infinite if `non_finite` > 0.
     pub rmse: f64,

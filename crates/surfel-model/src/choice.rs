@@ -31,7 +31,7 @@ pub enum Classes {
 }
 
 impl Classes {
-    /// True if points of this class are selected. NaN is no class.
+    /// True if points of this class are selected. NaN is no class: `Only` excludes it, `All` and `Except` include it.
     pub fn include(&self, class: f64) -> bool {
         let is_among = |numbers: &[u32]| numbers.iter().any(|n| f64::from(*n) == class);
         match self {

@@ -39,7 +39,7 @@ const MAX_EXTENT_RADII: f64 = 512.0;
 const MAX_CHUNKS_AHEAD: usize = 16;
 
 /// Largest ratio of the largest to the smallest radius in a chunk with 16-bit storage. It limits the rounding errors of
-/// small radii.
+/// small radii. A splat that would exceed it begins the next chunk.
 const MAX_RADII: f64 = 16.0;
 
 /// Reference values of a chunk, relative to which the numbers of its splats are stored.
@@ -124,14 +124,15 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     order.len().min(CHUNK_SPLATS)
 }
 
-/// Cosine (of 60°) of the angle between half-axes above which [`stored_axes`] replaces them by the principal axes.
+/// Absolute cosine of the angle between half-axes (that of 60° and 120°) above which [`stored_axes`] replaces them by
+/// the principal axes.
 const SKEW: f64 = 0.5;
 
 /// Returns the half-axes of splat `i` as they are stored in f32, in object units.
 ///
-/// Half-axes at less than 60° are replaced by the ellipse's principal axes. Otherwise the coordinates in the splat
-/// would be a small difference of large numbers, and lose their precision in f32. Clipped splats retain their
-/// half-axes, because clips are relative to them.
+/// Half-axes at an angle of less than 60° or more than 120° are replaced by the ellipse's principal axes. Otherwise the
+/// coordinates in the splat would be a small difference of large numbers, and lose their precision in f32. Clipped
+/// splats retain their half-axes, because clips are relative to them.
 pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     let (s, t) = cloud.axes(i);
     let is_clipped = || cloud.data().clips.as_ref().is_some_and(|c| c.clip(i, ClipPolicy::Exact).is_some());

@@ -247,7 +247,7 @@ impl CloudData {
     }
 }
 
-/// Number that means "none" in the planes `index`, `object` and `label`, and a label that stands for no label.
+/// Number that means "none" in the planes `index`, `object` and `label`, and in the column [`CloudData::labels`].
 pub const NO_LABEL: u32 = u32::MAX;
 
 /// Handling of invalid splats (rendering model §10).
@@ -282,8 +282,8 @@ pub struct SplatCloud {
     data: CloudData,
 }
 
-/// Number of splats per task when splats are validated in parallel. Smaller clouds are validated on one thread, because
-/// starting threads would take longer.
+/// Minimum number of splats per task when splats are validated in parallel. Smaller clouds are validated on one thread,
+/// because starting threads would take longer.
 #[cfg(feature = "rayon")]
 const SPLATS_PER_VALIDATION_TASK: usize = 1 << 14;
 
@@ -382,8 +382,8 @@ impl SplatCloud {
     /// Sets clip curves and lines, in the splats' half-axes; only ellipses can have them.
     ///
     /// # Errors
-    /// [`ModelError::ColumnLength`] if a column's length isn't the number of splats, [`ModelError::Conflict`] for
-    /// disks, [`ModelError::InvalidElements`] for numbers out of range.
+    /// [`ModelError::ColumnLength`] if a column's length isn't the number of splats, [`ModelError::Conflict`] for disks
+    /// and balls, [`ModelError::InvalidElements`] for numbers out of range.
     pub fn with_clips(mut self, clips: ClipColumns) -> Result<Self, ModelError> {
         self.data.clips = Some(clips);
         Self::checked(self.data)
@@ -453,7 +453,8 @@ impl SplatCloud {
     /// # Errors
     /// [`ModelError::InvalidElements`] naming the first invalid splat and their number, [`ModelError::ColumnLength`]
     /// for a column of the wrong length, [`ModelError::OutOfRange`] for a number of the whole cloud, and
-    /// [`ModelError::Conflict`] for clipped disks.
+    /// [`ModelError::Conflict`] for clipped disks or balls and for [`CloudData::ball_light`] of other splats than
+    /// balls.
     pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if data.clips.is_some() && !matches!(data.shape, Shape::Ellipses { .. }) {

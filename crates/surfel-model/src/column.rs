@@ -37,9 +37,9 @@ impl Column3 {
 
     /// Splits points into an f64 origin and offsets from it, to preserve the precision of georeferenced data.
     ///
-    /// The origin is zero for points that f32 represents exactly. Otherwise the origin is the centre of the finite
-    /// points' bounds, rounded to a multiple of a power of two ([`Self::origin_of`]). Offsets are exact to about 48
-    /// bits of the extent. Non-finite points stay non-finite.
+    /// The origin is zero for points that f32 represents exactly. Otherwise it is the origin that [`Self::origin_of`]
+    /// returns for the bounds of the finite points: about their centre, or zero if the bounds are close to zero.
+    /// Offsets are exact to about 48 bits of the extent. Non-finite points stay non-finite.
     pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
         Self::with_origin_of(points.len(), |i| points[i])
     }
@@ -72,8 +72,9 @@ impl Column3 {
     }
 
     /// Returns a suitable origin for points within bounds, in the units of the bounds. The origin is the centre,
-    /// rounded to a whole power of two no finer than the extent needs. It is zero if the bounds are close to zero or
-    /// empty.
+    /// rounded to multiples of a power of two. The power is the next one above the longest side, or above 1e-6 of the
+    /// largest coordinate if that is more. The origin is zero if no coordinate exceeds four times the longest side, or
+    /// if the bounds are empty.
     pub fn origin_of(min: DVec3, max: DVec3) -> DVec3 {
         let extent = (max - min).max_element();
         // Near zero, f32 is precise enough without an origin.
@@ -141,7 +142,7 @@ impl Column3 {
     }
 }
 
-/// Drops the elements of `values` whose flag is false.
+/// Drops the elements of `values` whose flag is false. Elements without a flag remain.
 pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
     let mut flags = keep.iter();
     values.retain(|_| *flags.next().unwrap_or(&true));
@@ -165,9 +166,9 @@ pub struct ExtraColumn {
 }
 
 impl ExtraColumn {
-    /// Returns the column with this name; `None` if there is none. If there is no exact match, case, underscores and
-    /// the prefix `scalar_` are ignored: `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same
-    /// attribute.
+    /// Returns the column with this name; `None` if there is none. If there is no exact match, case, the prefix
+    /// `scalar_` and all characters except letters and digits are ignored. Thus, `scalar_Return_Number`, `ReturnNumber`
+    /// and `return_number` are the same attribute.
     pub fn find<'a>(extras: &'a [Self], name: &str) -> Option<&'a Self> {
         let plain = |name: &str| {
             let lower = name.to_ascii_lowercase();
@@ -269,7 +270,7 @@ impl ExtraValues {
         !matches!(self, Self::F32(_) | Self::F64(_))
     }
 
-    /// Truncates the values, or appends zeros.
+    /// Truncates the column to `len` values, or appends zeros up to that number.
     pub fn resize(&mut self, len: usize) {
         each_extra!(self, v => v.resize(len, Default::default()));
     }

@@ -7,11 +7,11 @@
 //! comparison = name ("<" | "<=" | ">" | ">=" | "=" | "==" | "!=") number
 //! ```
 //!
-//! A name is one or several words, or any text in double quotes.
+//! A name is one or several words, or any text in double quotes that isn't blank and has no double quote.
 
-/// Maximum nesting depth of parentheses and `not`.
+/// Maximum nesting depth of parentheses and `not`; deeper conditions are refused.
 const MAX_DEPTH: usize = 64;
-/// Largest number of characters that an error message quotes of a condition's text.
+/// Largest number of characters that an error message quotes of a condition's text; `…` replaces the rest.
 const QUOTED: usize = 24;
 /// Example of a condition, for error messages.
 const EXAMPLE: &str = "such as intensity>100 and not (z<=5 or classification=7)";

@@ -86,7 +86,8 @@ pub struct ConvertOptions {
         serde(rename = "where", deserialize_with = "joined_conditions", skip_serializing_if = "Option::is_none")
     )]
     pub condition: Option<String>,
-    /// Interval of selected points: every n-th point, starting with the first; at least 1. `None` selects every point.
+    /// Interval n of selected points, at least 1: every n-th of the points that the other options select, starting with
+    /// the first. `None` selects every point.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub every: Option<u32>,
     /// True to select all points, even points at exactly (0, 0, 0) and more than 16 points in one place.
@@ -370,7 +371,8 @@ impl ConvertOptions {
         *self == Self::default()
     }
 
-    /// Validates the numbers, and that no two options exclude each other; `i` is the object's index.
+    /// Validates the numbers, that no two options exclude each other, and that `sharp` or `color_by` is set for options
+    /// that need it. `i` is the object's index.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] or [`ModelError::Conflict`], naming the key as in the scene file.

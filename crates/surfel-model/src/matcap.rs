@@ -3,7 +3,7 @@
 use crate::{ModelError, Texture};
 use std::sync::{Arc, LazyLock};
 
-/// Largest side of a matcap, in texels: an image of this size takes 50 MB in the GPU backends.
+/// Largest accepted side of a matcap, in texels: an image of this size takes 50 MB in the GPU backends.
 const MAX_SIDE: u32 = 2048;
 /// Side of the built-in matcap image, in texels.
 const BUILTIN_SIDE: u32 = 256;

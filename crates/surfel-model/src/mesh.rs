@@ -37,7 +37,7 @@ pub struct MeshMaterial {
     /// Base-colour texture for the mesh's `uvs`, multiplied with the mesh's colours and alphas; `None` without a
     /// texture.
     pub texture: Option<Arc<Texture>>,
-    /// Meaning of the alpha, which is the product of texture, colour and vertex alphas.
+    /// Meaning of the alpha, which is the product of the texture's alpha and the mesh's `alphas`.
     pub alpha: AlphaMode,
     /// Normal map: shading normals with more detail than the mesh's own. `None` uses the mesh's own normals.
     pub normal_map: Option<NormalMap>,
@@ -167,7 +167,7 @@ impl Mesh {
     }
 
     /// Returns the material of a triangle, by its index. Without [`Mesh::materials`], it is the shared texture, with
-    /// alpha as opacity.
+    /// alpha as opacity. An index out of range gives the default material.
     pub fn material(&self, triangle: usize) -> MaterialRef<'_> {
         match &self.materials {
             None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend, normal_map: None },
@@ -211,7 +211,8 @@ impl Mesh {
         self.materials.as_ref().is_some_and(|all| all.materials.iter().any(|m| m.normal_map.is_some()))
     }
 
-    /// Returns the textures of all materials, possibly with repetitions.
+    /// Returns the textures of all materials, possibly with repetitions; without [`Mesh::materials`], the shared
+    /// texture.
     pub fn textures(&self) -> impl Iterator<Item = &Arc<Texture>> {
         let materials = self.materials.as_ref();
         let shared = self.texture.as_ref().filter(|_| materials.is_none());
@@ -221,7 +222,8 @@ impl Mesh {
     }
 
     /// Splits the mesh into meshes of one `texture` each, in the order of their first triangles, for drawing polygons.
-    /// Returns the mesh itself if it has one texture only, or if it is invalid.
+    /// Triangles without a texture form a mesh of their own. Returns the mesh itself if it has no materials, if all
+    /// triangles have its own `texture`, or if it is invalid.
     pub fn by_texture(self: &Arc<Self>) -> Vec<Arc<Self>> {
         let Some(all) = self.materials.as_ref().filter(|_| self.validate().is_ok()) else { return vec![self.clone()] };
         let texture_of = |triangle: &u32| {
@@ -306,9 +308,10 @@ impl Mesh {
         }
     }
 
-    /// Reduces the mesh to one material: textures that not all triangles share become colours and alphas of the
-    /// vertices, and finer detail is lost. Alphas of vertices with masked or opaque materials are replaced by the
-    /// resulting opacity.
+    /// Reduces the mesh to one material. If all materials have the same texture, the mesh gets it, and the materials'
+    /// alpha modes are lost. Otherwise the textures become colours and alphas of the vertices, and finer detail is
+    /// lost. Alphas of vertices with masked or opaque materials are then replaced by the resulting opacity. A vertex
+    /// gets the material of the first triangle that uses it. Normal maps are dropped.
     pub fn with_one_material(mut self) -> Self {
         let Some(all) = self.materials.take() else { return self };
         let mut textures: Vec<Option<&Arc<Texture>>> = all.materials.iter().map(|m| m.texture.as_ref()).collect();
@@ -349,7 +352,7 @@ pub struct MaterialRef<'a> {
     pub texture: Option<&'a Arc<Texture>>,
     /// Meaning of the material's alpha.
     pub alpha: AlphaMode,
-    /// Normal map of the material.
+    /// Normal map of the material; `None` without one.
     pub normal_map: Option<&'a NormalMap>,
 }
 

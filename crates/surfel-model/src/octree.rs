@@ -62,7 +62,7 @@ impl Octree {
     /// node's children are consecutive and make up all of its own; the root has all triangles.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first node or transition that breaks these rules, or a problem of the mesh;
+    /// [`ModelError`] naming the first node, transition or splat that breaks these rules, or a problem of the mesh;
     /// [`ModelError::Conflict`] for a mesh with [`Mesh::materials`].
     pub fn new(
         cloud: SplatCloud,
@@ -183,12 +183,13 @@ impl Octree {
         of_leaves.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
     }
 
-    /// Returns the heap memory in use, in bytes.
+    /// Returns the heap memory of the splats, nodes and transitions, in bytes; that of the mesh is not included.
     pub fn bytes(&self) -> usize {
         self.cloud.bytes() + size_of_val(self.nodes.as_slice()) + size_of_val(self.transitions.as_slice())
     }
 
-    /// Returns the splats in the ranges `splats` as a cloud of their own; ranges out of bounds are cut off.
+    /// Returns the splats in the ranges `splats` as a cloud of their own; ranges out of bounds are cut off. Rows,
+    /// labels, uninterpreted columns and comments are dropped.
     pub fn cloud_of(&self, splats: &[Range<u32>]) -> Result<SplatCloud, ModelError> {
         let count = self.cloud.len() as u32;
         let indices: Vec<u32> = splats.iter().flat_map(|r| r.start..r.end.min(count)).collect();

@@ -78,8 +78,8 @@ impl PointCloud {
         }
     }
 
-    /// Drops points whose position is not finite and returns their number. Non-finite colours and alphas become white
-    /// and opaque.
+    /// Drops points whose position is not finite and returns their number. A colour component or alpha that is not
+    /// finite becomes 1; the other alphas are clamped to [0, 1].
     pub fn drop_non_finite(&mut self) -> usize {
         let finite = |i: usize| self.positions.get(i).is_finite();
         let mut dropped = 0;

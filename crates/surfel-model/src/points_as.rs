@@ -12,7 +12,8 @@ pub enum PointsAs {
     Surface,
     /// Balls (rendering model §11) with this radius; `None` means half the spacing of the points.
     Balls(Option<PointRadius>),
-    /// Disks with this radius, perpendicular to the estimated normals; `None` means half the spacing of the points.
+    /// Disks with this radius in the units of the file, perpendicular to the estimated normals; `None` means half the
+    /// spacing of the points.
     Disks(Option<PointRadius>),
     /// Dots (rendering model §11), disks parallel to the image, with this radius; `None` means 1.5 pixels.
     Dots(Option<PointRadius>),

@@ -143,10 +143,11 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Validates every number of the scene.
+    /// Validates every number of the scene except those of its geometry, and that a ground has a sky.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] naming the field as in the scene file.
+    /// [`ModelError::OutOfRange`] naming the field as in the scene file, [`ModelError::Conflict`] for a ground without
+    /// a sky.
     pub fn validate(&self) -> Result<(), ModelError> {
         finite("background", &self.background)?;
         if !(0.0..=1.0).contains(&self.background[3]) {
@@ -228,8 +229,8 @@ impl<G: Into<Geometry>> From<G> for Object {
     }
 }
 
-/// Creates a scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`]. Ambient light and lights are the
-/// defaults of scene files: a dim ambient light, and one white directional light along the view.
+/// Creates a scene of one object: an [`Object`], or a geometry such as a [`SplatCloud`] or a [`Mesh`]. Ambient light
+/// and lights are the defaults of scene files: a dim ambient light, and one white directional light along the view.
 impl<O: Into<Object>> From<O> for Scene {
     fn from(object: O) -> Self {
         Self { ambient: DEFAULT_AMBIENT, objects: vec![object.into()], ..Self::default() }

@@ -125,7 +125,7 @@ impl Settings {
         with_lod_error_px lod_error_px: f64,
     }
 
-    /// Validates that every number is in its range.
+    /// Validates that every number is in its range, and that the filter of Gaussians is `clamp` or `principal`.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] naming the field.

@@ -11,7 +11,8 @@ const DIRECTIONS: u32 = 128;
 const MAX_DIRECTIONS: u32 = 65_536;
 
 /// Light from all around (rendering model §12): a sky, and areas of it that shine more strongly. It is computed once
-/// per scene and stored in the colours of the splats, so that later images of the scene are as fast as without it.
+/// per scene and stored in the colours of the splats, or in coefficients of balls. Later images of the scene are
+/// therefore as fast as without it.
 ///
 /// All strengths are relative: a white surface that faces up below a sky with `above` = 1 has brightness 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,8 +30,8 @@ pub struct Sky {
     /// Bright areas of the sky, which shine in addition to its two halves.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Vec::is_empty"))]
     pub areas: Vec<SkyArea>,
-    /// Number of directions by which the sky is sampled, 1 to 65,536. Each bright area is sampled by a quarter as many
-    /// in addition, and at least 16.
+    /// Number of directions by which the sky is sampled, 1 to 65,536. Each bright area is sampled by additional
+    /// directions: a quarter of this number, but at least 16.
     #[cfg_attr(feature = "serde", serde(default = "directions"))]
     pub directions: u32,
     /// True if light that surfaces reflect to each other is added, by the closed form of Jimenez et al. 2016.

@@ -14,7 +14,7 @@ const MAX_COLUMNS: usize = 128;
 pub struct NumberFormat {
     /// Kind of number: `f` for floating-point numbers, `i` and `u` for whole numbers with and without a sign.
     pub letter: char,
-    /// Size of a number in bytes: 1, 2, 4 or 8.
+    /// Size of a number in bytes: 1, 2, 4 or 8, and at least 2 for `f`.
     pub bytes: u8,
     /// True if the most significant byte comes first.
     pub big_endian: bool,
@@ -62,7 +62,7 @@ pub struct TableColumn {
 pub struct TableColumns(Vec<TableColumn>);
 
 impl TableColumns {
-    /// Returns the columns: at least three, and either all have a type or none.
+    /// Returns the columns. At least three of them have names, and either all have a type or none.
     pub fn columns(&self) -> &[TableColumn] {
         &self.0
     }
@@ -72,7 +72,7 @@ impl TableColumns {
         self.0.iter().all(|column| column.format.is_some())
     }
 
-    /// Returns the size of a row in bytes, for columns with types.
+    /// Returns the size of a row in bytes; 0 for columns without types.
     pub fn row_bytes(&self) -> usize {
         self.0.iter().filter_map(|column| column.format).map(|format| usize::from(format.bytes)).sum()
     }

@@ -16,13 +16,14 @@ pub struct Texture {
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// Texels as in the file (sRGB-encoded RGBA, straight alpha), row by row from the top; `width`·`height` entries.
+    /// Texels as in the file, row by row from the top; `width`·`height` entries. Colours are sRGB-encoded RGBA with
+    /// straight alpha; other numbers are the levels themselves.
     pub srgba8: Vec<[u8; 4]>,
 }
 
 impl Texture {
     /// Returns a bilinear sample at `uv` with repeat addressing: linear RGB and alpha. (0, 0) is the texture's top left
-    /// corner, (1, 1) its bottom right one.
+    /// corner, (1, 1) its bottom right one. A texture without texels, or with fewer than its size requires, is white.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -43,7 +44,8 @@ impl Texture {
     }
 
     /// Returns a bilinear sample like [`Self::sample`], with each texel's colour weighted by its alpha. Transparent
-    /// texels thus don't change the colour of visible neighbours.
+    /// texels thus don't change the colour of visible neighbours. Where all texels are transparent, the colour is that
+    /// of [`Self::sample`].
     pub fn sample_by_alpha(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -118,7 +120,8 @@ struct Level {
 
 impl Mipmaps {
     /// Computes every level down to one texel. Each is half the size of the one before (rounded down, at least 1). A
-    /// texel is the mean of the area that it covers, in linear light.
+    /// texel is the mean of the area that it covers, in linear light. A texture with fewer texels than its size
+    /// requires gets no levels.
     pub fn new(texture: Arc<Texture>) -> Self {
         let mut levels: Vec<Level> = Vec::new();
         let (mut width, mut height) = (texture.width as usize, texture.height as usize);

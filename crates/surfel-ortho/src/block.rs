@@ -258,7 +258,8 @@ impl Square {
 
 impl Behind<'_> {
     /// Locates the edge between both surfaces in a square of pixels. Calls `each` with column, row and coverage by the
-    /// nearest surface, for each pixel that both surfaces cover.
+    /// nearest surface, for each pixel that both surfaces cover. If no edge is found, a pixel's coverage is 1 if the
+    /// nearest surface has at least the weight of the second one, and 0 otherwise.
     fn each_share(
         &self,
         surface: &Surface<'_>,
@@ -335,7 +336,8 @@ impl StoredPlanes {
     }
 }
 
-/// Blends the nearest and the second surface at each pixel, weighted by the coverage of the nearest one.
+/// Blends colours and heights of the nearest and the second surface at each pixel, weighted by the coverage of the
+/// nearest one. A normal is that of the surface with the larger coverage.
 fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: StoredPlanes) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;

@@ -32,7 +32,7 @@ const FEW: usize = 3;
 const SAMPLE: usize = 1 << 16;
 
 /// Returns an error for files whose x and y are degrees, according to their reference system, column names or numbers.
-/// `is_stated` is true if the user stated a reference system.
+/// `is_stated` is true if the user stated a reference system; column names and numbers then don't count.
 pub(crate) fn check_not_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
     let (lo, hi) = source.bounds;
     let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
@@ -127,7 +127,7 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
 }
 
 /// Finds stray points: a few points that are farther from the core of the points, in x and y, than the core is wide.
-/// `None` if there are none or many.
+/// `None` if there are none, or too many ([`STRAY_OF`], [`FEW`]).
 fn strays(sources: &[Source]) -> Option<Strays> {
     let clouds = || sources.iter().filter_map(|source| Some((source, source.positions()?)));
     let total: usize = clouds().map(|(_, (count, _))| count).sum();

@@ -22,8 +22,8 @@ use std::path::Path;
 pub(crate) const MAX_PX: u32 = 512;
 /// Number of directions from an empty pixel in which the nearest data are searched.
 const DIRECTIONS: usize = 32;
-/// Weight that pulls the fitted plane toward a horizontal one, relative to the data's mean squared weighted distance.
-/// Without it, data on one line wouldn't determine the slope across the line.
+/// Weight that pulls the fitted plane toward a horizontal one, relative to the sum of the data's weighted squared
+/// distances. Without it, data on one line wouldn't determine the slope across the line.
 const LEVEL: f64 = 2e-3;
 
 /// Values of a rectangle of an image's pixels, one plane per kind of value, in rows from the top.
@@ -106,7 +106,8 @@ impl BlockStore {
     }
 
     /// Reads a rectangle of pixels: `width` columns from `west` to the east, and `height` rows from `north` to the
-    /// south. Columns and rows are counted from the grid's origin, rows to the north.
+    /// south. Columns and rows are counted from the grid's origin, rows to the north. Pixels of blocks that weren't
+    /// stored are empty.
     pub(crate) fn get(&mut self, [west, north]: [i64; 2], width: usize, height: usize) -> io::Result<Planes> {
         self.file.flush()?;
         let (side, has) = (self.block_px as i64, self.has);

@@ -8,13 +8,15 @@ use std::ops::RangeInclusive;
 
 /// Largest and smallest side of a block, without its margin, in pixels.
 const BLOCK_PX: (i64, i64) = (2048, 16);
-/// Largest expected number of points in a block and its halo, by which the block's side is selected.
+/// Largest expected number of points in a block and its surroundings, by which the block's side is selected. A block
+/// with the smallest side may have more.
 const BLOCK_POINTS: f64 = 3e6;
-/// Width, in point spacings, of the halo around a drawn area whose points are used too. A splat's radius is at most 4
-/// spacings. The rest of the halo has the neighbours from which the normals and radii of these splats are estimated.
+/// Smallest width, in point spacings, of the halo around a drawn area whose points are used too. A splat's radius is at
+/// most 4 spacings. The rest of the halo has the neighbours from which the normals and radii of these splats are
+/// estimated. The halo is also at least as wide as the largest splat of splat files, and as 8 pixels.
 const HALO_SPACINGS: f64 = 12.0;
-/// Width, in point spacings, of the margin that is drawn around a block. Its pixels and points help to locate edges
-/// near the block's border.
+/// Smallest width, in point spacings, of the margin that is drawn around a block; up to 5 pixels are added. Its pixels
+/// and points help to locate edges near the block's border.
 const MARGIN_SPACINGS: f64 = 6.0;
 /// Maximum width of the margin around a block, in pixels.
 const MAX_MARGIN_PX: i64 = 1024;
@@ -44,7 +46,8 @@ pub(crate) struct Layout {
     pub(crate) margin_px: i64,
     /// Width, in the units of x and y, of the halo around the drawn area whose points are used too.
     pub(crate) halo: f64,
-    /// Mean distance between points, in the units of x and y, rounded up to a power of √2; 0 without points.
+    /// Distance between points ([`Sampling::spacing`]), in the units of x and y, rounded up to a power of √2; 0 without
+    /// points.
     pub(crate) spacing: f64,
 }
 

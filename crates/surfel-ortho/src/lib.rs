@@ -67,13 +67,14 @@ use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
 use system::crs_of;
 
-/// Memory limit, in bytes, for points that stay in memory between blocks. Points of further files are loaded again when
-/// they are needed.
+/// Memory limit, in bytes, for the points that stay in memory from the first reading of the files. A file's points that
+/// would exceed it are freed, and loaded again when a block needs them. Before they are loaded, [`make_room`] frees
+/// other files' points until the rest takes at most half of the limit.
 const KEPT_BYTES: usize = 2 << 30;
 /// Smallest side, in pixels, of the windows in which gaps are filled one after another.
 const WINDOW_PX: u32 = 512;
-/// Height above a block, in units of the block's side, of the viewpoint toward which the points' estimated normals are
-/// turned.
+/// Height above the middle of a block's points of the viewpoint toward which their estimated normals are turned. The
+/// unit is the larger of the side of the block with its surroundings and the points' range of heights.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
 /// Options for the grid and the content of an orthoimage.
@@ -85,9 +86,10 @@ pub struct OrthoOptions {
     /// Position (x, y) of a corner of the pixel grid, in the units of x and y.
     pub origin: [f64; 2],
     /// Bounds of the image in the units of x and y: minimum x, minimum y, maximum x, maximum y. They are enlarged to
-    /// whole pixels. `None` uses the bounds of the points.
+    /// whole pixels. `None` uses `size`, or else the bounds of the points and splats.
     pub bounds: Option<[f64; 4]>,
-    /// Number of columns and rows, at least 1, as an alternative to `bounds`. The lower left corner is then `origin`.
+    /// Number of columns and rows, at least 1, as an alternative to `bounds`; ignored if `bounds` is given. The lower
+    /// left corner of the image is then `origin`.
     pub size: Option<[u32; 2]>,
     /// EPSG code of the coordinate reference system, 1024 to 32,766; `None` uses the system that the files state.
     pub epsg: Option<u16>,
@@ -142,7 +144,7 @@ pub struct OrthoStats {
     pub covered: u64,
     /// Number of pixels whose values were interpolated; [`Self::covered`] includes them.
     pub filled: u64,
-    /// Number of points that were dropped because they are isolated in height.
+    /// Number of points in the image that were dropped because they are isolated in height.
     pub lone: u64,
     /// Number of pixels of the image.
     pub pixels: u64,
@@ -199,7 +201,8 @@ impl Ortho {
     ///
     /// # Errors
     /// Errors of [`surfel_load::load()`]; [`Error::Model`] for a grid that is out of range. [`Error::Unsuitable`] for
-    /// files in degrees, for files with different coordinate reference systems, and for bounds without data.
+    /// empty files, for files in degrees, for files with different coordinate reference systems, for bounds without
+    /// data, and for stray points that would enlarge the image more than 100 times.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
         let asked = asked(&options)?;
@@ -407,7 +410,7 @@ impl Ortho {
         Ok(())
     }
 
-    /// True if some file has points or splats in a block or its surroundings.
+    /// True if the bounds of some file overlap a block or its surroundings.
     fn meets_any(&self, block: [i64; 2]) -> bool {
         let within = self.layout.drawn(block, self.layout.halo);
         self.sources.iter().any(|source| source.meets(within))
@@ -545,7 +548,8 @@ impl ColorChoice {
         Ok(())
     }
 
-    /// Determines one colour scale for all files, and applies it to the splats of splat files.
+    /// Determines one colour scale for all files. If the options name an attribute, applies the scale to the splats of
+    /// splat files.
     fn finish(
         self,
         sources: &mut [Source],

@@ -14,13 +14,13 @@ use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Standard deviations of the Gaussian weights in the fit, in radii of nearby splats; the widest one that fits is used.
-/// A radius is about 1.6 point spacings.
+/// Standard deviations of the Gaussian weights in the fit, in radii of nearby splats; the widest one that fits is used,
+/// or the narrowest if none fits. A radius is about 1.6 point spacings.
 const SCALES: [f64; 4] = [1.3, 0.8, 0.5, 0.3];
 /// Distance from a pixel, in standard deviations, beyond which a point has no weight in the fit.
 const REACH: f64 = 2.5;
-/// Largest fraction of the squared weights, at a scale that is used, of points at which the fitted function has the
-/// wrong sign.
+/// Largest fraction of the points' total squared weight that points with a wrong sign of the fitted function may have.
+/// With more, the next narrower scale is tried.
 const WRONG: f64 = 0.05;
 /// Factor of the fitted function's value in the coverage, which is ½ + `STEEPNESS`·scale·value, with the scale from
 /// [`SCALES`]. A step between evenly distributed points is fitted by a function that rises more slowly than the step.
@@ -36,16 +36,19 @@ const SQUARE: f64 = 0.8;
 /// Maximum side, in splat radii, of a square of pixels for which an edge is located only once, if it is located by the
 /// upper points alone. It is smaller than [`SQUARE`], because this coverage isn't linear.
 const OUTLINE_SQUARE: f64 = 0.4;
-/// Average number of points per cell of the search grid, at most.
+/// Average number of points per cell for which the cell size of the search grid is chosen. Cells aren't larger than the
+/// mean radius of the splats, unless [`MAX_CELLS`] requires it.
 const CELL_POINTS: f64 = 2.0;
-/// Maximum number of points used to locate the edge at one pixel, plus one row of grid cells. More points are thinned.
+/// Number of points near a pixel above which only every k-th one is used to locate the edge. Because each row of grid
+/// cells is thinned by itself, at most one more point per row remains.
 const MAX_POINTS: usize = 1024;
 /// Maximum number of cells of the search grid along each axis.
 const MAX_CELLS: f64 = 4096.0;
-/// Probability of being beneath another surface above which a point may count as beneath it.
+/// Smallest probability with which a point counts as lying beneath another surface. A point of the same surface that
+/// exceeds [`WELL_BENEATH`] must also be near.
 const BENEATH: f32 = 0.5;
-/// Probability of being beneath another surface above which a point shows that the lower surface continues there. Upper
-/// points must also enclose it; they don't enclose points in a pit that is two points wide.
+/// Smallest probability of lying beneath another surface with which a point shows that the lower surface continues
+/// there. Upper points must also enclose the point; they don't enclose points in a pit that is two points wide.
 const WELL_BENEATH: f32 = 0.97;
 /// Largest gap in height within a layer of foliage, in splat radii. If the heights of leaves vary by two spacings, gaps
 /// of one radius are common, and gaps of two are rare.
@@ -74,7 +77,8 @@ pub(crate) struct EdgeLocator {
     least: [f64; 2],
     cell: f64,
     cells: [usize; 2],
-    /// Largest distance from a position, in the units of x and y, at which a point may be used for it.
+    /// Half-width of a square around a position, in the units of x and y, above which the search for the position's
+    /// nearest point ends: [`REACH`] times the largest radius of a splat.
     reach: f64,
 }
 
@@ -204,8 +208,8 @@ impl EdgeLocator {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. Of many more
-    /// than [`MAX_POINTS`], as on a wall seen from above, only a regular selection is returned.
+    /// Returns the points in the grid cells that overlap a square around (x, y) with half-width `half`. Of more than
+    /// [`MAX_POINTS`], as on a wall seen from above, only a regular selection is returned.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -223,7 +227,8 @@ impl EdgeLocator {
     }
 
     /// Returns the typical radius of the splats around (x, y): the radius that corresponds to the mean density of the
-    /// splats within the nearest splat's radius. Returns `None` if no splat is nearby.
+    /// splats within the nearest splat's radius. If (x, y) is outside of the nearest splat, returns that splat's
+    /// radius. Returns `None` if no splat is nearby.
     fn radius_at(&self, x: f64, y: f64) -> Option<f64> {
         let squared = |p: &Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2);
         let mut half = self.cell;

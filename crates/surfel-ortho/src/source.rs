@@ -290,8 +290,8 @@ impl Gathered {
     }
 
     /// Returns the points as one cloud, in an order that depends only on the points. If the points' mean `spacing` is
-    /// given, points that are isolated in height are dropped, and the second result has the positions of the dropped
-    /// points. `column` is the name of the extra column of the points' values; `None` drops the values.
+    /// given, points that are isolated in height are dropped, except on water. The second result has the positions of
+    /// the dropped points. `column` is the name of the extra column of the points' values; `None` drops the values.
     pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));

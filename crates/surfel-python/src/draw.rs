@@ -72,9 +72,9 @@ pub(crate) struct Prepared {
 pub(crate) struct Files {
     /// Files that the inputs refer to, such as textures.
     beside: BTreeSet<PathBuf>,
-    /// Contents of the file named `-`, to which arrays were converted; `None` without arrays.
+    /// The caller's arrays, encoded as a file, which inputs name `-` (as stdin); `None` if the caller gave no arrays.
     bytes: Option<Arc<[u8]>>,
-    /// All files with their hashes; set when the first image is written.
+    /// All files with their hashes; `None` until an image or its recipe is written for the first time.
     known: Mutex<Option<Vec<metadata::Input>>>,
 }
 
@@ -121,7 +121,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs `work` in a new pool of `threads` threads.
+/// Runs `work` in a new pool of `threads` threads; 0 stands for one per core. Returns an error if there is no memory
+/// for the threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
     memory::check_threads(threads, memory::STACK_BYTES)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
@@ -153,7 +154,8 @@ impl Input {
         self.notes.iter().cloned().chain(notes.iter().map(|note| of_arrays(note))).collect()
     }
 
-    /// Drops cached scenes if the options overwrite a colour-bar file, so that the file is written again.
+    /// Drops the cached scenes with these options if the options overwrite a colour-bar file, so that the file is
+    /// written again.
     pub(crate) fn renew(&self, options: &RenderOptions) {
         if options.splats.force && options.splats.colorbar.is_some() {
             lock(&self.cache).prepared.retain(|prepared| prepared.options != *options);
@@ -189,7 +191,7 @@ impl Input {
     }
 
     /// Prepares the input's scene with the options: loads it, and chooses camera and lights. Returns the cached scene
-    /// if one was prepared with the same options.
+    /// if one was prepared with the same options, and for the same images if only parts of files were read for these.
     pub(crate) fn prepare(
         &self,
         options: &RenderOptions,

@@ -88,7 +88,8 @@ pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     error
 }
 
-/// Creates an exception of the Python package, given by its class name.
+/// Creates an exception of the Python package, given by its class name. If that fails, returns a `MemoryError` or a
+/// `RuntimeError`.
 pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
     match made {

@@ -25,7 +25,8 @@ use surfel_load::levels::{self, CopcRequest};
 use surfel_ortho::{OrthoFiles, OrthoOptions};
 use surfel_render::Renderer;
 
-/// Runs `work` on files or on a scene's arrays. Errors about arrays name the argument `points`.
+/// Runs `work` on files or on a scene's arrays, if there is memory for the arrays and for the number of splats in the
+/// options. Errors about arrays name the argument `points`.
 fn named<T>(
     input: Option<&Arc<Input>>,
     options: &SplatOptions,

@@ -41,7 +41,8 @@ pub(crate) struct NativeFrame {
 /// Maximum memory for encoding an image, in bytes per pixel: rows of a file, and their compressed form.
 const ENCODED_BYTES: u64 = 32;
 
-/// Returns a plane, or a range of its values, as an array that shares the memory; `None` for a missing plane.
+/// Returns a range of a plane's values as a read-only array of this shape, without copying; `None` for a missing plane,
+/// which has no values.
 pub(crate) fn array<T: Element>(
     py: Python<'_>,
     values: Vec<T>,
@@ -81,7 +82,8 @@ fn slice<'a, T: Element>(values: &'a Values<'_, T>) -> PyResult<Option<&'a [T]>>
 }
 
 impl NativeFrame {
-    /// Calls `use_colors` with the colour planes and the background, which is linear RGBA.
+    /// Calls `use_colors` with the colour plane and the background, which is linear RGBA; transparent black without a
+    /// recipe.
     pub(crate) fn with_colors<T: Send>(
         &self,
         py: Python<'_>,

@@ -73,7 +73,7 @@ impl Shared {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Draws images until all are drawn or the iterator is closed.
+    /// Draws images until all are drawn, the iterator is closed, or it has returned an error.
     fn work(&self, input: &Arc<Input>, job: &Job) {
         loop {
             let mut state = self.lock();

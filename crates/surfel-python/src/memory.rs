@@ -13,7 +13,8 @@ use surfel_model::SplatCount;
 use surfel_render::SHADOW_MAP_SIDE;
 use surfel_render::{Planes, View};
 
-/// Maximum memory of points in arrays until they are drawn, in bytes per point. The copy of the arrays isn't included.
+/// Maximum memory of points in arrays, or of splats made of a mesh, until they are drawn; in bytes per point or splat.
+/// The copy of the arrays isn't included.
 const POINT_BYTES: u64 = 200;
 /// Memory of an image in addition to its planes, in bytes per pixel: encoding, edges and tiles.
 const PIXEL_BYTES: u64 = 40;
@@ -90,8 +91,8 @@ pub(crate) fn threads_error(threads: usize, stack: u64, problem: &dyn Display) -
     })
 }
 
-/// Returns an error unless there is memory for `points` points in arrays, and for the splats that the options make of a
-/// mesh.
+/// Returns an error unless there is memory for `points` points in arrays, and for the splats of a mesh, if the options
+/// state their number.
 pub(crate) fn check_splats(points: u64, options: &SplatOptions, threads: usize) -> Result<(), Error> {
     check("points", points.saturating_mul(POINT_BYTES), threads, options.memory)?;
     let Some(SplatCount::Count(splats)) = options.convert.splats else { return Ok(()) };

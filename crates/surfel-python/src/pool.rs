@@ -52,7 +52,7 @@ static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
 /// Maximum number of idle backends in the pool.
 const MOST: usize = 16;
 
-/// Backend that is in use. It returns to the pool when dropped.
+/// Backend that is in use. It returns to the pool when dropped, unless the thread panics.
 pub(crate) struct PooledBackend {
     key: Key,
     backend: Option<Backend>,

@@ -88,8 +88,8 @@ impl Pixel<'_> {
     }
 
     /// Shades the surface with these sums, which is complete, and appends it unless it is empty. If there are more
-    /// surfaces than the plan allows, the two closest in depth are merged (Z01 eq. 12). Returns true if the surface
-    /// wasn't empty.
+    /// surfaces than the plan allows, the two adjacent ones closest in depth are merged (Z01 eq. 12). Nothing is merged
+    /// in frames with balls. Returns true if the surface wasn't empty.
     fn close(&self, surfaces: &mut Vec<Shaded>, sums: &Sums) -> bool {
         let Some(surface) = self.lighting.shade(sums, self.center) else { return false };
         let alpha = surface.alpha * (sums.coverage / FULL_COVERAGE).min(1.0);

@@ -97,7 +97,8 @@ impl<'a> BallView<'a> {
         objects.iter().flat_map(of_object).collect()
     }
 
-    /// Projects a ball, or a dot if `flat` is true. `None` if it reaches z_near or lies beyond z_far.
+    /// Projects a ball, or a dot if `flat` is true. `None` if its nearest point is nearer than z_near, or its centre is
+    /// beyond z_far.
     fn place(&self, center: DVec3, radius: f64, flat: bool) -> Option<ScreenBall> {
         let projection = &self.view.projection;
         let radius = radius.max(self.least_px * per_pixel(self.view, center.z));
@@ -186,9 +187,9 @@ impl ScreenBall {
 
 /// Fragments of all balls in a frame, per pixel.
 pub(crate) struct BallLayer {
-    /// Fragments in each pixel, nearest first, up to the first that covers the whole pixel.
+    /// Fragments in each pixel, nearest first, up to the first one of an opaque ball that covers the whole pixel.
     pub pixels: Vec<Vec<BallFragment>>,
-    /// Number of balls that are drawn in the frame.
+    /// Number of balls of the frame between z_near and z_far. Balls beside the rectangle count, too.
     pub drawn: usize,
 }
 
@@ -242,8 +243,9 @@ pub(crate) fn shown(fragments: &[BallFragment]) -> Option<&BallFragment> {
     fragments.iter().find(|f| f.is_solid)
 }
 
-/// True if rounding could change the order of a pixel's visible fragments, which of them is solid, or their order
-/// relative to the depths `surfaces` of other surfaces. `fragments` are those of the pixel, nearest first.
+/// True if rounding could change the order of a pixel's visible fragments, which of them is solid, or a highlight or
+/// shadow on one of them. Also true if it could change their order relative to the depths `surfaces` of other surfaces.
+/// `fragments` are those of the pixel, nearest first.
 pub(crate) fn is_marginal(fragments: &[BallFragment], surfaces: &[f64]) -> bool {
     let mut transmittance = 1.0;
     for (i, f) in fragments.iter().enumerate() {

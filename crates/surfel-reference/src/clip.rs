@@ -10,10 +10,12 @@ use surfel_model::{ClipPolicy, SplatCloud};
 #[derive(Clone)]
 pub(crate) struct SplatClip {
     clip: Clip<f64>,
-    /// Curve that replaces the clip's curve under [`ClipPolicy::Paper`], evaluated by C12 eq. 7; otherwise `None`.
+    /// Curve that replaces the clip's curve under [`ClipPolicy::Paper`], evaluated by C12 eq. 7. `None` under other
+    /// policies, and for a clip that consists of lines only.
     paper: Option<PaperCurve<f64>>,
-    /// True if the visible part of the unfiltered splat always belongs to the filtered footprint, as in oriented clouds
-    /// (rendering model §7).
+    /// True if the clipped filtered footprint also contains what the clip leaves of the unfiltered splat, as far as the
+    /// filtered footprint reaches. This is a rule for oriented clouds (rendering model §7): a widened footprint's own
+    /// clip may cut these pixels off.
     pub includes_visible: bool,
     /// Map from the (u, v) of the unfiltered footprint to the splat's own (u, v).
     pub visible_turn: Turn<f64>,
@@ -22,8 +24,9 @@ pub(crate) struct SplatClip {
 }
 
 impl SplatClip {
-    /// Creates the clip of splat `i` under a policy; `None` if the splat isn't clipped. Both maps are identities, until
-    /// a filter that turns half-axes sets them. `oriented` is true for a splat of an oriented cloud.
+    /// Creates the clip of splat `i` under a policy; `None` if the splat has no clip or the policy is
+    /// [`ClipPolicy::Off`]. Both maps are identities, until a filter that turns half-axes sets them. `oriented` is true
+    /// for a splat of an oriented cloud.
     pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
@@ -46,8 +49,8 @@ impl SplatClip {
         self.keeps(own_coordinates(footprint, turn, d))
     }
 
-    /// True if the result of [`Self::keeps_at`] changes within `reach_px` pixels of offset `d`, or within `reach_uv` in
-    /// the splat's own (u, v).
+    /// True if the result of [`Self::keeps_at`] at offset `d` differs from that at one of 16 points around it,
+    /// `reach_px` pixels away. Also true for 16 points around it in the splat's own (u, v), at the distance `reach_uv`.
     pub(crate) fn is_marginal_at(
         &self,
         footprint: &Footprint<f64>,

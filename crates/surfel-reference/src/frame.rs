@@ -126,12 +126,13 @@ pub(crate) struct OpaqueImage<'a> {
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
     balls: Option<&'a BallLayer>,
-    /// Eye-dome lighting computed from the nearest surfaces; `None` if the plan has none.
+    /// Eye-dome lighting computed from the nearest surfaces; `None` if the plan has none, and until [`Self::shade`]
+    /// runs.
     eye_dome: Option<EyeDome<'a>>,
-    /// Outlines detected between the nearest surfaces; `None` if the plan has none.
+    /// Outlines detected between the nearest surfaces; `None` if the plan has none, and until [`Self::shade`] runs.
     outlines: Option<Outlines<'a>>,
     /// Shaded nearest surface of each pixel in the work rectangle, `None` in empty pixels, and true if rounding could
-    /// change it.
+    /// change it. The vector is empty until [`Self::shade`] runs.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
@@ -267,7 +268,8 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// Composites the transparent layers and the fragments of balls in front of the opaque surface over a pixel.
+    /// Composites the transparent layers and the fragments of balls in front of the opaque surface over a pixel. The
+    /// pixel's surface becomes that of the nearest layer, or of a solid ball in front of it.
     fn with_layers(&self, mut pixel: Pixel, transparent: Option<&LayerCompositor>, balls: &[BallFragment]) -> Pixel {
         let none = LayerCompositor::default();
         let layers = transparent.unwrap_or(&none);

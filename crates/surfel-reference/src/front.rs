@@ -74,8 +74,8 @@ impl<'a> Front<'a> {
         Some(run.accumulate(run.thresholds()))
     }
 
-    /// Returns the depth of the nearest opaque surface in each pixel; +∞ without one. Fragments of balls that cover the
-    /// whole pixel count as opaque.
+    /// Returns the depth of the nearest opaque surface in each pixel; +∞ without one. Fragments of opaque balls count
+    /// only if they cover the whole pixel.
     pub(crate) fn opaque_depth(&self) -> Vec<f64> {
         let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
         if let Some(meshes) = &self.meshes {
@@ -88,7 +88,8 @@ impl<'a> Front<'a> {
         depths
     }
 
-    /// Runs the passes over the surfaces behind edges. The second value has a flag per pixel, true for edge pixels.
+    /// Runs the passes over the surfaces behind edges. The second value has a flag per pixel, true for edge pixels. A
+    /// pixel that shows a polygon isn't one.
     pub(crate) fn behind_edges(&self, lighting: &Lighting, rect: Region) -> (Passes, Vec<bool>) {
         let (front, polygons) = (&self.passes, self.meshes.as_ref().map_or(&[][..], |m| &m.hits));
         let mut edges = Edges { passes: front, polygons, rect }.pixels();

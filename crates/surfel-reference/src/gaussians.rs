@@ -17,7 +17,8 @@ const MARGIN: f64 = 1e-4;
 /// Distance, in pixels, by which rounding may move a Gaussian relative to a pixel's ray. A value that crosses a limit
 /// within this distance of the ray is uncertain.
 const RIM_PX: f64 = 1e-3;
-/// Largest relative distance between two depths whose order f32 rounding may change.
+/// Largest relative change of a depth by f32 rounding. The order of two depths may change if they differ by at most
+/// twice as much.
 const DEPTH_MARGIN: f64 = 5e-7;
 /// Largest change of a colour or normal component, by a swap of fragments, that doesn't count as visible.
 const CHANGE_MARGIN: f64 = 1e-4;
@@ -243,7 +244,8 @@ impl Pixel {
         front.shows && changes > CHANGE_MARGIN
     }
 
-    /// Blends a fragment behind the earlier ones. Returns false once the pixel is finished.
+    /// Blends a fragment behind the earlier ones. Returns false if the fragment would lower the transmittance below
+    /// [`MIN_TRANSMITTANCE`]. It isn't blended then, and the pixel is finished.
     fn blend(&mut self, fragment: &Fragment<'_>) -> bool {
         let Fragment { gaussian, alpha, z, alphas, .. } = *fragment;
         self.marginal |= fragment.open;

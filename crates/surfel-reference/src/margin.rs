@@ -17,10 +17,11 @@ pub(crate) const RIM_PX: f64 = 1e-3;
 /// change the comparison.
 pub(crate) const BALL_COVERAGE: f64 = 2e-3;
 /// Largest relative difference of two compared values, such as depths, at which rounding could change the result of the
-/// comparison. Rims and a ball's coverage have limits of their own.
+/// comparison. Rims, a ball's coverage, and the depths of two balls have limits of their own.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
 /// True if the offset `d` from the footprint's anchor is at most `rim_px` pixels of the view from the footprint's rim.
+/// Also true if ρ² is 1 within the relative margin.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> bool {
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;

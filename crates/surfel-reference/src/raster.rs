@@ -138,9 +138,11 @@ pub(crate) struct Fragment {
     pub inside: bool,
     /// True if the pixel is inside the unfiltered footprint.
     pub visible: bool,
-    /// True if rounding could change `inside`, or remove the fragment at z_near or by its splat's facing.
+    /// True if rounding could change `inside`, or remove the fragment at z_near or by its splat's facing. False if
+    /// margins aren't needed.
     pub marginal: bool,
-    /// True if rounding could change `visible`.
+    /// True if the pixel is on the rim of the unfiltered footprint, ignoring the clip, so that rounding could change
+    /// `visible`. False if margins aren't needed.
     pub on_visible_rim: bool,
 }
 
@@ -161,7 +163,8 @@ pub(crate) struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Creates a run of both passes over all fragments, with the plan's attributes.
+    /// Creates a run of the visibility and the attribute pass, with the plan's attributes and without depth limits.
+    /// Both sides of oriented surfaces share one threshold.
     pub(crate) fn new(splats: &'a [ScreenSplat], bands: &'a Bands, view: &'a View, plan: &'a FramePlan) -> Self {
         let (limits, keeps_facings) = (DepthLimits::default(), false);
         Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, keeps_facings, limits }
@@ -345,8 +348,9 @@ impl BandPass<'_> {
         fragments
     }
 
-    /// Marks pixels whose threshold rounding could change. A fragment on its splat's rim, or at a depth limit, matters
-    /// only if it is the nearest of the pixel, or could be.
+    /// Marks pixels whose threshold rounding could change, in `sums`, and collects the thresholds that each pixel could
+    /// have, in `possible`. A fragment on its splat's rim, or at a depth limit, matters only if it is the nearest of
+    /// the pixel, or could be.
     fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
         let keeps_facings = self.run.keeps_facings;
         let mut sides = vec![[SideThresholds::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];

@@ -225,7 +225,8 @@ impl Lighting<'_> {
         (albedo * matte + gloss, marginal)
     }
 
-    /// Returns the unit vector to a light, and the light's colour, at a position relative to the eye.
+    /// Returns the unit vector to a light, and the colour of the light that arrives at a position, before shadows. The
+    /// position is relative to the eye. Only a spot light's colour depends on it.
     fn incident(&self, light: &Light, position: DVec3) -> (DVec3, DVec3) {
         match light {
             Light::Directional { direction, color, .. } => (-unit(DVec3::from(*direction)), DVec3::from(*color)),

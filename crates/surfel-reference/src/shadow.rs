@@ -84,8 +84,8 @@ fn draw_map<'a>(
     Shadow { map, texels }
 }
 
-/// Lowers the thresholds of texels whose centres are inside balls to the depths of the balls' centres. The lit half of
-/// a ball is nearer than its centre, and points behind the ball are farther.
+/// Lowers the thresholds of texels whose centres are inside opaque balls to the depths of the balls' centres. The lit
+/// half of a ball is nearer than its centre, and points behind the ball are farther.
 fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, texels: &mut [Texel]) {
     if !plan.has(Pass::Balls) {
         return;
@@ -107,8 +107,9 @@ fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, 
     }
 }
 
-/// Returns the fraction of the light with index `light` that reaches a point, and true if rounding could change it.
-/// `position` is relative to the eye of `view`, and `normal` is a unit vector, both in world space.
+/// Returns the fraction of the light with index `light` that reaches a point, and true if rounding could change it. A
+/// light without shadow maps reaches every point. `position` is relative to the eye of `view`, and `normal` is a unit
+/// vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
     // Of a light's several maps, the one along whose axis the point is farthest is used.
     let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {
@@ -122,8 +123,8 @@ pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position
 }
 
 impl Shadow<'_> {
-    /// Returns the fraction of the light that reaches a point, and true if rounding could change it. Point and normal
-    /// are in the map's view space.
+    /// Returns the fraction of the light that reaches a point, and true if rounding could change it. Points nearer to
+    /// the light than the map's z_near are lit. Point and normal are in the map's view space.
     fn visibility(&self, p: DVec3, normal: DVec3) -> (f64, bool) {
         let projection = &self.map.view.projection;
         if p.z < projection.near {

@@ -40,7 +40,7 @@ pub(crate) struct ScreenSplat {
     /// Filtered footprint: the outline widened by the filter, used by the attribute pass.
     pub filtered: Footprint<f64>,
     /// Radius of the fixed disk that the filter `clamp` adds to the filtered footprint, in pixels; `None` for other
-    /// filters.
+    /// filters, and for splats near the eye, which aren't filtered.
     pub clamp_radius: Option<f64>,
     /// Factor by which the filter scales the weights of the splat's fragments.
     pub weight_scale: f64,
@@ -228,8 +228,8 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
     ))
 }
 
-/// Projects a splat that is wholly in front of z_near. The second value maps the filtered footprint's (u, v) to the (u,
-/// v) of the splat's axes.
+/// Projects a splat that is wholly beyond z_near and not large relative to its distance, or any splat of an
+/// orthographic view. The second value maps the filtered footprint's (u, v) to the (u, v) of the splat's axes.
 fn ordinary_shape(
     splat: &ViewSplat<f64>,
     range: (f64, f64),

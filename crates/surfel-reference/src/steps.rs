@@ -47,7 +47,8 @@ pub(crate) struct Steps<'a> {
 }
 
 impl Steps<'_> {
-    /// Returns a flag per pixel, true if there is a depth step to a neighbour that shares a side.
+    /// Returns a flag per pixel, true if the pixel is at a step: a neighbour that shares a side is beyond a depth step,
+    /// or has another number of transparent layers.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let reaches: Vec<[DepthRange; 2]> = (0..self.count())
             .map(|at| {

@@ -3,7 +3,7 @@
 use surfel_render::{Frame, Planes};
 
 /// Averages `factor`×`factor` blocks of `fine` into `frame`. Colour and weight are plain means; depth and normals are
-/// means over the samples that hit something.
+/// means over the samples that hit something. Numbers of fragments are summed; other planes aren't filled.
 pub(crate) fn average(fine: &Frame, factor: u32, planes: Planes, frame: &mut Frame) {
     let (width, height) = (fine.width() / factor, fine.height() / factor);
     frame.reset(width, height, planes);

@@ -28,7 +28,8 @@ struct RecordKey {
 impl Background {
     /// Returns one flag per square of a view's region, row by row: true if the square contains only the background
     /// `color` (linear premultiplied RGBA). `columns` and `rows` are the numbers of squares, and `side_px` is a
-    /// square's side in pixels. All flags are false if a parameter differs from the last call's.
+    /// square's side in pixels. All flags are false if a parameter differs from the last call's, or if the record was
+    /// cleared since.
     pub fn squares(
         &mut self,
         color: [f32; 4],

@@ -43,7 +43,8 @@ impl ColorPlane {
 }
 
 impl ColorPlane {
-    /// Returns the allocated memory without a copy, and the index of the first pixel in it.
+    /// Returns the allocated memory without a copy, and the index of the first pixel in it. A plane without pixels
+    /// returns an empty vector.
     pub(crate) fn into_memory(self) -> (Vec<[f32; 4]>, usize) {
         if self.count == 0 { (Vec::new(), 0) } else { (self.memory, self.first) }
     }

@@ -18,7 +18,7 @@ pub struct Planes {
     pub rgba8: bool,
     /// True for planar view-space depths, in world units.
     pub depth: bool,
-    /// True for unit normals in world space.
+    /// True for unit normals in world space; for Gaussians, their weighted sum.
     pub normal: bool,
     /// True for Σw, the sum of the splats' weights in each pixel.
     pub weight: bool,
@@ -59,7 +59,7 @@ impl Planes {
         distortion: false,
         margin: false,
     };
-    /// Colour, depth, normal and weight: the planes of an EXR file that need no further data from the scene.
+    /// Colour, depth, normal and weight. The other planes are requested one by one.
     pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
     /// Colours for a display or an 8-bit PNG: a quarter of the bytes of [`Self::COLOR`].
     pub const RGBA8: Self = Self { color: false, rgba8: true, ..Self::COLOR };
@@ -148,7 +148,7 @@ pub struct FramePlanes {
     pub rgba8: Vec<[u8; 4]>,
     /// Planar view-space depth in world units; +∞ where nothing is visible.
     pub depth: Vec<f32>,
-    /// Unit normals in world space; zero where nothing is visible.
+    /// Unit normals in world space, or for Gaussians their weighted sum Σw·n; zero where nothing is visible.
     pub normal: Vec<[f32; 3]>,
     /// Sum of the splats' weights in each pixel, Σw; 0 where nothing is visible.
     pub weight: Vec<f32>,
@@ -183,7 +183,7 @@ pub struct PlanesMut<'a> {
     pub rgba8: &'a mut [[u8; 4]],
     /// Planar view-space depth in world units; +∞ where nothing is visible.
     pub depth: &'a mut [f32],
-    /// Unit normals in world space; zero where nothing is visible.
+    /// Unit normals in world space, or for Gaussians their weighted sum Σw·n; zero where nothing is visible.
     pub normal: &'a mut [[f32; 3]],
     /// Sum of the splats' weights in each pixel, Σw; 0 where nothing is visible.
     pub weight: &'a mut [f32],

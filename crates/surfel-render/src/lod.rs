@@ -54,8 +54,8 @@ enum Drawn {
     Polygons,
 }
 
-/// Selects the coarsest nodes whose splats are no larger than `error_px` pixels, and polygons where the splats of a
-/// leaf are larger.
+/// Selects the coarsest nodes whose splats have a radius of at most `error_px` pixels. A leaf whose splats are larger,
+/// or that has none, is drawn as polygons.
 ///
 /// Nodes outside the whole image are skipped, even if only a region of it is drawn. With [`Cull::Back`], nodes that
 /// face away completely are skipped, too.
@@ -200,7 +200,8 @@ impl<'a> Eye<'a> {
         half * self.axes.iter().map(|axis| axis.dot(direction).abs()).sum::<f64>()
     }
 
-    /// True if a node is culled because its whole surface faces away from the eye.
+    /// True if a node is culled because its whole surface faces away from the eye. Always false without back-face
+    /// culling, and if the object's matrix isn't conformal.
     fn is_culled_back_facing(&self, center: DVec3, node: &OctreeNode) -> bool {
         let (p, radius) = (self.at(center), node.radius * self.scale);
         self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
@@ -220,7 +221,8 @@ impl<'a> Eye<'a> {
         apart + node.cone_cosine.clamp(-1.0, 1.0).acos() + spread < std::f64::consts::FRAC_PI_2
     }
 
-    /// Returns the side of a pixel at depth `z`, in world units.
+    /// Returns the larger side of a pixel, in world units, at depth `z`, or at the near plane if `z` is nearer. In an
+    /// orthographic view, the result doesn't depend on `z`.
     fn pixel_size(&self, z: f64) -> f64 {
         let p = &self.view.projection;
         let focal = p.focal_px[0].min(p.focal_px[1]);
@@ -315,7 +317,7 @@ pub struct LevelSelection {
 /// Stop reason of a selection of LOD nodes ([`select_levels`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StopReason {
-    /// All visible splats are as small in the image as requested.
+    /// All visible splats are as small in the image as requested, or their nodes have no children.
     #[default]
     Error,
     /// The next node would exceed the point budget.
@@ -332,10 +334,11 @@ pub const FADE_OCTAVES: f64 = 0.5;
 /// the view's border thereby overlap with their neighbours outside.
 const RIM: f64 = 4.0;
 
-/// Selects the LOD nodes that views need. The root is always selected. A visible child of a selected node is selected
-/// if its parent's splats are larger than `error_px` pixels at the nearest point of the child. Children for which the
-/// parent's splats are largest are selected first. The selection ends at `most_points` points, or when more points
-/// would be barely visible ([`StopReason::EnoughPoints`]).
+/// Selects the LOD nodes that views need. The root is always selected, even if it has more than `most_points` points. A
+/// child of a selected node is wanted if it is visible in some view, and its parent's splats have a radius above
+/// `error_px` pixels at the nearest point of the child. Wanted children for which the parent's splats are largest are
+/// selected first. The selection ends before `most_points` points are exceeded, or when more points would be barely
+/// visible ([`StopReason::EnoughPoints`]).
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,

@@ -155,7 +155,8 @@ pub struct FramePlan {
     pub octrees: Vec<SelectedParts>,
     /// Number of splats in the scene's clouds, including balls, and of splats selected from octrees.
     pub splats: u64,
-    /// True if balls are blended by their alphas; false if transparency is off and balls are drawn as opaque.
+    /// True if balls are blended by their alphas; false if there are none, or if transparency is off and balls are
+    /// drawn as opaque.
     pub ball_alphas: bool,
     /// Side of an image pixel in world units, by which balls whose radii are in pixels are drawn; `None` if the scene
     /// has none.
@@ -210,7 +211,8 @@ impl FramePlan {
 /// Plans a frame.
 ///
 /// # Errors
-/// - [`RenderError::Model`] for settings out of range;
+/// - [`RenderError::Model`] for settings out of range, for Gaussians of different colour spaces or together with
+///   surfaces, and for planes that the kind of scene doesn't have;
 /// - [`RenderError::Unsupported`] for features that the backend doesn't support: they are rejected rather than drawn
 ///   incorrectly;
 /// - [`RenderError::NoInteriorWeight`] and [`RenderError::NoRows`] for objects without the data that the settings or
@@ -283,7 +285,7 @@ struct SurfacePasses {
     list: Vec<Pass>,
     /// True if splats are drawn, also if the scene is empty; false if it has only polygons and balls.
     draw_splats: bool,
-    /// Method of edge antialiasing; off without a colour plane.
+    /// Method of edge antialiasing; off without a colour plane, and if only balls are drawn.
     edges: EdgeAa,
     /// True if transparent splats are drawn apart from opaque ones.
     separates_transparent: bool,
@@ -378,7 +380,9 @@ fn attributes(
     }
 }
 
-/// Plans a scene of Gaussians, which ignores all settings of surfaces; `None` for surfaces.
+/// Plans a scene of Gaussians, which ignores all settings of surfaces; `None` if the scene has no Gaussians. Returns an
+/// error if a requested plane doesn't fit the kind of scene, or if Gaussians can't be blended with the scene's other
+/// objects.
 fn plan_of_gaussians(
     summary: &SceneSummary,
     settings: &Settings,

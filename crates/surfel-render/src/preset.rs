@@ -3,14 +3,15 @@
 use crate::Frame;
 use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 
-/// Named trade-off of speed and accuracy; sets filter, mapping, cutoff and edge antialiasing.
+/// Named trade-off of speed and accuracy; sets filter, prefilter radius, mapping, cutoff and edge antialiasing.
 ///
 /// The presets are chosen by measurements of `cargo xtask tradeoff` (docs/accuracy.md). None uses the filter `clamp` or
-/// another kernel cutoff than the default: both are less accurate at the same cost. Edges are antialiased by samples,
-/// which has the smallest error for watertight surfaces and for scans of uneven density.
+/// another kernel cutoff than the default: both are less accurate at the same cost. Presets that antialias edges do so
+/// by samples, which has the smallest error for watertight surfaces and for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
-    /// No filter, no edge antialiasing, and affine footprints: splats that cross the near plane are dropped.
+    /// No filter, no edge antialiasing, and affine footprints: splats whose centre is nearer than the near plane are
+    /// dropped.
     Fastest,
     /// No filter, no edge antialiasing, and exact footprints: splats smaller than pixels alias, and vanish if they are
     /// isolated.
@@ -53,9 +54,9 @@ const STEP: f32 = 0.02;
 /// [`inside_surfaces`] returns `None`.
 const MIN_SHARE: f64 = 0.05;
 
-/// Returns a flag per pixel that is true inside a surface. There the pixel and all eight neighbours have a surface, and
-/// no neighbour's depth differs by more than 1/50. Requires the depth plane. `None` if fewer than one pixel in twenty
-/// is inside: such an image shows isolated splats.
+/// Returns a flag per pixel that is true inside a surface. There the pixel and all its neighbours in the image have a
+/// surface, and no neighbour's depth differs from the pixel's by more than 1/50 of the nearer depth. Requires the depth
+/// plane. `None` if fewer than one pixel in twenty is inside: such an image shows isolated splats.
 pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
     let (width, height) = (i64::from(frame.width()), i64::from(frame.height()));
     let depth = |x: i64, y: i64| {

@@ -15,9 +15,9 @@ impl Frame {
         surfel_images::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
     }
 
-    /// Writes all planes of the frame as OpenEXR: linear premultiplied colour in 16 bits, and the other planes in 32
-    /// bits. An existing file is overwritten; the file appears whole or not at all. [`surfel_images::save_exr`] also
-    /// writes metadata, and colour in 32 bits.
+    /// Writes the planes of the frame, except `rgba8`, `fragments` and `margin`, as OpenEXR: linear premultiplied
+    /// colour in 16 bits, and the other planes in 32 bits. An existing file is overwritten; the file appears whole or
+    /// not at all. [`surfel_images::save_exr`] also writes metadata, and colour in 32 bits.
     ///
     /// # Errors
     /// [`IoError::System`] if the frame has no plane or the file can't be written.
@@ -26,7 +26,7 @@ impl Frame {
         surfel_images::save_exr(path.as_ref(), true, &self.planes(), &surfel_images::ExrOptions::default())
     }
 
-    /// Borrows the frame's planes in the form that [`surfel_images`] writes.
+    /// Borrows the frame's planes, except `fragments` and `margin`, in the form that [`surfel_images`] writes.
     pub fn planes(&self) -> PlanesView<'_> {
         fn there<T>(plane: &[T]) -> Option<&[T]> {
             (!plane.is_empty()).then_some(plane)

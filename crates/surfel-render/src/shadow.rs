@@ -54,7 +54,7 @@ pub struct ShadowMap {
 
 impl ShadowScene {
     /// Collects the lights that cast shadows and the bounds of the scene. Returns `None` if no light casts a shadow, or
-    /// if the scene has no extent.
+    /// if the radius of the scene's bounds isn't positive and finite.
     pub fn of(scene: &Scene) -> Option<Self> {
         let lights: Vec<(usize, Light)> =
             scene.lights.iter().flatten().cloned().enumerate().filter(|(_, light)| light.casts_shadow()).collect();

@@ -21,15 +21,15 @@ pub struct Stats {
     pub splats: u64,
     /// Number of splats that were rasterised, that is, not culled.
     pub drawn: u64,
-    /// Number of fragments that contributed to a pixel; 0 if they aren't counted. The CPU backends count them, and
-    /// `fragments_inside` among the counters, only if [`crate::Planes::fragments`] is requested, because counting takes
-    /// 2 % of a frame. The wgpu backend does the same, because it has no exact count of samples that passed. The
-    /// counter `fragment_invocations` is the number of shader invocations, if the adapter counts them (pipeline
-    /// statistics).
+    /// Total number of fragments of the frame that contribute to any pixel; 0 if the backend doesn't count them. The
+    /// CPU backends count them, and `fragments_inside` among the counters, only if [`crate::Planes::fragments`] is
+    /// requested, because counting takes 2 % of a frame. The wgpu backend does the same, because it has no exact count
+    /// of samples that passed. The counter `fragment_invocations` is the number of shader invocations, if the adapter
+    /// counts them (pipeline statistics).
     pub fragments: u64,
     /// Resident memory per splat in bytes. For octrees, all splats count, selected or not.
     pub bytes_per_splat: f64,
-    /// Number of threads that drew the frame.
+    /// Number of CPU threads that drew the frame; 0 for GPU backends.
     pub threads: usize,
     /// Further counters: names that the backend defines, and values.
     pub counters: Vec<(&'static str, f64)>,

@@ -46,7 +46,8 @@ pub struct SceneSummary {
     pub transparent: bool,
     /// True if some cloud has splats that are cut by clip curves or lines.
     pub clips: bool,
-    /// True if some object is drawn as polygons.
+    /// True if some object is a mesh. Octrees count only in the summary of a view's selected parts, if polygons are
+    /// selected.
     pub meshes: bool,
     /// True if objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,

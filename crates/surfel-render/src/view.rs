@@ -141,7 +141,7 @@ impl View {
     /// Returns the view with `factor` times as many pixels along each side, for supersampling.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] if the result has more than [`MAX_IMAGE_PIXELS`].
+    /// [`ModelError::OutOfRange`] if `factor` is 0, or if the result's region has more than [`MAX_IMAGE_PIXELS`].
     pub fn supersampled(&self, factor: u32) -> Result<Self, ModelError> {
         let k = f64::from(factor);
         let size = self.size.map(|s| s.checked_mul(factor));

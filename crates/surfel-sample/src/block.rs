@@ -38,10 +38,11 @@ const MAX_NEIGHBOUR_SINE: f32 = 0.866;
 /// may continue around a crease or a limb, and points beyond the crease then bound the cell. Only neighbours that face
 /// away, as on the back of a thin part, are excluded.
 const MIN_COSINE_AROUND: f32 = -0.5;
-/// Rank, counted from 1, of the neighbour whose distance is a point's spacing. In a plane, six points surround a point.
+/// Rank, counted from 1, of the neighbour whose distance is compared between neighbours ([`Summary::spacing`]). Also
+/// the number of neighbours that determine how fast the surface turns. In a plane, six points surround a point.
 const RING: usize = 6;
-/// Rank, counted from 1, of the neighbour whose distance limits the disk of a point without a closed cell. In a square
-/// grid, four points surround a point.
+/// Rank, counted from 1, of the neighbour whose distance limits the disk of a border or foliage point, and of a point
+/// where another surface meets its own. In a square grid, four points surround a point.
 const GRID: usize = 4;
 /// Smallest squared distance from a point's scan line at which a neighbour belongs to another line. It is a fraction of
 /// the largest squared distance from that line among the neighbours found.
@@ -55,9 +56,9 @@ struct Summary {
     area: f32,
     /// Distance from the point to the farthest corner of its cell; 0 if the cell has no corner.
     reach: f32,
-    /// Distance of the sixth nearest neighbour ([`RING`]).
+    /// Distance of the sixth nearest neighbour ([`RING`]), or of the farthest one if there are fewer.
     spacing: f32,
-    /// Distance of the fourth nearest neighbour ([`GRID`]).
+    /// Distance of the fourth nearest neighbour ([`GRID`]), or of the farthest one if there are fewer.
     fourth: f32,
     /// Set of neighbours whose bisectors close the cell (bound it on all sides); [`NeighbourSet::Side`] if the cell is
     /// open.
@@ -300,7 +301,8 @@ impl<'a> Block<'a> {
     }
 
     /// Returns the slot's row `near` and the nearest points off the row's line, found by the widest search. `None` if
-    /// the row isn't collinear. Adjacent scan lines are farther away than [`Self::wide`] reaches.
+    /// the row isn't collinear, or if the caller gave the spacing. Adjacent scan lines are farther away than
+    /// [`Self::wide`] reaches.
     fn lines(&mut self, slot: usize, near: &[u32]) -> Option<WideRow> {
         let (values, vectors) = symmetric3(covariance(self.points, slot, near));
         if self.scale.known.is_some() || values[1] > COLLINEAR * values[2] {
@@ -533,7 +535,7 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// Slots of the neighbours found by a wider search, at most [`MAX_IN_CELL`].
+/// Slots of the neighbours found by a wider search: the first [`MAX_IN_CELL`] if there are more.
 struct WideRow {
     slots: [u32; MAX_IN_CELL],
     len: usize,

@@ -9,13 +9,14 @@
 //! | --- | --- | --- |
 //! | surface | covers its cell, at least the density radius | of the plane that fits the neighbours |
 //! | border | the same, up to the fourth neighbour | the same |
-//! | crease | covers its cell, ends where the surface turns | the same |
+//! | crease | covers its cell, ends where the surface turns; up to the fourth neighbour at another surface | the same |
 //! | foliage | up to the fourth neighbour | away from the mean of the points around |
 //! | line | up to the second neighbour | across the line, toward the outside |
 //! | isolated | up to the second neighbour | toward the outside |
 //!
-//! Points of the classes foliage, line and isolated belong to no surface. Their disks are at most as large as the
-//! density radius ([`DENSITY`]) for the cloud's typical spacing, or 1.5 times as large on lines.
+//! In the table, *up to the n-th neighbour* is a radius of at most [`DENSITY`] times that neighbour's distance. Points
+//! of the classes foliage, line and isolated belong to no surface. Their disks are at most as large as the density
+//! radius ([`DENSITY`]) for the cloud's typical spacing, or 1.5 times as large on lines.
 //!
 //! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints). A *cell* is a point's
 //! Voronoi cell in its tangent plane ([`Cell`](crate::cell::Cell)).
@@ -99,8 +100,8 @@ impl PointClass {
     }
 }
 
-/// Largest radius of a surface point's disk, relative to the density radius for the point's spacing. Larger disks would
-/// cover gaps that the scan really has.
+/// Largest radius of the disk of a surface or crease point, relative to the density radius for the point's spacing.
+/// Larger disks would cover gaps that the scan really has.
 const LARGEST: f64 = 2.5;
 /// Largest radius of a border point's disk, relative to the density radius for the point's spacing. Corners of a border
 /// point's cell may be far outside the surface.

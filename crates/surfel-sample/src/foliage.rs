@@ -24,7 +24,7 @@ const AMONG: [f64; 2] = [0.4, 0.25];
 /// value is a third for points in a ball, and a tenth for a plane with noise as large as its points' spacing.
 const THICK: [f64; 2] = [0.08, 0.04];
 /// Fraction of incoherent points ([`Evidence::INCOHERENT`]) in a cloud above which the cloud may be a forest. In a
-/// forest, every point is tested as foliage.
+/// forest, every point without a stored normal is tested as foliage, unless it is isolated and coherent.
 const FOREST: f64 = 0.25;
 /// A cloud with many incoherent points ([`FOREST`], [`Evidence::INCOHERENT`]) is a forest if more than this fraction of
 /// them has a thick neighbourhood ([`THICK`]). A noisy surface may have as many incoherent points, but is thin: with
@@ -38,15 +38,15 @@ const STEEP: f64 = 0.5;
 /// Weight of the direction to the outside of the cloud in the normal of a foliage point, relative to the spread of the
 /// point's neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Largest radius of an incoherent point ([`Evidence::INCOHERENT`]) that isn't foliage, relative to the density radius
-/// for the typical spacing.
+/// Largest radius of points that were tested as foliage but aren't, relative to the density radius for the typical
+/// spacing. It applies to incoherent points ([`Evidence::INCOHERENT`]) and, in a forest, to steep disks ([`STEEP`]).
 const MOST: f64 = 1.3;
 /// Radius above which a surface point is tested as foliage, relative to the density radius for the typical spacing.
 const LARGE: f64 = 2.0;
 
 /// Finds and reclassifies foliage among the points without stored normals (`is_given` is false), and turns their
 /// normals out of the crown. Their disks reach to the fourth neighbour at most, because the space between leaves was
-/// not measured.
+/// not measured. Some other tested points are limited to a smaller radius ([`MOST`]).
 pub(crate) fn find(
     points: &SortedPoints,
     oriented: &mut [Oriented],

@@ -40,8 +40,8 @@ struct Probe {
 /// their sums. The sum for splat k adds the weights of all splats j (also k) at the point p_k + ½s_k + ½t_k. The point
 /// is projected onto splat j along the normal of splat k. Here p is a splat's centre, and s and t are its half-axes.
 /// Splat j counts if both normals agree within 60°, and if the projection moves the point by at most the larger
-/// half-axis of splat k. Clips are ignored. The weight is dimensionless. Returns `None` for an empty cloud, and for
-/// balls.
+/// half-axis of splat k. Clips are ignored. The weight is dimensionless. Returns `None` for an empty cloud, for balls,
+/// and if the median isn't positive and finite.
 ///
 /// If the lines of more than 256 probes on average may meet a splat, m is reduced in proportion, as the rendering model
 /// defines.
@@ -178,8 +178,8 @@ impl ProbeGrid {
     /// Maximum number of cells along a probe's reach; about five are usual.
     const MAX_ALONG: i64 = 16;
 
-    /// Marks the cells close to probes at `places` with these reaches. `None` if the reaches vary too much for one
-    /// grid.
+    /// Marks the cells close to probes at `places` with these reaches. `None` without probes, and if the reaches vary
+    /// too much for one grid.
     fn of(places: &[DVec3], reach: &[f64]) -> Option<Self> {
         let side = 1.5 * crate::radii::median(&mut reach.to_vec())?;
         let mut nearby = Self { side, cells: vec![0; 1 << (Self::BITS - 6)] };
@@ -213,7 +213,7 @@ impl ProbeGrid {
         (mixed.wrapping_mul(FACTORS[0]) >> (64 - Self::BITS)) as usize
     }
 
-    /// False if no probe's line can meet a splat with this centre and radius.
+    /// True if a probe's line may meet a splat with this centre and radius; false only if none can.
     #[inline]
     fn may_meet(&self, center: DVec3, radius: f64) -> bool {
         let bit = Self::bit(self.cell(center));
@@ -287,7 +287,7 @@ impl Splat {
         Self { center, radius, normal, axes, sides, hair }
     }
 
-    /// False if no line of the probes within these bounds can meet the splat.
+    /// True if the line of a probe within these bounds may meet the splat; false only if none can.
     ///
     /// A line that meets the splat starts at a height of at most the probe's reach over the splat's plane, and at most
     /// 60° off its normal. The start is therefore within √3 heights of the ellipse. The test excludes most probes for a
@@ -311,7 +311,8 @@ impl Splat {
         height - thickness <= bounds.reach + hair && self.sides.iter().all(is_near)
     }
 
-    /// Returns the splat's weight where the probe's line meets its plane; 0 if the line misses the splat.
+    /// Returns the splat's weight where the probe's line meets its plane. It is 0 if the line misses the splat, if it
+    /// meets the plane beyond [`Probe::reach`], and if the normals differ by more than 60°.
     fn weight(&self, probe: &Probe) -> f64 {
         let d = probe.at - self.center;
         if d.length_squared() > (self.radius + probe.reach).powi(2) {

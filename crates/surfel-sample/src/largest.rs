@@ -21,7 +21,8 @@ const ROUNDS: usize = 16;
 /// ellipse's axis ratio.
 const ROUNDING: f64 = 1.0 - 2e-4;
 
-/// Shortens splats that are larger than [`TIMES`] the median radius of their [`AROUND`] nearest neighbours.
+/// Shortens splats that are larger than [`TIMES`] the median radius of their [`AROUND`] nearest neighbours, in at most
+/// [`ROUNDS`] rounds.
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);

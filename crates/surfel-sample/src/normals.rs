@@ -60,9 +60,9 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
 }
 
 /// Returns the unit normal of the disk of a point with a stored normal. The stored normal is used if it fits the plane
-/// or the curve of the neighbours, else the normal of the neighbours' plane on the same side. `given` returns a
-/// neighbour's stored normal, or zero. Neighbours whose stored normals disagree are ignored, because they are beyond a
-/// crease or on the back of a thin surface.
+/// or the curve of the neighbours, or if these form no plane. Otherwise the normal of the neighbours' plane is used, on
+/// the same side. `given` returns a neighbour's stored normal, or zero. Neighbours whose stored normals disagree are
+/// ignored, because they are beyond a crease or on the back of a thin surface.
 ///
 /// On a curved surface, the neighbours to one side of a point form another plane than the point's own. Stored normals
 /// reveal such curvature: on a circle, the line between two points is perpendicular to the mean of their normals.
@@ -100,7 +100,8 @@ pub(crate) fn fitted_stored_normal(
 }
 
 /// Returns the unit normal of the disk of a point on a line of points: perpendicular to the line, and toward `outside`
-/// as far as possible. `None` if the neighbours aren't collinear, because a plane through them is a better estimate.
+/// as far as possible. `None` if the neighbours aren't collinear, because a plane through them is a better estimate,
+/// and if the line itself leads to `outside`.
 pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
     let (values, vectors) = symmetric3(covariance(points, slot, near));
     let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;

@@ -70,29 +70,31 @@ pub struct PointReport {
     /// Number of splats whose radius is the one stored in the file.
     pub radii_given: usize,
     /// Median of the radii stored in the file, relative to the cloud's spacing, if they are too large for splats
-    /// ([`MAX_SPACINGS`](crate::MAX_SPACINGS)); else `None`. Radii are then estimated, and the stored ones become an
-    /// extra column.
+    /// ([`MAX_SPACINGS`](crate::MAX_SPACINGS)); else `None`. Radii are then estimated, and the stored ones remain only
+    /// in an extra column, if the input has one.
     pub radii_too_large: Option<f64>,
     /// Number of points at the position of an earlier point, so that they coincide.
     pub duplicates: usize,
-    /// Number of coincident points dropped because of [`PointOptions::coincident`]. Points coincide if their distance
-    /// is below 2⁻³⁰ of half the cloud's extent.
+    /// Number of coincident points dropped because of [`PointOptions::coincident`]. Points coincide if their
+    /// coordinates are equal when rounded to 2⁻³⁰ of half the cloud's extent.
     pub left_out: usize,
     /// Number of points of each class, in the order of [`PointClass::ALL`].
     pub classes: [usize; PointClass::ALL.len()],
     /// Number of points of class [`PointClass::Isolated`]: far from their neighbours, or too sparse and uneven for a
-    /// surface. Their radii are no larger than the cloud's typical radius.
+    /// surface. Their estimated radii are no larger than the density radius ([`DENSITY`](crate::DENSITY)) for the
+    /// cloud's typical spacing.
     pub isolated: usize,
     /// Number of points whose stored normal doesn't fit the surface that the points around them form. Such a normal is
     /// used for shading only.
     pub normals_off: usize,
     /// Indices, ascending, of the splats made level because of [`PointOptions::level_where_scattered`].
     pub level: Vec<u32>,
-    /// Number of splats that are ellipses with an axis ratio above 1.5; 0 if the cloud consists of disks.
+    /// Number of positions whose splats are ellipses with an axis ratio above 1.5; coincident points count once. 0 if
+    /// the cloud consists of disks.
     pub ellipses: usize,
     /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
-    /// Interior weight of the cloud: the typical sum of kernel weights Σw inside its surface. `None` unless it was
-    /// estimated.
+    /// Interior weight of the cloud: the typical sum of kernel weights Σw inside its surface. `None` unless
+    /// [`PointOptions::interior_weight`] is set and the weight could be measured.
     pub interior_weight: Option<f64>,
 }

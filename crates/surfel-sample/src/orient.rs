@@ -28,8 +28,8 @@ const BLOCK: usize = RUN;
 /// With noise as large as one spacing, 0.95 turns 2 to 3.5 % of a torus's points the wrong way. A limit of 0.75 turns 2
 /// to 9 %.
 const STRONG: f32 = 0.95;
-/// Absolute mean of the relations ([`relation`]) of the edges between two patches below which the patches are joined
-/// only if one of them is small ([`SMALL`]).
+/// Absolute mean of the relations ([`relation`]) of the edges between two patches of a block below which the patches
+/// are joined only if one of them is small ([`SMALL`]).
 const WEAK: f32 = 0.25;
 /// Number of points below which a patch of consistent normals is small.
 const SMALL: u32 = 16;
@@ -84,8 +84,9 @@ impl Outside {
 /// Computes a unit normal for each slot: from its normal in `given` if this isn't zero, else from the `degree` nearest
 /// neighbours.
 ///
-/// A given normal is preserved if it fits the neighbours ([`fitted_stored_normal`]). The majority of the given normals
-/// decides the sign of all points connected with them.
+/// A given normal is preserved if it fits the neighbours ([`fitted_stored_normal`]). Estimated normals face the
+/// viewpoint of [`Outside::Toward`]. With [`Outside::Outward`], the majority of the given normals decides the sign of
+/// all points connected with them.
 ///
 /// With `level_where_scattered`, estimated normals point up (+z) if the neighbours form no plane. The second result
 /// flags the slots of such points, or is empty if there are none.
@@ -402,9 +403,9 @@ impl Patches {
 /// Patches of all blocks, numbered consecutively.
 struct AllPatches {
     blocks: Vec<Patches>,
-    /// Number of each point's patch within its block, with the bit [`FLIPPED`] if the point's normal is flipped.
+    /// Index of each point's patch within its block, with the bit [`FLIPPED`] if the point's normal is flipped.
     labels: Vec<u16>,
-    /// Number of the first patch of each block, counted over all blocks.
+    /// Index of the first patch of each block among the patches of all blocks.
     first: Vec<u32>,
 }
 

@@ -33,12 +33,13 @@ const SAMPLE: usize = 1 << 20;
 
 /// Finds the outliers of a point cloud: returns a flag per point, true for an outlier. Some points always remain.
 ///
-/// Let d be a point's mean distance to its 8 nearest neighbours (coincident points count as one). The point is an
-/// outlier if any of three rules applies:
+/// Let d be a point's mean distance to its 8 nearest neighbours. Coincident points count as one, and points that rule 3
+/// finds don't count. The point is an outlier if any of three rules applies:
 /// 1. d is more than 8 times the cloud's median d, and ln d is more than 3.5 standard deviations above the median
 ///    (estimated from the median absolute deviation);
 /// 2. d is more than 8 times the d of more than half of these 8 neighbours;
-/// 3. the point is more than 10,000 times as far from the cloud's centre as half of all points are.
+/// 3. the point is more than 10,000 times as far from the cloud's centre as half of all points are. Centre and distance
+///    are medians over up to about a million points; no point is an outlier by this rule if the distance is 0.
 ///
 /// Groups of nine or more stray points in one place are not found. In clouds of fewer than 16 distinct points, rules 1
 /// and 2 find no outliers.

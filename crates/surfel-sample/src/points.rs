@@ -16,7 +16,8 @@ use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
-/// Radius, in object units, of the splats of a cloud without a spacing: one point, or all points in one place.
+/// Radius, in object units and before [`PointOptions::radius_scale`], of the splats of a cloud without a spacing: one
+/// point, or all points in one place.
 const FALLBACK_RADIUS: f64 = 1.0;
 
 /// Comment in a splat file that its splats were made of points. The up axis of a cloud with this comment is estimated
@@ -36,13 +37,15 @@ pub const MAX_SPACINGS: f64 = 5.0;
 ///
 /// Stored radii are used unless their median exceeds [`MAX_SPACINGS`]. All other radii are estimated from the local
 /// spacing and the class of the point ([`PointClass`]), so that surfaces have no holes and other points stay small. If
-/// the sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
+/// the sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`]. It is
+/// [`Shape::Disks`] if stored radii are used, or if [`PointOptions::ellipses`] is false.
 ///
 /// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is
-/// estimated. The cloud is declared oriented if no normal is stored, because estimated normals all point to the outside
-/// of a surface.
+/// estimated unless [`PointOptions::interior_weight`] is false. The cloud is declared oriented if no normal is stored,
+/// because estimated normals all point to the outside of a surface.
 ///
-/// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
+/// Coincident points get the same splat, apart from stored normals and radii. A single point, or points that all
+/// coincide, get a radius of 1 times [`PointOptions::radius_scale`] unless one is stored.
 ///
 /// Sources: normals by principal component analysis (Hoppe et al. 1992, §3.2); signs by votes between neighbours, which
 /// are compared as in König and Gumhold 2009; radii and classes are our own.
@@ -205,8 +208,8 @@ impl Layout {
     }
 }
 
-/// Computes the normal of each slot's disk: the first stored normal of the slot's points if it fits the neighbours,
-/// else the normal of the neighbours' plane.
+/// Computes the normal of each slot's disk: the first stored normal of the slot's points if it fits the neighbours or
+/// if [`PointOptions::lays_by_normals`] is set, else the normal of the neighbours' plane.
 fn orient_disks(
     given: &GivenNormals,
     sorted: &SortedPoints,
@@ -265,6 +268,7 @@ fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len(
 
 /// Replaces the normals of isolated points and of points on lines, unless a normal is stored (`is_given`). Isolated
 /// points face the outside. Normals on a line are perpendicular to the line, and face the outside as far as possible.
+/// They are unchanged if the neighbours aren't collinear ([`normals::across_line`]).
 fn face_outside(
     sorted: &SortedPoints,
     oriented: &mut [Oriented],

@@ -116,7 +116,8 @@ impl Sizes {
         }
     }
 
-    /// Limits both half-axes of the splat at `slot` to `most` grid steps.
+    /// Limits both half-axes of the splat at `slot` to `most` grid steps. An ellipse becomes a disk if its axis ratio
+    /// is then at most [`ANISOTROPIC_RATIO`].
     pub(crate) fn shorten(&mut self, slot: usize, most: f64) {
         let Some(ellipse) = self.ellipse(slot) else {
             self.all[slot].radius = (most as f32).min(self.bounded(slot, self.all[slot].radius) as f32);
@@ -213,8 +214,8 @@ pub(crate) fn sizes(
     sizes
 }
 
-/// Returns the typical spacing of a cloud: the median spacing of the points in surfaces, or of all points if few are in
-/// surfaces. `None` if no point has a spacing.
+/// Returns the typical spacing of a cloud: the median spacing of the points in surfaces, or of all points if less than
+/// a tenth are in surfaces. `None` if no point has a spacing.
 fn typical(all: &[Size]) -> Option<f64> {
     let is_in_surface = |size: &Size| size.evidence.class().is_surface();
     let in_surfaces = all.iter().filter(|size| is_in_surface(size)).count();

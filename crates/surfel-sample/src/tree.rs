@@ -53,8 +53,8 @@ impl KdTree {
         self.items[slot].index as usize
     }
 
-    /// Fills `found` with the `found.limit` items nearest to `query`, nearest first; equal distances are ordered by
-    /// slot.
+    /// Fills `found` with the `found.limit` items nearest to `query`, or with fewer if fewer are within its distance,
+    /// nearest first; equal distances are ordered by slot.
     pub(crate) fn nearest(&self, query: DVec3, found: &mut Nearest) {
         found.items.clear();
         self.search(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, found);

@@ -94,16 +94,17 @@ fn strays_about_a_facade_stay_small_whatever_their_number() {
     }
 }
 
-/// Points of a scene that a spinning sensor scans: ground, walls, poles, a car, and crowns of trees.
+/// Points of a scene around a spinning sensor: a scan of ground and a wall, and five crowns of trees.
 struct Sweep {
     positions: Vec<DVec3>,
-    /// Flag per point, true for points of crowns, poles, and distant objects.
+    /// Flag per point, true for points of crowns.
     is_clutter: Vec<bool>,
 }
 
 impl Sweep {
     /// Scans the scene with `beams` beams that are `step_deg` apart in elevation, the lowest at `lowest_deg`. Each beam
-    /// has a return every `turn_deg` degrees. `axes` turns the resulting points.
+    /// has a return every `turn_deg` degrees, if it hits ground or wall within 70 units. Each crown has 60 random
+    /// points. `axes` turns all points.
     fn new([beams, lowest_deg, step_deg, turn_deg]: [f64; 4], axes: DMat3) -> Self {
         let mut random = Lcg(12);
         let mut crown = |x: f64, y: f64| {

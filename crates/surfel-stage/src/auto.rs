@@ -104,8 +104,8 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
 }
 
-/// Returns the settings for files of trained Gaussians without a scene file, and a note about them. Returns `None` for
-/// other objects. `paths` are the paths of the objects.
+/// Returns the settings for files of trained Gaussians without a scene file, and a note about them. Returns `None`
+/// unless all objects are trained Gaussians. `paths` are the paths of the objects.
 pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
     let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
     let text = "drawn as trained, Gaussian over Gaussian (`composite=over`; surface draws them as opaque surfaces)";
@@ -113,9 +113,10 @@ pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Setting
     Some((settings, ObjectNote { path, text: text.to_owned() }))
 }
 
-/// Returns the depth tolerance for files without a scene file; `None` for the default. The tolerance is small for
-/// objects of flat parts, such as buildings, for sharp splats, and for splats as fine as their mesh. With the default,
-/// a floor would shine through the wall at its end, and skin through eyebrows.
+/// Returns the depth tolerance for files without a scene file: the largest that an object needs. `None` stands for the
+/// default, which is used if at least one object needs it. The tolerance is small for objects of flat parts, such as
+/// buildings, for sharp splats, and for splats as fine as their mesh. With the default, a floor would shine through the
+/// wall at its end, and skin through eyebrows.
 pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     let needed = loaded.facts.iter().map(|facts| match facts {
         ObjectFacts { flat: true, .. } => Some(FLAT_TOLERANCE),
@@ -148,7 +149,8 @@ pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec
 }
 
 /// Determines the up axis of objects without a scene file, and the reason for it. The axis is that of the first file
-/// whose content or format states one; otherwise it is estimated from the objects' shape ([`upright_of`]).
+/// whose content or format states one; otherwise it is estimated from the objects' shape ([`upright_of`]). Without
+/// objects, it is +y.
 pub fn auto_up(loaded: &LoadedObjects, samples: &Samples) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
@@ -237,7 +239,8 @@ pub fn stage(
 }
 
 /// True if an object's splats cover a watertight surface from outside, so that its back faces may be culled. This is
-/// stated by the file, derived from the mesh, or estimated from the cloud ([`watertight::is_watertight`]).
+/// stated by the file, derived from the mesh, or estimated from the cloud ([`watertight::is_watertight`]). The estimate
+/// is made only for complete, opaque clouds for which neither file nor mesh determines the answer.
 fn hides_back_faces<'s>(
     facts: &ObjectFacts,
     object: &Object,

@@ -58,8 +58,8 @@ impl Lighting {
 
     /// Returns [`studio_lights`], with the key light lowered to a raking angle for objects without colours that face
     /// one direction as a whole. Examples are ground, walls, reliefs, and scans around ground. As in hillshaded maps,
-    /// raking light shows slopes, which hardly differ from level areas in frontal light. Coloured objects get the
-    /// normal key light: their colours show the slopes, and often contain light already.
+    /// raking light shows slopes, which hardly differ from level areas in frontal light. If any object has colours, the
+    /// key light is the normal one: colours show the slopes, and often contain light already.
     pub fn lights(self, camera: &Camera) -> Vec<Light> {
         lights(camera, |key| raking(key, self.facing, self.share))
     }
@@ -87,8 +87,8 @@ fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
 }
 
 /// Rotates `toward`, the unit vector toward a light, away from the unit `normal` by the fraction `share` of the way to
-/// the raking angle ([`RAKING`]). Also returns a factor on the light's colour, which preserves most of the brightness
-/// of level areas.
+/// the raking angle ([`RAKING`]). A light that is lower already, or along the normal, doesn't change. Also returns a
+/// factor on the light's colour, which preserves most of the brightness of level areas.
 fn raking(toward: DVec3, normal: DVec3, share: f64) -> (DVec3, f64) {
     // A surface may be visible from either side; the light is on the visible side.
     let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };

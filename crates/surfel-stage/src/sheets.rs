@@ -59,7 +59,8 @@ impl<'a> Grid<'a> {
     }
 
     /// True if a patch is the top of a thin sheet over another surface: within the depth `reach` below the patch, there
-    /// are the sheet's underside and, at the same depth or deeper, the other surface.
+    /// are the sheet's underside and, at the same depth or deeper, the other surface. Patches more than two cells away
+    /// aren't searched.
     fn lies_over_others(&self, patch: &Patch, reach: f64) -> bool {
         let lateral = radius(patch);
         let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);

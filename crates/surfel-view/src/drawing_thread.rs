@@ -115,7 +115,8 @@ impl DrawingThread {
         Ok(())
     }
 
-    /// Loads the files before the first request. Meanwhile, pages show a sample of the points, and can move the camera.
+    /// Loads the files before the first request. With several threads, and if the files allow a sample, pages meanwhile
+    /// show a sample of the points and can move the camera.
     fn load_first(&mut self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
         let text = |e: Error| e.to_string();
         let asked = self.handler.image_request(&Value::Null, &self.handler.initial, FIRST_SIZE)?;
@@ -169,7 +170,7 @@ impl DrawingThread {
     }
 
     /// Answers a request for an image by a preview, as if the camera were moving. Used while only a sample of the
-    /// points is loaded.
+    /// points is loaded, and before the first exact image.
     fn answer_by_sample(&mut self, job: &Job) -> Result<(), String> {
         let mut request = job.request.clone();
         request["moving"] = true.into();

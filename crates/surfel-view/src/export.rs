@@ -64,8 +64,8 @@ pub fn export(config: &Config) -> Result<Vec<u8>, String> {
 /// `index.html` is written last, so that the page never exists without the files that it needs.
 ///
 /// # Errors
-/// Errors of [`export`], except for the file's size. Also a message if a file of the folder can't be written, or exists
-/// and `overwrite` is false.
+/// Errors of [`export`], except for the file's size. Also a message if the input is stdin or has the name of another
+/// file of the folder, or if a file of the folder can't be written, or exists and `overwrite` is false.
 pub fn export_folder(config: &Config, folder: &Path, overwrite: bool) -> Result<u64, String> {
     let input = checked(config)?;
     let Some(name) = input.file_name().filter(|_| !is_stdin(input)).and_then(|name| name.to_str()) else {

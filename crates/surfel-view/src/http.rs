@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 pub(crate) const MAX_HEAD: usize = 16 << 10;
 /// Largest accepted number of headers of a request.
 const MAX_HEADERS: usize = 64;
-/// Largest accepted time in which a client sends a request's head.
+/// Largest accepted time in which a client sends a request's head, and in which it accepts a part of the response.
 const HEAD_TIME: Duration = Duration::from_secs(5);
 
 /// A request for a page or for a WebSocket.
@@ -112,8 +112,8 @@ const SAFETY: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff
                       img-src 'self' blob: data:; connect-src 'self'; frame-ancestors 'none'; base-uri 'none'; \
                       form-action 'none'\r\n";
 
-/// Writes a response and closes the connection. `kind` is the body's media type, and `more` has additional header
-/// lines.
+/// Writes a response, after which the caller closes the connection. `kind` is the body's media type, and `more` has
+/// additional header lines.
 pub(crate) fn respond(stream: &mut TcpStream, status: &str, kind: &str, more: &str, body: &[u8]) -> io::Result<()> {
     let length = body.len();
     let head = format!(

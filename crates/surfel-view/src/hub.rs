@@ -9,10 +9,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 pub(crate) const MAX_CLIENTS: usize = 16;
 /// Largest number of a client's waiting requests, apart from requests for images. Further ones are refused.
 const MAX_TASKS: usize = 16;
-/// Largest number of messages that wait for a client; a slower client is disconnected.
+/// Largest number of messages, apart from the newest image of each layer, that wait for a client. A slower client is
+/// disconnected.
 const MAX_TEXTS: usize = 64;
-/// Largest total size, in bytes, of the messages that wait for a client. A client that doesn't read its saved images is
-/// thus disconnected.
+/// Largest total size, in bytes, of the messages that wait for a client, apart from the newest image of each layer. A
+/// client that doesn't read its saved images is thus disconnected.
 const MAX_WAITING_BYTES: usize = 256 << 20;
 /// Number of layers, which are images that a page shows at once: the two of a comparison.
 pub(crate) const LAYERS: usize = 2;
@@ -175,7 +176,7 @@ impl Hub {
         Some((id, outbox))
     }
 
-    /// Removes a client and its waiting requests.
+    /// Removes a client and its waiting requests, and closes its outbox.
     pub(crate) fn leave(&self, id: u64) {
         let mut clients = lock(&self.clients);
         clients.all.retain(|client| {

@@ -242,7 +242,8 @@ impl RequestHandler {
         Ok((PIXELS, session.frame().rgba8().as_flattened().to_vec(), stats))
     }
 
-    /// Draws a preview, faster and less accurate, while the camera moves.
+    /// Draws a preview, faster and less accurate, while the camera moves. If the session shows no scene yet, draws the
+    /// image in full quality instead.
     fn draw_preview(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let start = Instant::now();
         let asked = self.asked(request, MAX_PIXELS)?;

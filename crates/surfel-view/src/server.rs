@@ -79,7 +79,8 @@ impl RateLimiter {
     }
 }
 
-/// Accepts connections until the listener fails. Each connection has its own thread.
+/// Accepts connections until the program ends. Each connection has its own thread. If a connection can't be accepted,
+/// tries again after a pause.
 pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>) {
     let mut pace = RateLimiter::new(MAX_ACCEPTED);
     loop {

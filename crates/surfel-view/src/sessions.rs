@@ -13,7 +13,8 @@ use surfel_load::Error;
 use surfel_metrics::{CompareOptions, Comparison, Image};
 use surfel_render::{Frame, Planes, Renderer as _, Stats};
 
-/// Largest number of sessions in memory: the two sides of a comparison may have different backends or inputs.
+/// Largest number of sessions in memory: the two sides of a comparison may have different backends or inputs. If a
+/// session is large, starting another one ends all older ones.
 pub(crate) const MAX_SESSIONS: usize = 2;
 
 /// Key of a session. Requests with the same backend and inputs share a session.
@@ -103,7 +104,8 @@ fn image_of(frame: &Frame) -> Result<Image<'_>, String> {
 /// Measured difference between two frames.
 pub(crate) struct Difference {
     comparison: Comparison,
-    /// Error map of FLIP (the difference that a person sees, per pixel), encoded as a PNG.
+    /// Error map of FLIP (the difference that a person sees, per pixel), encoded as a PNG. Empty if FLIP wasn't
+    /// computed.
     pub(crate) map: Vec<u8>,
 }
 

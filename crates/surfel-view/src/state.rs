@@ -54,8 +54,9 @@ fn text_of(value: &Value) -> Result<Vec<String>, String> {
     }
 }
 
-/// Returns the fixed options and then those of a state, each with the text of its value. Options that the state
-/// replaces are left out. Returns an error for an option that pages can't set, or for options that exclude each other.
+/// Returns the fixed options and then those of a state, each with the text of its value. Fixed options that the state
+/// replaces are left out, but values of an option that may be repeated are joined. Returns an error for an option that
+/// pages can't set, or for options that exclude each other.
 fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, String> {
     let mut flags = Vec::new();
     let replaces_camera = ["view", "eye", "target"].iter().any(|name| state.contains_key(*name));

@@ -48,8 +48,8 @@ impl Viewer {
         self.address_with(self.guard.token())
     }
 
-    /// Returns an address that opens the page only once. It is meant for the browser's command line, which other users
-    /// of this machine can read.
+    /// Returns an address that opens the page only once. After it was used, this method returns an address without a
+    /// token. It is meant for the browser's command line, which other users of this machine can read.
     pub fn url_for_once(&self) -> String {
         self.address_with(&self.guard.one_time_token().unwrap_or_default())
     }

@@ -6,7 +6,8 @@ use std::sync::{Mutex, PoisonError};
 use surfel_io::HostFile;
 
 /// Size in bytes of the blocks in which the file is read and cached. Headers and hierarchies of files are read in small
-/// parts; reading whole blocks limits the number of requests.
+/// parts; reading whole blocks limits the number of requests. A part larger than a block is read by itself, and not
+/// cached.
 const BLOCK_BYTES: u64 = 1 << 16;
 /// Maximum number of blocks that are cached in memory.
 const MAX_BLOCKS: usize = 64;

@@ -24,7 +24,7 @@ pub(crate) struct Tile<'a> {
     setup_frame_group: wgpu::BindGroup,
     /// Bind groups of each segment; `None` for segments that can't touch the tile.
     segments: Vec<Option<SegmentGroups>>,
-    /// Draw calls of splats at the near plane.
+    /// Draw calls of splats that reach the near plane.
     near: Vec<RecordDraw>,
     /// Bind group of the polygons.
     polygons_group: wgpu::BindGroup,
@@ -43,9 +43,9 @@ pub(crate) struct Tile<'a> {
     size: [u32; 2],
     /// Size of the shaded region, in pixels.
     shaded: [u32; 2],
-    /// Buffer with the number of splats that were set up and touch the tile.
+    /// Buffer with the number of splats that the GPU has set up and that touch the tile.
     pub drawn: wgpu::Buffer,
-    /// Indirect draws of transparent splats; `None` if there are none.
+    /// Indirect draws of transparent layers; `None` if no pass of the tile draws such layers.
     pub layer_draws: Option<wgpu::Buffer>,
 }
 
@@ -57,7 +57,7 @@ pub(crate) struct TileInputs<'a> {
     pub targets: &'a Targets,
     pub frame: &'a FrameScene,
     pub data: &'a TileData,
-    /// Pixel passes among the tile's steps.
+    /// Pixel passes among the steps of the tile and of its samples.
     pub pixel_passes: &'a [PixelPass],
     /// Texels of the shadow maps that the tile reads.
     pub shadow_texels: &'a wgpu::Buffer,
@@ -85,7 +85,8 @@ struct RecordDraw {
     lit_group: Option<wgpu::BindGroup>,
     /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Index of this draw among the indirect draws of layers.
+    /// Index of this draw: segments of the scene come first, then elements of `data.near`. It is the number of the draw
+    /// in the plane of nearest splats, and its place among the indirect draws of layers.
     index: usize,
 }
 
@@ -121,7 +122,7 @@ fn segment_groups(
     groups.collect()
 }
 
-/// Creates the draw calls of records at the near plane.
+/// Creates the draw calls of the splats that reach the near plane: one per element of `data.near`.
 fn near_draws(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'_>) -> Vec<RecordDraw> {
     let TileInputs { scene, pipelines, data, .. } = *inputs;
     let storage = wgpu::BufferUsages::STORAGE;
@@ -389,7 +390,7 @@ impl<'a> Tile<'a> {
         }
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         let mut last = None;
-        // Splats at the near plane belong to no segment. They are drawn in the first step of each pass.
+        // Splats that reach the near plane belong to no segment. They are drawn in the first step of each pass.
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {

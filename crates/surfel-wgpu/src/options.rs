@@ -7,7 +7,8 @@ use surfel_model::Storage;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Part of the name of the adapter to open, in any case. `None` for the first adapter of the fastest kind.
+    /// Part of the name of the adapter to open, in upper or lower case. `None` for the first adapter of the fastest
+    /// kind.
     pub adapter: Option<String>,
     /// True if the graphics API's validation, where installed, checks every call. Its messages go to the `log` crate.
     pub validation: bool,
@@ -20,7 +21,7 @@ pub struct Options {
 }
 
 impl Options {
-    /// Sets the part of the adapter's name, in any case; `None` allows any adapter.
+    /// Sets the part of the adapter's name, in upper or lower case; `None` allows any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();

@@ -36,15 +36,16 @@ impl Renderer {
     /// - those beyond [`HostLayout::count`];
     /// - those whose centre is outside of [`HostLayout::bounds`];
     /// - those whose centre, normal or colour isn't finite, or whose normal is 0;
-    /// - those before the near plane, and those that span at least half of their distance from the eye. For other
-    ///   objects the CPU sets such splats up, but it doesn't have the positions of these.
+    /// - those that reach the near plane: whose centre is nearer than the near plane, whose depth range in perspective
+    ///   is at least their centre's depth, or which are more than 10⁷ times as large as their distance. The CPU sets up
+    ///   such splats of other objects, but it doesn't have the positions of these.
     ///
     /// The CPU uses the box where it otherwise uses positions: the object is culled as a whole. The bounds of shadow
     /// maps contain both the box and the object as it was uploaded. Centres are f32 numbers about the origin of the
     /// object, so the object should be near its origin in units of its splats' radii.
     ///
-    /// The first call for an object uploads four bytes per splat, the order in which its splats are stored. Further
-    /// calls upload 64 bytes per million splats. There is no way back to the uploaded places other than a new upload.
+    /// The first call for an object uploads four bytes per splat, the order in which its splats are stored. Each
+    /// further call uploads 64 bytes. There is no way back to the uploaded places other than a new upload.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if the layout doesn't fit the buffer or the object, if the object isn't a cloud of

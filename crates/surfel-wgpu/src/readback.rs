@@ -23,7 +23,8 @@ impl Readback {
     }
 
     /// Records copies like [`Readback::record`] into `kept`, a buffer that [`Readback::read_and_keep`] returned, if its
-    /// size fits. Mapping the memory pages of a new buffer would take longer.
+    /// size is the required one or up to four times as large. Otherwise a new buffer is created. Mapping the memory
+    /// pages of a new buffer would take longer.
     pub(crate) fn record_into(
         kept: Option<wgpu::Buffer>,
         device: &wgpu::Device,

@@ -47,7 +47,7 @@ pub struct Renderer {
     readback: Option<wgpu::Buffer>,
     /// Shadow maps of the last frame, which the next frame reuses if nothing changed.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
-    /// The smaller of the device's limits and the limits in the options.
+    /// Limits on the use of the device: each is the smaller of the device's and the one in the options.
     pub(crate) limits: Limits,
     /// Storage format of splats in the device's memory.
     storage: Storage,
@@ -69,7 +69,7 @@ impl Renderer {
         Self::start(device, queue, &info, &options)
     }
 
-    /// Creates a renderer on a program's existing device.
+    /// Creates a renderer with default options on a program's existing device.
     ///
     /// Optional features of the device enable f32 sums (`Features::FLOAT32_BLENDABLE`), times of passes
     /// (`Features::TIMESTAMP_QUERY`) and counts of shader invocations (`Features::PIPELINE_STATISTICS_QUERY`). The
@@ -189,8 +189,9 @@ impl Renderer {
         }
     }
 
-    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed. The costs of drawing
-    /// them can be read once the device has drawn them; there are none for cached maps.
+    /// Returns the texels of a plan's shadow maps, drawn now or cached from the last frame if nothing changed, and the
+    /// costs of drawing the maps. The costs can be read once the device has drawn the maps; there are none for cached
+    /// maps.
     pub(crate) fn shadow_maps(
         &mut self,
         scene: &ResidentScene,
@@ -413,7 +414,7 @@ impl Renderer {
     }
 
     /// Executes the steps of a tile, waits for them, and returns what `read` makes of the words of the planes. The
-    /// returned flag is true if no A-buffer layers remain to be drawn.
+    /// returned flag is false if more transparent layers may lie behind those that were drawn.
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
@@ -499,8 +500,9 @@ impl Renderer {
         result.ok_or_else(missing)
     }
 
-    /// Measures the device's fill rates in square targets of side `side_px`, in pixels. Fill rates are upper bounds of
-    /// the speed of passes. Returns an empty list if the device has no timestamps.
+    /// Measures the device's fill rates in square targets of side `side_px` in pixels, or of the largest texture's side
+    /// if that is smaller. Fill rates are upper bounds of the speed of passes. Returns an empty list if the device has
+    /// no timestamps.
     ///
     /// # Errors
     /// [`RenderError::Model`] if an image can't have this size; [`RenderError::Backend`] if the device fails.
@@ -550,10 +552,11 @@ struct FrameJob<'a> {
 struct TileJob<'a> {
     data: &'a TileData,
     key: TargetKey,
-    /// Pixel passes among the steps.
+    /// Pixel passes among the steps, and among the steps of samples.
     pixel_passes: &'a [PixelPass],
     steps: &'a [Step],
-    /// Parts of the samples of the tile's edge pixels; empty without edge antialiasing by samples.
+    /// Samples of the tile's edge pixels, in parts that each fit the tile's targets; empty unless edges are antialiased
+    /// by samples.
     samples: &'a [SamplePart],
 }
 

@@ -10,7 +10,8 @@ pub(crate) struct Targets {
     pub key: TargetKey,
     /// View of each target's texture.
     views: HashMap<Target, wgpu::TextureView>,
-    /// Bind group of the textures that each draw reads.
+    /// Bind group of the textures, and of the layer composites, that each draw reads; none for draws that read neither
+    /// or bind the same group as a pixel pass.
     reads: HashMap<Draw, wgpu::BindGroup>,
     /// Planes of the tile, which shading writes.
     pub planes: wgpu::Buffer,
@@ -75,7 +76,8 @@ impl Targets {
         self.views.get(&target)
     }
 
-    /// Returns the bind group of the textures that a draw reads; `None` if it reads none.
+    /// Returns the bind group of the textures and layer composites that a draw reads; `None` if it reads neither, or
+    /// binds the same group as a pixel pass.
     pub(crate) fn reads(&self, draw: Draw) -> Option<&wgpu::BindGroup> {
         self.reads.get(&draw)
     }

@@ -12,8 +12,9 @@ mod truth;
 
 use truth::{Errors, Exact, Folder, NOISE_M, Scan, canopy, compared, deck, roof};
 
-/// Kind of scan: name, surface, height between its parts, true if the lower part continues beneath, true for random
-/// positions, noise in metres.
+/// Kind of scan. The elements are its name, its surface, and the height that divides the surface's upper part from its
+/// lower part. Two flags follow: true if the lower part continues beneath the upper one, and true for random positions.
+/// The last element is the noise in metres.
 type Kind = (&'static str, Exact, f64, bool, bool, f64);
 
 const KINDS: [Kind; 7] = [

@@ -154,9 +154,9 @@ fn check_roof(thickness: f64, size: [u32; 2], [azimuth_deg, elevation_deg]: [f64
     assert!(inside > 10_000 && mixed == 0, "{thickness} {size:?}: {mixed} of {inside}");
 }
 
-/// Draws 15,625 points automatically at 128 × 96 pixels. Returns drawn and exact depth of each pixel that has an exact
-/// depth, and the number of these pixels into which no point projects. `truth` returns the exact depth from x and y of
-/// a ray at z = 1; infinity means none.
+/// Draws points automatically at 128 × 96 pixels. Returns drawn and exact depth of each pixel that has an exact depth,
+/// and the number of these pixels into which no point projects. `truth` returns the exact depth from x and y of a ray
+/// at z = 1; infinity means none.
 fn depth_of_points(name: &str, points: &[[f64; 3]], truth: impl Fn(f64, f64) -> f64) -> (Vec<[f64; 2]>, usize) {
     const SIZE: [u32; 2] = [128, 96];
     const FOCAL_PX: f64 = 112.5;

@@ -191,7 +191,7 @@ struct Flight {
     outline: Changes,
     /// Largest RMSE between two images.
     rmse: f64,
-    /// Largest RMSE relative to an image of all points.
+    /// Largest RMSE between an image and the image of all points from the same camera.
     error: f64,
     /// Number of pixels that all points cover but the levels don't.
     bare: usize,

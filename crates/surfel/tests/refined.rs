@@ -12,7 +12,7 @@ use surfel_model::{Camera, ConvertOptions, Geometry, ObjectFile};
 use surfel_render::View;
 use surfel_sample::NoProgress;
 
-/// Side of a square of points, 0.1 apart.
+/// Number of points along a side of a square of points that are 0.1 apart.
 const SIDE: u32 = 450;
 
 /// Writes a COPC file of a wavy square, with normals and radii, and returns its path.

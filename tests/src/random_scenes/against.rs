@@ -41,7 +41,7 @@ impl fmt::Display for Failure {
 pub struct Tally {
     /// Backend that was compared.
     pub backend: Backend,
-    /// Number of scenes that passed.
+    /// Number of scenes that passed, or that differ as expected.
     pub passed: usize,
     /// Number of scenes that the backend doesn't support.
     pub skipped: usize,

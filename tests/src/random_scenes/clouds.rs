@@ -110,7 +110,7 @@ fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Returns splats at angles from 10° to 1e-6° from edge-on.
+/// Returns splats at angles from 0.2 to 1e-8 rad from edge-on, facing the eye or turned away.
 ///
 /// Angles from 1e-5 to 2e-4 rad are excluded. The weight of such a splat is a difference of terms with f32 errors of
 /// 6e-8, so that a tolerance of 1e-3 would require other splats that contribute, too.
@@ -175,8 +175,8 @@ fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| cloud(&[]), |(cloud, _)| cloud)
 }
 
-/// Removes or adds colours, alphas and shading normals. Splats that `are_coplanar` are all opaque or all transparent,
-/// because rounding would decide which of two kinds is in front.
+/// Removes or changes colours, and adds alphas and shading normals. Splats that `are_coplanar` are all opaque or all
+/// transparent, because rounding would decide which of two kinds is in front.
 fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     let count = data.centers.len();
     match random.below(8) {
@@ -198,7 +198,7 @@ fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     }
 }
 
-/// Returns the splat, with probability `share` clipped by a curve, by lines or by both.
+/// Returns the splat, with a probability of at most `share` clipped by a curve, by up to four lines or by both.
 fn clip(random: &mut Random, splat: &Splat, share: f64) -> Clipped {
     let is_clipped = random.chance(share);
     let curve = (is_clipped && random.chance(0.6)).then(|| curve(random));

@@ -51,7 +51,8 @@ pub(super) fn settings(random: &mut Random) -> Settings {
         ]))
 }
 
-/// Sets a random material for all objects, or a different one for each.
+/// Sets the lighting factors of all objects' materials: shared random ones, different ones for each object, or none,
+/// which leaves the defaults. Facing properties are random for each object.
 pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     let differ = random.chance(0.4);
     let factors = |random: &mut Random| {
@@ -71,8 +72,8 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     }
 }
 
-/// Declares some clouds oriented, in the cloud or in the material. It uses its own generator, so that other properties
-/// of a scene don't depend on the number of clouds.
+/// In half of the scenes, declares some clouds oriented, in the cloud or in the material. It uses its own generator, so
+/// that other properties of a scene don't depend on the number of clouds.
 pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     let mut random = Random::new(seed.rotate_left(16));
     if random.chance(0.5) {
@@ -90,8 +91,8 @@ pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     }
 }
 
-/// Returns a matcap of a few random texels if the shader needs one, else `None`. It uses its own generator, so that
-/// scenes of other shaders don't depend on matcaps.
+/// Returns a matcap of a few random texels. `None` for shaders that need none, and in a fifth of the scenes, which use
+/// the built-in matcap. It uses its own generator, so that scenes of other shaders don't depend on matcaps.
 pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     let mut random = Random::new(seed.rotate_left(32));
     if shader != Shader::Matcap || random.chance(0.2) {

@@ -129,13 +129,13 @@ fn balls_with_stored_light() -> Case {
     case
 }
 
-/// Returns balls of 1 to 4 pixels. Catches wrong coverage where outlines are strongly curved.
+/// Returns balls with diameters of 1 to 4 pixels. Catches wrong coverage where outlines are strongly curved.
 fn small_balls() -> Case {
     let balls = points(500, [0.01, 0.05], 6);
     lit("small_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.6, 52.0, [96, 96]))
 }
 
-/// Returns balls of 1/20 pixel to a pixel. Catches lost area.
+/// Returns balls with diameters of 1/20 pixel to a pixel. Catches lost area.
 fn tiny_balls() -> Case {
     let balls = points(2500, [0.001, 0.016], 7);
     lit("tiny_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.6, 52.0, [72, 72]))
@@ -171,8 +171,8 @@ fn placed_balls() -> Case {
     case
 }
 
-/// Returns balls at the near and far planes. Catches balls that are drawn although they reach z_near or lie beyond
-/// z_far.
+/// Returns balls at the near plane; an orthographic case has balls at the far plane, too. Catches balls that are drawn
+/// although they reach z_near or lie beyond z_far.
 fn balls_at_near_plane() -> Case {
     let balls: Vec<_> = points(120, [0.05, 0.3], 12).into_iter().map(|(p, r)| (p * 1.6, r)).collect();
     let mut case =

@@ -44,7 +44,7 @@ fn random_line(random: &mut Random) -> ClipLine {
     ClipLine { a: cos as f32, b: sin as f32, c: random.range(-0.2, 0.7) as f32 }
 }
 
-/// Returns a grid of large, tilted ellipses, each clipped by another curve; one corner has no curve. Catches confused
+/// Returns a grid of large, tilted ellipses, each clipped by another curve; every ninth has no curve. Catches confused
 /// angles, sides, rotations and weights.
 pub fn clip_curves() -> Case {
     let mut random = Random::new(83);
@@ -94,7 +94,7 @@ pub fn clip_grazing() -> Case {
     Case::new("clip-grazing", Scene { objects: vec![object], ..scene(&[]) }, camera)
 }
 
-/// Returns splats with one to four lines each, joined by `and` or `or`, some with a curve as well. Catches an absent
+/// Returns splats with up to four lines each, joined by `and` or `or`, some with a curve as well. Catches an absent
 /// line that counts under `or`.
 pub fn clip_lines() -> Case {
     let mut random = Random::new(89);

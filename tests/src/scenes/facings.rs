@@ -90,7 +90,8 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// Returns the splats of a plate whose thickness is a quarter of a splat, seen at a slant. Its sides have two colours.
+/// Returns the splats of a plate whose thickness is a quarter of a splat's radius, seen at a slant. Its sides have two
+/// colours.
 fn plate() -> Vec<Splat> {
     let (across, along) = (DVec3::new(0.8, 0.1, 0.35), DVec3::new(-0.15, 0.75, 0.3));
     let out = across.cross(along).normalize() * 0.015;

@@ -170,8 +170,8 @@ pub fn mirrored_object() -> Case {
     })
 }
 
-/// Returns the far half of a sphere with back-face culling, so that only its rim may be visible. Catches the wrong sign
-/// of the facing test.
+/// Returns the far three quarters of a sphere with back-face culling, so that only its rim may be visible. Catches the
+/// wrong sign of the facing test.
 pub fn culled_sphere() -> Case {
     let far: Vec<Splat> = sphere(1200, 1.1, 31).into_iter().filter(|s| s.p.z < 0.5).collect();
     let mut scene = scene(&far);
@@ -196,8 +196,8 @@ pub fn single_pixel() -> Case {
     Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Returns ellipses with aspect ratios from 1 to 1.0015, seen nearly edge-on, at any angle within their planes. They
-/// test which ellipses `adjust` treats as disks, and by which angle it rotates these.
+/// Returns ellipses with aspect ratios from 1.0005 to 1.0015, seen nearly edge-on, at any angle within their planes.
+/// They test which ellipses `adjust` treats as disks, and by which angle it rotates these.
 pub fn nearly_round() -> Case {
     let mut random = Random::new(127);
     let eye = DVec3::Z * 3.0;

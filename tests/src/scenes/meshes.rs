@@ -45,8 +45,8 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// Returns a wall whose left half is splats and whose right half is polygons. The halves overlap by half a splat's
-/// width. Catches errors in the transition.
+/// Returns a wall whose left half is splats and whose right half is polygons. The halves overlap by a third of a
+/// splat's width. Catches errors in the transition.
 pub fn half_mesh_wall() -> Case {
     let axes = [DVec3::new(0.5, 0.0, 0.0), DVec3::new(0.0, 0.9, 0.1)];
     let splats = sheet(DVec3::new(-0.5, 0.0, 0.0), axes, [10, 18], 0.15, |c, r| {

@@ -40,11 +40,11 @@ pub struct Point {
     pub error: f64,
     /// Largest error that the sweep's law allows for the same image.
     pub bound: f64,
-    /// Number of pixels outside of decision margins that only one of the two images hits.
+    /// Number of pixels outside of decision margins that only one of the two images hits, in all images at this value.
     pub stray: usize,
     /// Number of pixels with NaN, or with an infinity other than the depth of an empty pixel.
     pub non_finite: usize,
-    /// Number of pixels that were compared.
+    /// Number of pixels that were compared, in all images at this value.
     pub compared: usize,
     /// Reason why the backend drew no image, if it didn't.
     pub refused: Option<String>,

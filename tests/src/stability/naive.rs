@@ -14,8 +14,8 @@ fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
     V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
 
-/// Returns the error of a probe's published formula, in units of [`Probe::scale`]; NaN without a formula. A result that
-/// isn't a number counts as an error of 1.
+/// Returns the error of a probe's published formula, in units of [`Probe::scale`]; NaN without a formula. A pixel whose
+/// result isn't a number counts as not drawn.
 pub(super) fn error(probe: &Probe) -> f64 {
     match (&probe.naive, &probe.truth) {
         (Naive::Matrix(splat), _) => matrix(splat, &probe.image) / probe.scale,
@@ -122,8 +122,8 @@ fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     worst
 }
 
-/// Returns the relative error of a depth that is stored in a 24-bit depth buffer. The far plane is ten times as far as
-/// the depth.
+/// Returns the relative error of a depth that is stored in a 24-bit depth buffer, at most 1. The far plane is ten times
+/// as far as the depth.
 pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
     let far = 10.0 * z;
     let stored = far / (far - near) * (1.0 - near / z);
@@ -153,7 +153,7 @@ pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
     (sum / (f64::from(count) * weight) - 1.0).abs()
 }
 
-/// Evaluates C12 eq. 7 as printed, in f32. True if a point of the disk is inside the clip.
+/// True if the clip leaves a point of the disk visible, by C12 eq. 7 as printed, evaluated in f32.
 pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let narrow = |v: V2<f64>| V2::new(v.x as f32, v.y as f32);
     let (p1, p2, p3, q) = (narrow(curve.p1), narrow(curve.p2), narrow(curve.p3), narrow(point));

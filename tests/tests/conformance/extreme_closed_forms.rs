@@ -192,7 +192,8 @@ fn abuffer_whose_pixels_have_many_surfaces_each_of_its_own_is_the_references() {
     assert!(compared > 50, "{compared}");
 }
 
-/// Returns the relative errors of depth and colour of `count` coincident splats, on the CPU.
+/// Returns the largest relative error of depth, and the largest error of a colour channel, of `count` coincident
+/// splats. They are compared with one such splat, on the CPU.
 fn depth_error_of_coincident(count: usize) -> [f64; 2] {
     let splat = Splat::disk(dvec3(0.1, -0.2, 2.3), dvec3(0.2, 0.1, 1.0), 1.5, [0.3, 0.7, 0.1]);
     let case = Case::new("coincident", scene(&vec![splat; count]), camera(5.0, 20.0, [8, 8]));
@@ -261,7 +262,8 @@ fn colors_beyond_the_range_of_f32_are_finite() {
     });
 }
 
-/// Returns Gaussians at these positions, equal except for their colours.
+/// Returns Gaussians at these positions, equal except for their colours and rotations. `turn` returns the rotation of
+/// each.
 fn gaussians(centers: &[DVec3], sigma: f32, turn: impl Fn(usize) -> DQuat, opacity: f32) -> GaussianData {
     let mut data = no_gaussians(GaussianKind::Flat);
     let mut random = Random::new(3);

@@ -121,7 +121,7 @@ fn encode_again(frame: &mut Frame) {
     }
 }
 
-/// Replaces the octree's scene by another selection of its parts.
+/// Replaces the octree's scene by another selection of its parts. Other scenes don't change.
 fn choose_again(scene: &mut Scene, choose: fn(&Octree, &View) -> Selection) {
     if scene.background == scenes::OCTREE_BACKGROUND {
         scene.objects = scenes::octree_by(choose).scene.objects;

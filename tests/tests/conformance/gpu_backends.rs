@@ -99,7 +99,8 @@ fn more_regions_are_parts_of_the_whole() {
     }
 }
 
-/// Compares a region of every `step`-th scene with that part of the whole image.
+/// Compares a region with that part of the whole image. A selection of scenes contains every kind; every `step`-th of
+/// it is drawn.
 fn regions_are_parts_of_the_whole(mut renderer: impl Renderer, step: usize) {
     let cases = drawn(&renderer);
     // Some of each kind, and all whose edges need neighbours beyond the region, or which read shadow maps.
@@ -388,7 +389,8 @@ fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
 const LITTLE: Limits =
     Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, cell_bytes: u64::MAX, memory_bytes: u64::MAX };
 
-/// Compares drawing in parts with drawing as a whole. Of scenes without edges by samples, every `step`-th is drawn.
+/// Compares drawing in parts with drawing as a whole, in scenes without shadows. Of scenes without edges by samples,
+/// every `step`-th is drawn, and all with edges by coverage. Of those by samples, every 14th is drawn.
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer, step: usize) {
     let planes = Planes::ALL.with_fragments(true);
     // A shadow map isn't drawn in parts, since its size is fixed by the model.

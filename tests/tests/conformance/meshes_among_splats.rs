@@ -137,7 +137,8 @@ fn mesh_and_splat_blend_by_coverage_within_the_tolerance() {
     assert_middle(&reference_image(&disk_and_quad(0.0, 0.15, 4.0)), 0.0, [2.0, 1.85]);
 }
 
-/// Returns the largest step between neighbouring columns in the middle rows.
+/// Returns the largest step of a channel between neighbouring columns. Only the middle third of the rows and the middle
+/// half of the columns count.
 fn largest_step(frame: &Frame) -> f64 {
     let width = frame.width();
     let pixel = |x: u32, y: u32| frame.color()[(y * width + x) as usize];

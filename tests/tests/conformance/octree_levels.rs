@@ -338,7 +338,7 @@ const POP: f64 = 0.03;
 /// Maximum change of a frame by a change of level, root mean square. Measured: 0.0044.
 const POP_RMSE: f64 = 0.005;
 
-/// Returns the camera at a frame of the flight, with a constant ratio of distances, from 12 to 1.5.
+/// Returns the camera at a frame of the flight. Its distance falls from 12 to 1.5, by the same factor in each frame.
 fn flown(frame: i32) -> Camera {
     camera(12.0 * 0.125f64.powf(f64::from(frame) / f64::from(FRAMES)), 45.0, [96, 96])
 }
@@ -350,7 +350,7 @@ struct Flight {
     changes: usize,
     /// Largest change by the selection alone: the same eye with the previous frame's parts.
     pop: f64,
-    /// Root mean square of a frame's change by the selection alone.
+    /// Largest root mean square of a frame's change by the selection alone.
     pop_rmse: f64,
     /// Largest change from a frame to the next.
     step: f64,

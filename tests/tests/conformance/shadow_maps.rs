@@ -89,7 +89,7 @@ fn errors(backend: &mut impl Renderer, case: &Case, guard: f64, floor: f64) -> E
 
 const PARTS: [Parts; 4] = [Parts::Splats, Parts::Meshes, Parts::MeshOverSplats, Parts::SplatsOverMesh];
 
-/// Tests every kind of caster and receiver under every kind of light; with `few`, each of them once.
+/// Tests every kind of caster and receiver under every kind of light; with `few`, each under one light only.
 fn is_the_ray_cast_one(backend: &mut impl Renderer, few: bool) {
     let lights = [scenes::sun(), scenes::spot(40.0), scenes::spot(85.0)];
     for (i, parts) in PARTS.into_iter().enumerate() {

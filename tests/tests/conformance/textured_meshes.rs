@@ -65,7 +65,8 @@ impl Document {
         self.material(format!(r#"{{"pbrMetallicRoughness": {pbr}{more}}}"#))
     }
 
-    /// Adds a parallelogram from a corner along two edges; `more` has further attributes, as accessors by name.
+    /// Adds a parallelogram from a corner along two edges. `more` has further attributes, as accessors by name; `node`
+    /// is the JSON of further members of the node.
     fn quad(&mut self, [corner, e, f]: [DVec3; 3], material: usize, more: &[(&str, usize)], node: &str) {
         let corners = [corner, corner + e, corner + e + f, corner + f];
         let list = [0, 1, 2, 0, 2, 3];
@@ -267,7 +268,7 @@ fn no_splat() -> surfel_model::SplatCloud {
     surfel_conformance::build::cloud(&[])
 }
 
-/// Casts rays through all triangles that they meet and blends these front to back, by glTF's alpha modes.
+/// Casts rays through all triangles that they meet and blends these back to front, by glTF's alpha modes.
 fn rays(mesh: &Mesh) -> Vec<[f32; 4]> {
     let camera = camera();
     let [right, down, forward] = axes(&camera);

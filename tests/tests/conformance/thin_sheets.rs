@@ -27,8 +27,9 @@ fn top_pixels(case: &Case, elevation_deg: f64) -> Vec<usize> {
     (0..width * height).filter(sees_top).map(|at| at as usize).collect()
 }
 
-/// Draws a roof seen from an elevation. Returns the number of pixels of its top, and how many of them have colours of
-/// the walls: by the reference, by the CPU, and by the reference if the underside is culled.
+/// Draws a roof seen from an elevation, with a depth tolerance of `radii` splat radii. Returns the number of pixels of
+/// its top, and how many of them have colours of the walls: by the reference, by the CPU, and by the reference if the
+/// underside is culled.
 fn mixed(elevation_deg: f64, radii: f64) -> (usize, [usize; 3]) {
     let tolerance = DepthTolerance::Relative(radii);
     let case = scenes::roof_over_walls(elevation_deg).with("tolerance", |s| s.depth_tolerance = tolerance);

@@ -150,7 +150,8 @@ fn published(data: &GaussianData, view: &View, sort: Sort) -> Vec<Values> {
     (0..view.pixels()).map(pixel).collect()
 }
 
-/// Returns the largest difference outside the margin, relative for numbers above 1.
+/// Returns the largest difference outside the margin, relative for numbers above 1. Asserts that at most one pixel in
+/// 40 is within the margin.
 fn worst(got: &[Values], want: &[Values], margin: &[f32]) -> f64 {
     let open = margin.iter().filter(|m| **m != 0.0).count();
     assert!(open * 40 <= margin.len(), "{open} of {} pixels are within the margin", margin.len());
@@ -185,7 +186,8 @@ fn reference_draws_flat_gaussians_by_the_published_formulas() {
     }
 }
 
-/// Returns the cases that backends are tested with, in both orders and with both filters.
+/// Returns the cases that backends are tested with: each by the defaults, in the order of pixels, and with the filter
+/// `principal`.
 fn cases() -> Vec<Case> {
     let mut linear = gaussian_field(GaussianKind::Flat);
     linear.scene = gaussian_scene(GaussianData { linear_colors: true, ..random_gaussians(100, GaussianKind::Flat, 5) });
@@ -241,7 +243,7 @@ fn ash_draws_gaussians_as_the_reference_does() {
     }
 }
 
-/// Returns the bits of all planes.
+/// Returns the bits of all planes except weight and position.
 fn bits(frame: &Frame) -> Vec<u32> {
     let colors = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
     let others = [frame.depth(), frame.alpha(), frame.median_depth(), frame.distortion()].concat();
@@ -283,8 +285,8 @@ fn gpus_draw_every_fragment_of_a_heap_in_the_order_of_pixels() {
     }
 }
 
-/// Asserts that a backend with limits draws the same bits in parts, regions and without other planes; `limited` starts
-/// it.
+/// Asserts that a backend with limits draws the same bits in parts, regions and without other planes. `limited` starts
+/// the backend; `None` skips a case. Returns the bits of each case's image.
 fn draws_the_same_bits<R: Renderer>(mut limited: impl FnMut(surfel_wgpu::Limits) -> Option<R>) -> Vec<Vec<u32>> {
     let mut all = Vec::new();
     let plain = surfel_wgpu::Limits::default();
@@ -513,7 +515,7 @@ fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
 struct Turning {
     /// Largest mean change of an image over all steps, divided by their median.
     largest_over_median: f64,
-    /// Largest change of a pixel to a colour that none of its 4×4 samples showed before.
+    /// Largest distance of a pixel's channel from the range of its 4×4 samples of the step before.
     beyond_motion: f64,
 }
 
@@ -551,7 +553,8 @@ impl Turning {
     }
 }
 
-/// Returns the RMSE of linear light in an image of 48×48 against the mean of 8×8 unfiltered samples per pixel.
+/// Returns the RMSE of a case's image in linear light. The truth is the mean of 8×8 samples per pixel, with the filter
+/// `principal` and a filter radius of 0. The CPU backend draws both.
 fn error(case: &Case) -> f64 {
     let mut samples = by_principal(case);
     samples.settings.prefilter_radius_px = 0.0;

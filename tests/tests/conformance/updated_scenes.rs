@@ -8,7 +8,8 @@ use surfel_conformance::scenes::{self, Case};
 use surfel_model::{Cull, Geometry, Light, Material, Scene};
 use surfel_render::{Frame, Planes, Renderer};
 
-/// Scenes that GPUs draw: both facings, polygons among splats, an octree, shadows, balls, dots, and transparency.
+/// Parts of names. Of each, GPUs draw the first scene whose name contains it: both facings, polygons among splats, an
+/// octree, shadows, balls, dots, and transparency.
 const OF_GPUS: [&str; 7] =
     ["oriented-cube", "mesh-through-sphere", "octree", "shadow", "ball-over-floor", "dots", "glass"];
 
@@ -27,8 +28,8 @@ fn elsewhere(case: &Case) -> Scene {
     scene
 }
 
-/// Updates resident scenes to those of cases, and compares each image with that of a new upload. Returns how many cases
-/// were compared.
+/// Updates resident scenes to those of cases, and compares each image with that of a new upload. Cases that the backend
+/// can't draw are skipped. Returns how many were compared.
 fn draws_what_a_new_upload_does(renderer: &mut impl Renderer, is_wanted: impl Fn(&str) -> bool) -> usize {
     let mut compared = 0;
     for case in scenes::all().iter().filter(|case| is_wanted(&case.name)) {

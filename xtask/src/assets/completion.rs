@@ -16,8 +16,8 @@ struct File {
     far: f64,
     /// Standard deviation of the noise along each axis, in units of the shape, for points in the visible part.
     near: f64,
-    /// Side of a grid of cells. Points that aren't in the visible part are moved to the centres of their cells; 0 for
-    /// no grid.
+    /// Side of a grid of cells. Points that aren't in the visible part are moved to the centres of their cells before
+    /// noise is added; 0 for no grid.
     cell: f64,
     /// True if each point has the label of its part.
     has_labels: bool,

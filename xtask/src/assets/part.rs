@@ -56,7 +56,8 @@ pub(super) fn part() -> TriangleMesh {
     mesh
 }
 
-/// Returns the points of a circle, counter-clockwise as seen from above (+y). The first point has x = z.
+/// Returns the points of a circle, counter-clockwise as seen from above (+y). From the circle's centre, the first point
+/// is in the direction x = z.
 fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     let point = |i: usize| {
         let angle = -0.25 * PI + FRAC_PI_2 * i as f64 / QUARTER as f64;
@@ -65,8 +66,8 @@ fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     (0..4 * QUARTER).map(point).collect()
 }
 
-/// Returns the points of the outline of a square of side 2, beginning at the corner x = z = 1. The points are at the
-/// same angles as those of the circle.
+/// Returns the points of the outline of a square of side 2, beginning at the corner with x = z = 1 relative to its
+/// centre. The points are at the same angles as those of the circle.
 fn square(center_x: f64, y: f64) -> Vec<Point> {
     let point = |i: usize| {
         let along = (i % QUARTER) as f64 / QUARTER as f64 * 2.0 - 1.0;

@@ -15,7 +15,7 @@ pub(super) fn versions(place: &Place) -> Verdict {
     Verdict::Failed(problems.join("; "))
 }
 
-/// Returns the places whose version differs from that of the workspace.
+/// Returns the places that state another version than that of the workspace, or none.
 pub(super) fn version_problems(root: &Path) -> Vec<String> {
     let version = match version(root) {
         Ok(version) => version,

@@ -6,7 +6,7 @@ use std::process::Command;
 use super::{Place, Verdict, bytes_of, files_in, fresh, is_here, name_of, output, ran, version};
 use crate::cargo;
 
-/// Library whose features are each checked alone. It reads every file format.
+/// Library that reads every file format.
 const READER: &str = "surfel-io";
 
 /// Common pairs of features, with their package.

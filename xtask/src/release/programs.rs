@@ -38,7 +38,8 @@ pub(super) fn web(place: &Place) -> Verdict {
     Verdict::Passed(sizes.collect::<Vec<_>>().join(", "))
 }
 
-/// Builds the program with all features for each platform, and makes tarballs with checksums.
+/// Builds the program with all features for each platform whose target rustup has installed, and makes tarballs with
+/// checksums.
 pub(super) fn tarball(place: &Place) -> Verdict {
     let zig = [("ziglang", "ziglang"), ("cargo-zigbuild", "cargo_zigbuild")];
     let python = match python::environment(&place.root, &zig) {
@@ -74,7 +75,8 @@ pub(super) fn tarball(place: &Place) -> Verdict {
     built().into()
 }
 
-/// Copies the files of an installation into a folder: program, completions, manual page and texts.
+/// Copies the files of an installation into a folder: program, completions, manual page and texts. `documents` is the
+/// prefix of the texts' paths in the folder.
 fn stage(place: &Place, program: &Path, folder: &Path, documents: &str) -> Result<(), String> {
     // Completions and the manual page don't depend on the processor, so the host's program generates them if it exists.
     let host = python::target(&place.root).join(PLATFORMS[0].0).join("release").join("surfel");
@@ -124,7 +126,8 @@ fn checksums(folder: &Path) -> Result<(), String> {
     std::fs::write(folder.join("SHA256SUMS"), sums).map_err(|error| format!("SHA256SUMS: {error}"))
 }
 
-/// Checks that a program needs no version of glibc that is newer than [`GLIBC`].
+/// Checks that a program needs no version of glibc that is newer than [`GLIBC`]. The returned text states the version,
+/// or that nothing was checked because readelf is missing.
 fn needed_glibc(program: &Path) -> Result<String, String> {
     if !is_here("readelf", "--version") {
         return Ok("symbols not checked: no readelf (apt-get install binutils)".to_owned());
@@ -280,7 +283,8 @@ fn kibibytes(folder: &Path) -> u64 {
     sizes.sum()
 }
 
-/// Unpacks a Debian package, and draws an image with its program.
+/// Unpacks a Debian package and, on x86-64, asks its program for the version. The returned text states the version, or
+/// that the program wasn't tried.
 fn inspected(deb: &Path) -> Result<String, String> {
     let folder = deb.with_extension("unpacked");
     fresh(&folder)?;

@@ -69,7 +69,8 @@ fn wheels(place: &Place) -> PathBuf {
     place.out.join("wheels")
 }
 
-/// Builds the wheels twice, in different folders, and checks that both builds are identical. Checks sizes and contents.
+/// Builds the wheels of all platforms whose targets rustup has installed. Builds them twice, in different folders, and
+/// checks that both builds are identical. Checks sizes and contents.
 pub(super) fn build(place: &Place) -> Verdict {
     let installed: Vec<&Platform> = TARGETS.iter().filter(|platform| platform.is_installed(&place.root)).collect();
     if installed.is_empty() {

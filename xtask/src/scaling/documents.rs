@@ -212,7 +212,7 @@ fn gltf_attributes(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     )
 }
 
-/// Writes a tileset of `n` tiles, side by side, that share one content file.
+/// Writes a tileset of `n` tiles with the same bounds that share one content file.
 fn tiles(folder: &Path, n: usize) -> io::Result<Vec<String>> {
     let positions: Vec<u8> = (0..30).flat_map(|i| (i as f32).to_le_bytes()).collect();
     let features = format!("{:<50}", r#"{"POINTS_LENGTH":10,"POSITION":{"byteOffset":0}}"#);
@@ -265,7 +265,7 @@ fn zip(path: &Path, files: impl Iterator<Item = (String, Vec<u8>)>) -> io::Resul
     std::fs::write(path, zip)
 }
 
-/// Writes an E57 file of scans without points. `fields` is the number of fields per point.
+/// Writes an E57 file of scans without points. `fields` is the number of fields per point besides the coordinates.
 fn e57(folder: &Path, fields: usize, scans: usize) -> io::Result<Vec<String>> {
     let prototype: String = (0..fields).map(|i| format!(r#"<f{i} type="Float"/>"#)).collect();
     let axes = r#"<cartesianX type="Float"/><cartesianY type="Float"/><cartesianZ type="Float"/>"#;

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 /// exported functions with unsafe attributes.
 const OWN_LINTS: [&str; 2] = ["surfel-ash", "surfel-web"];
 
-/// Returns problems of the packages' manifests, and packages that the architecture page doesn't mention.
+/// Returns problems of the packages' manifests and test folders, and packages that the architecture page doesn't
+/// mention. Folders with their own workspace aren't checked.
 pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     let mut problems = Vec::new();
     let page = "docs/architecture.md";

@@ -31,7 +31,8 @@ const ROOTS: [&str; 7] = ["crates/", "shaders/", "tests/", "xtask/", "docs/", "a
 /// Texts that mark a path as a placeholder or as a generated file, which isn't checked.
 const NO_PATHS: [&str; 6] = ["*", "NAME", "FORMAT", "NNN", "…", "assets/generated"];
 
-/// Returns the problems of a page. `name` is its path relative to the root, with slashes.
+/// Returns the problems of a page. `name` is its path relative to the root, with slashes. Only `README.md` and pages in
+/// `docs/` are checked.
 pub(super) fn check(root: &Path, name: &str, text: &str) -> Vec<String> {
     let mut problems = Vec::new();
     if name != "README.md" && !name.starts_with("docs/") {

@@ -9,7 +9,8 @@ const READ_IN_EDITORS: [&str; 5] = [".rs", ".wgsl", ".toml", ".md", ".sh"];
 /// Folder of generated tables, whose rows may have any length.
 const GENERATED: &str = "docs/data/";
 
-/// Leftovers that files must not contain. Each is written in two parts, so that this file passes its own check.
+/// Leftovers that the code of Rust files must not contain. Each is written in two parts, so that this file passes its
+/// own check.
 pub(super) const LEFTOVERS: [&str; 3] = [concat!("to", "do!("), concat!("un", "implemented!("), concat!("db", "g!(")];
 
 /// Folders that exist on a single machine only, which files must not name.
@@ -53,8 +54,8 @@ pub(super) fn check(name: &str, text: &str) -> Vec<String> {
     problems
 }
 
-/// Returns the numbers and lengths of lines that are too long. On pages, tables, images and code blocks may have any
-/// length.
+/// Returns the numbers and lengths of lines that are too long. Declarations of renamed dependencies may have any
+/// length; on pages, tables, images and code blocks may, too.
 fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)> {
     let mut in_code = false;
     text.lines().enumerate().filter_map(move |(i, line)| {

@@ -48,7 +48,8 @@ impl PanelErrors {
     }
 }
 
-/// Formats a distance with three significant digits.
+/// Formats a distance with three significant digits, or all digits before the decimal point if they are more. Distances
+/// below 1e-4 or from 1e7 on are written with an exponent.
 fn digits(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -78,7 +79,8 @@ fn centers(cloud: &SplatCloud) -> Vec<DVec3> {
     (0..cloud.len()).map(|i| cloud.center(i)).collect()
 }
 
-/// Returns the triangles of a mesh file in the file's coordinates; `None` for points and splats.
+/// Returns the triangles of a mesh file in the file's coordinates; `None` for points, splats, and meshes without
+/// triangles.
 fn mesh(path: &Path, options: &LoadOptions) -> Result<Option<Vec<[DVec3; 3]>>, Error> {
     let corners = |mesh: &Mesh| {
         let at = |i: u32| mesh.origin + mesh.positions.get(i as usize);
@@ -140,7 +142,7 @@ pub(super) fn mean(distances: &[f64]) -> f64 {
 }
 
 /// Returns a copy of an object whose splats are coloured by their distances to the reference. The distance `end` gets
-/// the last colour of `map`.
+/// the last colour of `map`. Objects of other geometry aren't coloured.
 pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f64) -> Result<Object, Error> {
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(object.clone()) };
     let mut cloud = SplatCloud::clone(cloud);
@@ -150,8 +152,8 @@ pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f
 }
 
 /// Changes a scene and its settings so that colours can be read against a colour bar: light changes their lightness a
-/// little, and never their hue. Lights become white and mostly ambient, and highlights are removed. Unlit scenes
-/// without a sky aren't changed.
+/// little, and never their hue. A sky becomes mostly even light. Without a sky, the shader becomes `phong`, lights
+/// become white and mostly ambient, and highlights are removed; unlit scenes aren't changed.
 pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &View) {
     if let Some(sky) = &mut scene.sky {
         sky.even = AMBIENT_FRACTION;

@@ -129,8 +129,9 @@ fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark
     edges.flat_map(|edge| visible(edge.map(|p| in_view(view, p)), view, depth)).collect()
 }
 
-/// Returns a camera like `camera` whose image includes all frusta. A perspective camera moves backwards along its view,
-/// and an orthographic one gets a larger height.
+/// Returns a camera like `camera` whose image includes all frusta. A perspective camera moves backwards along its view.
+/// An orthographic one gets a larger height, and moves backwards only if frusta reach its near plane. After [`STEPS`]
+/// steps, some frusta may still not fit.
 pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
     let mut wide = camera.clone();
     for _ in 0..STEPS {
@@ -163,7 +164,8 @@ pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
     wide
 }
 
-/// Returns the parts of a view-space edge that the surfaces in `depth` don't hide, as lines between pixel positions.
+/// Returns the visible parts of a view-space edge, as lines between pixel positions. Parts before the near plane or
+/// behind the surfaces in `depth` aren't visible.
 fn visible([a, b]: [DVec3; 2], view: &View, depth: &[f32]) -> Vec<Mark> {
     let mut lines: Vec<Vec<[f64; 2]>> = vec![Vec::new()];
     for i in 0..=PARTS {

@@ -186,7 +186,7 @@ impl FigureRequest<'_> {
         self.figure.subjects.unwrap_or(1) as usize
     }
 
-    /// Returns the number of panels in a row.
+    /// Returns the largest number of panels in a row, without a panel of errors beside them.
     fn columns(&self) -> usize {
         let all = self.inputs.len() / self.subjects().max(1);
         self.figure.wrap.map_or(all, |most| all.min(most as usize)).max(1)
@@ -287,8 +287,8 @@ impl FigureRequest<'_> {
         Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))
     }
 
-    /// Returns the title of the colour bar or legend of a colouring. For heights, the unit of the coordinates is
-    /// appended.
+    /// Returns the title of the colour bar or legend of a colouring. For a colour bar of heights, the unit of the
+    /// coordinates is appended, unless the title contains a bracket `[`.
     fn value_title(&self, coloring: &Coloring) -> String {
         let title = self.figure.value_title.as_deref().unwrap_or(&coloring.attribute);
         let is_length = HEIGHTS.iter().any(|name| coloring.attribute.eq_ignore_ascii_case(name));

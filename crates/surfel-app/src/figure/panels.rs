@@ -161,8 +161,8 @@ impl<'a> Panels<'a> {
     }
 
     /// Crops the panels of each subject to the rows of pixels in which at least one panel of the subject shows
-    /// something. Objects of different proportions then don't leave white bands between the figure's rows. Does nothing
-    /// for a single subject.
+    /// something, plus a margin. Objects of different proportions then don't leave white bands between the figure's
+    /// rows. Does nothing for a single subject.
     pub(super) fn crop(&mut self, subjects: usize) {
         if subjects < 2 {
             return;

@@ -19,8 +19,8 @@ pub(super) struct ValuePanel {
 }
 
 /// Splits a scene of one object into a white scene and a scene of values. `values` has one value per splat; the value
-/// `end` becomes 1. Returns `None` for geometry that isn't blended, for values that aren't finite, and for grounds with
-/// colours.
+/// `end` becomes 1. Returns `None` for geometry that isn't blended (all but disks and ellipses), for values that aren't
+/// finite, and for grounds with colours.
 pub(super) fn split(scene: &Scene, values: &[f64], end: f64) -> Result<Option<ValuePanel>, Error> {
     let [object] = scene.objects.as_slice() else { return Ok(None) };
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(None) };

@@ -62,5 +62,5 @@ impl CameraPath {
     }
 }
 
-/// Largest accepted number of frames of a film.
+/// Largest number of steps between the frames of a camera path; a longer path gets this number.
 const MAX_FRAMES: u32 = 1_000_000;

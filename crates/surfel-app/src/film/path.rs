@@ -18,16 +18,16 @@ use surfel_io::camera_path::CameraKeys;
 use surfel_load::Error;
 use surfel_model::{Camera, Projection};
 
-/// Shortest interval between two keys, as a fraction of the mean interval. Two keys at the same position get this
-/// interval, so that the camera hardly pauses there.
+/// Shortest interval between two keys without times, as a fraction of the mean interval. Two keys at the same position
+/// get this interval, so that the camera hardly pauses there.
 const MIN_INTERVAL: f64 = 1e-3;
 
 /// A camera path through keys, prepared for sampling at any time.
 #[derive(Clone, Debug)]
 pub struct CameraPath {
     cameras: Vec<Camera>,
-    /// Times of the keys, in ascending order, in the units of `is_timed`. A closed path has one more time, that of the
-    /// return to the first key.
+    /// Times of the keys, in ascending order: in seconds if `is_timed`, otherwise without a unit. A closed path has one
+    /// more time, that of the return to the first key.
     times: Vec<f64>,
     /// True if times are in seconds, as the keys state them; false if times are derived from distances.
     is_timed: bool,
@@ -268,7 +268,8 @@ fn between(from: Projection, to: Projection, t: f64) -> Projection {
 }
 
 /// Returns times for keys that state none. Their differences are proportional to the square roots of the distances
-/// between keys, with a mean of 1.
+/// between keys (of the eyes plus of the targets). The differences have a mean of about 1, and are at least
+/// [`MIN_INTERVAL`].
 fn centripetal(cameras: &[Camera], closed: bool) -> Vec<f64> {
     let next = cameras.iter().cycle().skip(1);
     let pairs = cameras.iter().zip(next).take(cameras.len() - usize::from(!closed));

@@ -65,8 +65,8 @@ impl Sequence {
     /// `note`, as sentences without a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for scene files and stdin, and for a camera path whose number of cameras differs from the
-    /// number of files. Otherwise, errors of [`Request::load`] and [`Request::resolve`].
+    /// [`Error::Usage`] without files, for scene files and stdin, and for a turntable or camera path whose number of
+    /// frames differs from the number of files. Otherwise, errors of [`Request::load`] and [`Request::resolve`].
     pub fn survey(
         inputs: &[PathBuf],
         options: &RenderOptions,
@@ -165,7 +165,8 @@ impl Sequence {
     }
 }
 
-/// Checks that no input is a scene file or stdin, and that the number of cameras, if any, is the number of inputs.
+/// Checks that there are inputs, and that none is a scene file or stdin. A turntable or camera path must have as many
+/// frames as there are inputs.
 fn check(inputs: &[PathBuf], motion: &Pictures) -> Result<(), Error> {
     let usage = |text: String| Err(Error::Usage(text));
     if inputs.is_empty() {
@@ -250,8 +251,8 @@ impl Survey {
         Ok(Self { loaded: all, spacings, weights, uprights })
     }
 
-    /// Determines one colour scale for all frames, if they are coloured by values, and stores it in `options`. Returns
-    /// a note about the scale.
+    /// Determines one colour scale for all frames, if they are coloured by values, and stores it in `options`, unless
+    /// these state a range. Returns a note about the scale; `None` if no option colours the frames by an attribute.
     fn share_colors(&self, options: &mut RenderOptions, progress: &dyn Progress) -> Option<String> {
         let attribute = options.splats.convert.color_by.clone()?;
         progress.stage("colours", 0);
@@ -311,8 +312,8 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
 }
 
 /// Sets the interior weight of the object that all frames share to the median of `weights`, if the points of every
-/// sampled file have one. Frames then needn't estimate their own weights, which would take a sixth of the time for
-/// making their splats.
+/// sampled file have one and the object's material has none. Frames then needn't estimate their own weights, which
+/// would take a sixth of the time for making their splats.
 fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize) {
     if weights.len() != files {
         return;

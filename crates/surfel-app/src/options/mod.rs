@@ -175,7 +175,8 @@ impl Table {
         self.rows.iter()
     }
 
-    /// Returns the rows of the options that one or several commands have, in the order in which help lists the options.
+    /// Returns the rows of the options that at least one of `commands` has, in the order in which help lists the
+    /// options.
     pub fn of(&self, commands: Commands) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.commands.has(commands))
     }
@@ -185,7 +186,7 @@ impl Table {
         self.of(commands).find(|row| row.name == name)
     }
 
-    /// Returns the rows that are keywords of the given Python functions.
+    /// Returns the rows that are keywords of at least one of the given Python functions.
     pub fn keywords(&self, functions: Commands) -> impl Iterator<Item = &Row> {
         self.rows.iter().filter(move |row| row.keyword.has(functions))
     }

@@ -454,7 +454,7 @@ impl Row {
         self.scene.and_then(|key| key.strip_prefix("convert."))
     }
 
-    /// Returns the kinds of files that the option affects.
+    /// Returns the kinds of files that the option affects; all kinds unless the option has a key in `convert`.
     pub fn inputs(&self) -> Inputs {
         self.convert_key().and_then(effects::of).map_or(Inputs::ALL, |effect| effect.inputs)
     }

@@ -10,7 +10,8 @@ const SOFTWARE_ALONE: i32 = 3;
 /// Exit code for the kit's script if there is no device.
 const NO_DEVICE: i32 = 4;
 
-/// Appends the machine and its devices to the records. Exits with a code that describes the result.
+/// Appends the machine and its devices to `results.jsonl`. If no device is a GPU, exits the process with
+/// [`SOFTWARE_ALONE`] or [`NO_DEVICE`].
 pub(super) fn run(on: &On) -> Result<(), Failure> {
     let mut writer = Writer::open(&on.out)?;
     writer.write(&Record::Machine(Machine::this()))?;
@@ -27,7 +28,8 @@ pub(super) fn run(on: &On) -> Result<(), Failure> {
     }
 }
 
-/// Returns the devices of every GPU backend in this build, the default device of each backend first.
+/// Returns the devices of every GPU backend in this build, or those whose names contain the text of `--adapter`. The
+/// default device of each backend comes first.
 #[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(unused_variables, unused_mut, reason = "no GPU backend"))]
 fn all(on: &On) -> Vec<Device> {
     let mut all = Vec::new();

@@ -16,7 +16,7 @@ const GPU_BACKENDS: [&str; 2] = ["ash", "wgpu"];
 /// Text that marks a page without a measured GPU. `cargo xtask tidy` searches for it.
 const NOT_MEASURED: &str = "**Not measured.**";
 
-/// Properties of devices that the page shows, by their names in either API. The records contain more.
+/// Properties of devices that the page shows, by their names in Vulkan or in wgpu. `results.jsonl` contains more.
 const FACTS: [&str; 12] = [
     "deviceType",
     "memoryHeaps",
@@ -32,11 +32,11 @@ const FACTS: [&str; 12] = [
     "max_buffer_size",
 ];
 
-/// Names of the scenes whose passes the page lists, for the first image size. The records contain the passes of all
-/// scenes.
+/// Names of the scenes whose passes the page lists, for the first image size. `results.jsonl` contains the passes of
+/// all scenes.
 const SHOWN: [&str; 5] = ["igea-like", "igea-like-unlit", "igea-like-edges", "5M", "far"];
 
-/// Writes the page about the records in `out` to a file, or prints it.
+/// Writes the page about `results.jsonl` in the folder `out` to the file `markdown`, or prints it.
 pub(super) fn run(out: &Path, markdown: Option<&Path>) -> Result<(), Failure> {
     let path = out.join(RESULTS);
     let text = std::fs::read_to_string(&path)

@@ -25,11 +25,13 @@ const VECTOR: u64 = 16;
 /// Number of words that the probe `atomic maxima` modifies: one per pixel of the render target.
 const COUNTERS: u64 = SIDE_PX as u64 * SIDE_PX as u64;
 
-/// Size in bytes of each of the two buffers of the memory probes; larger than any cache.
+/// Size in bytes of each of the two buffers of the memory probes, larger than any cache; less on devices with smaller
+/// limits.
 const BYTES: u64 = 512 << 20;
 /// Size in bytes of each of the two buffers of the memory probes with `--small`.
 const SMALL_BYTES: u64 = 8 << 20;
-/// Number of invocations in a run of the arithmetic probe in compute shaders, and of the probe of atomics.
+/// Number of invocations in a run of the arithmetic probe in compute shaders, and of the probe of atomics. It is
+/// limited to the number of vectors in a buffer of the memory probes.
 const INVOCATIONS: u64 = 8 << 20;
 /// Number of invocations in a run of the arithmetic probe in compute shaders, and of the probe of atomics, with
 /// `--small`.

@@ -194,7 +194,7 @@ fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
     format!("{mixed:016x}")
 }
 
-/// Returns a hash of each plane of a frame (colour, depth, normals and weights), with the plane's name.
+/// Returns the name and a hash of each plane that a frame has, among colour, depth, normals and weights.
 pub fn plane_hashes(frame: &surfel_render::Frame) -> Vec<(&'static str, String)> {
     let words = |values: &[f32]| hash(values.iter().map(|value| value.to_bits()));
     let planes = [

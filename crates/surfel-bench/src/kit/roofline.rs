@@ -29,7 +29,8 @@ pub(super) struct PassComparison<'a> {
     pub name: &'a str,
     pub ms: f64,
     pub work: Option<&'a Work>,
-    /// Lower bound of the time; `None` if the work of the pass isn't estimated, or if a probe is missing.
+    /// Lower bound of the time; `None` if the work of the pass isn't estimated, or if no probe measured a rate for any
+    /// of it.
     pub bound: Option<Bound>,
 }
 
@@ -64,7 +65,8 @@ impl<'a> Roofline<'a> {
         passes.collect()
     }
 
-    /// Returns the lower bound of the time: the largest of the times that each kind of work would take alone.
+    /// Returns the lower bound of the time: the largest of the times that each kind of work would take alone. Kinds
+    /// without a measured rate are ignored; `None` if no kind remains.
     fn bound(&self, work: &Work) -> Option<Bound> {
         let ms = |probe: &str, amount: f64| Some(amount / self.0.get(probe)? * 1e3);
         let mut kinds = vec![
@@ -82,8 +84,8 @@ impl<'a> Roofline<'a> {
     }
 }
 
-/// Returns the passes with the largest ratio of time to bound, each name once. Passes with a negligible fraction of
-/// their frame are ignored.
+/// Returns at most [`NAMED`] passes with the largest ratio of time to bound, each name once. Passes without a bound,
+/// and with a negligible fraction of their frame, are ignored.
 pub(super) fn farthest<'a, 'b>(judged: &'b [PassComparison<'a>]) -> Vec<&'b PassComparison<'a>> {
     let mut sorted: Vec<&PassComparison<'a>> =
         judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= MIN_SHARE).collect();

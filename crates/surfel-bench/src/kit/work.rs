@@ -40,7 +40,7 @@ pub(crate) struct Counts {
     pub splats: f64,
     /// Number of splats that were drawn.
     pub drawn: f64,
-    /// Number of fragments that contribute to a pixel.
+    /// Total number of fragments of the frame that contribute to any pixel.
     pub fragments: f64,
     /// Number of pixels of the image.
     pub pixels: f64,

@@ -117,7 +117,7 @@ fn decides_alike(plan: &FramePlan, other: &FramePlan) -> bool {
 }
 
 /// Draws all cases in alternation, several times; the first round warms up. Each case is drawn twice and timed once, as
-/// in [`super::measure`].
+/// in [`super::measure`]. A case that the backend can't draw has no times.
 pub(super) fn measure(
     backends: &mut Backends,
     cases: &[Case],

@@ -121,7 +121,8 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns a scene of flat Gaussians in place of the plain scene's splats, with half the opacity.
+/// Returns a scene of flat Gaussians at the centres of the plain scene's splats. Their opacity is 0.5, and their
+/// standard deviations are half of the splats' radii.
 pub(super) fn gaussians() -> Result<Scene, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let count = ball.len();

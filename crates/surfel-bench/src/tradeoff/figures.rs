@@ -47,7 +47,7 @@ pub(crate) struct Error {
     pub max_abs: f64,
     /// The 99.9 % quantile of the pixels' errors; the error of a pixel is the largest difference of a channel.
     pub p999: f64,
-    /// Root mean square of the differences of colour channels.
+    /// Root mean square of the differences of the four channels.
     pub rmse: f64,
     /// PSNR in dB; `None` for equal images.
     pub psnr_db: Option<f64>,
@@ -59,15 +59,17 @@ pub(crate) struct Row {
     pub subject: String,
     pub knob: String,
     pub value: String,
-    /// Reason why the backend can't draw the image. The figures then describe the reference's image.
+    /// Reason why the backend can't draw the image, so that the figures describe the reference's image; `None` if it
+    /// can.
     pub not_drawn: Option<String>,
-    /// Median time of a frame, in milliseconds: CPU time on one thread, or wall-clock time of a GPU.
+    /// Median time of a frame, in milliseconds; `None` if the backend can't draw the image. It is CPU time on one
+    /// thread, or wall-clock time for GPUs and on systems that don't report CPU times.
     pub ms: Option<f64>,
     /// Number of splats of the scene divided by the time `ms`, per second; `None` without a time.
     pub splats_per_s: Option<f64>,
     /// Memory of the uploaded scene in the backend, in bytes per splat; `None` if the backend can't draw the image.
     pub bytes_per_splat: Option<f64>,
-    /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
+    /// Total number of fragments of the frame that contribute to any pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
     /// Difference between the backend's image and the reference's with the same settings, outside of decision margins.
     pub fidelity: Option<Error>,

@@ -96,7 +96,8 @@ fn shells() -> Result<GaussianCloud, Failure> {
     Ok(GaussianCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Returns the splats of `--composite surface`: opaque ellipses with half-axes of two standard deviations.
+/// Returns the splats of `--composite surface`: opaque ellipses with half-axes of two standard deviations. Gaussians
+/// with an opacity below [`GaussianCloud::FAINT`] are left out.
 fn ellipses(gaussians: &GaussianCloud) -> Result<SplatCloud, Failure> {
     let kept: Vec<usize> =
         (0..gaussians.len()).filter(|&i| gaussians.data().opacities[i] >= GaussianCloud::FAINT).collect();

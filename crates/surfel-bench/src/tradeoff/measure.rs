@@ -54,8 +54,8 @@ struct Ready {
     ms: Vec<f64>,
 }
 
-/// Draws a single geometry with back-face culling and without light. Returns the image and the median time of `runs`
-/// frames, in milliseconds.
+/// Draws a single geometry with back-face culling and without light. Returns the image, and the median time of `runs`
+/// further frames in milliseconds, which is NaN if `runs` is 0.
 pub(super) fn draw_single(
     backends: &mut Backends,
     geometry: &Geometry,
@@ -156,7 +156,8 @@ pub(crate) fn details(
     Ok(())
 }
 
-/// Draws the first image of a variant, with all planes.
+/// Draws the first image of a variant, with all planes. If the backend can't draw it, the result has the reason and no
+/// frame.
 fn first_image(
     backends: &mut Backends,
     (scenes, scene): (&[BackendScene], usize),

@@ -188,11 +188,12 @@ fn errors(page: &mut Page, figures: &Figures) {
 /// Index of black in the palette.
 const BLACK: usize = 7;
 
-/// Largest ratio of a chart's largest error to the smallest error that its axis shows. Without this limit, a nearly
-/// perfect variant would compress the range of all others.
+/// Largest ratio of a chart's largest error to the smallest error that its axis shows; smaller errors are drawn at the
+/// end of the axis. Without this limit, a nearly perfect variant would compress the range of all others.
 const MAX_RANGE: f64 = 100.0;
 
-/// Returns a chart of time against model error, with a point per variant, and with the Pareto front.
+/// Returns a chart of time against model error, with the Pareto front. Each variant that has a time and a model error
+/// is a point, except variants of the setting `shader`.
 fn chart(figures: &Figures, subject: &str) -> Chart {
     let rows = figures.rows.iter().filter(|r| r.subject == subject && r.knob != "shader");
     let points = rows.filter_map(|r| Some((r.knob.as_str(), r.value.as_str(), [r.ms?, r.model?.rmse])));

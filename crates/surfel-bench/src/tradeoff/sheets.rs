@@ -36,7 +36,8 @@ const BOXES: [(DVec3, DVec3, [f64; 3]); 5] = {
     ]
 };
 
-/// Measures a thin roof over walls, and a watertight surface without thin sheets. The first variant is the default.
+/// Measures time and error of a thin roof over walls, and of a bumpy ball without thin sheets, each in the three
+/// variants of [`measure_sides`].
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -62,8 +63,8 @@ pub(crate) fn all(
     measure_sides(("ball with back", about), ball, &camera, samples, backends, runs, figures)
 }
 
-/// Measures an oriented cloud in three variants: with both sides, with back-face culling, and with sides that aren't
-/// separated.
+/// Measures an oriented cloud in three variants: with both sides (the default), with back-face culling, and with sides
+/// that aren't separated. An ideal image made by supersampling is drawn with back-face culling.
 fn measure_sides(
     (name, about): (&'static str, &'static str),
     cloud: SplatCloud,

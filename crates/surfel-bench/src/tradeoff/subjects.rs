@@ -61,7 +61,8 @@ pub(crate) struct Subjects {
     pub left_out: Vec<(&'static str, String)>,
 }
 
-/// Returns all subjects whose files exist. Images are `size` pixels wide and high.
+/// Returns the subjects to measure and the skipped ones. Skipped are models whose files are missing and, with `quick`,
+/// the lion. Images are `size` pixels wide and high.
 pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Subjects, Failure> {
     let samples = if quick { 4 } else { 8 };
     let mut subjects = vec![

@@ -107,7 +107,8 @@ impl Variant {
     }
 }
 
-/// Returns every value of every setting; the first variant is the default. With `quick`, combinations are omitted.
+/// Returns all variants. The default comes first; then every other value of each setting, combinations, the filters of
+/// papers, and presets follow. With `quick`, combinations are omitted.
 pub(crate) fn all(quick: bool) -> Vec<Variant> {
     let new = |knob, value: &dyn ToString, change| Variant::new(knob, value.to_string(), change);
     let mut variants = vec![new(DEFAULT, &DEFAULT, Change::Nothing)];

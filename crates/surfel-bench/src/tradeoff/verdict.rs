@@ -22,8 +22,8 @@ pub(crate) struct Value {
     pub fragments: Option<f64>,
     /// Ratio of the bytes per splat to those of the default.
     pub bytes: Option<f64>,
-    /// Smallest PSNR of all subjects against the reference's image with the same settings, in dB; `None` if all images
-    /// are equal.
+    /// Smallest PSNR of all subjects against the reference's image with the same settings, in dB; `None` if all
+    /// compared images are equal, or if none was compared.
     pub fidelity_db: Option<f64>,
     /// Largest ratio of a subject's model error to that of the default, with the name of the subject.
     pub worst: Option<(f64, String)>,
@@ -36,7 +36,8 @@ pub(crate) struct Value {
 /// machine. A larger difference of times or errors counts as clear.
 const NOISE: f64 = 0.03;
 
-/// Returns all values of all settings except presets, grouped by setting, the default first.
+/// Returns all values of all settings except presets, grouped by setting, the default first. For the setting
+/// `transparency`, the default isn't listed.
 pub(crate) fn values(figures: &Figures) -> Vec<Value> {
     let mut knobs: Vec<&str> = Vec::new();
     for row in figures.rows.iter().filter(|r| r.knob != DEFAULT && r.knob != "preset") {
@@ -252,7 +253,8 @@ pub(crate) fn presets(figures: &Figures) -> Table {
     table
 }
 
-/// Returns the table of the model error by subject and value: RMSE of whole images, or without silhouettes.
+/// Returns the table of the model error (RMSE) by subject and value. The function `error` selects a row's error: of the
+/// whole image, or without silhouettes. Shaders aren't listed.
 pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
     let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut head = vec!["knob", "value"];

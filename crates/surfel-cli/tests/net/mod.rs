@@ -78,7 +78,9 @@ fn hash(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Appends an image's size, the hash of its planes, and its scene to `text`.
+/// Describes an image in lines appended to `text`. Each plane gets a line with the image's size and the plane's hash,
+/// and each metadata entry other than the version gets a line. Planes of whole numbers are omitted. If the image can't
+/// be read, appends the error.
 fn put_image(text: &mut String, path: &Path) {
     let image = match surfel_io::read_image(path) {
         Ok(image) => image,
@@ -101,7 +103,8 @@ fn put_image(text: &mut String, path: &Path) {
     }
 }
 
-/// Runs a command, and appends its exit code, what it printed, and the files that it wrote to `text`.
+/// Runs a command, and appends its exit code, what it printed, and the content of the files that it created to `text`.
+/// Notes on the choice of a backend are omitted, and long or binary content is replaced by a hash.
 fn put_run(text: &mut String, folder: &Folder, command: &str) {
     let before = folder.names();
     let (code, out, err) = folder.run(command).parts();

@@ -33,7 +33,8 @@ pub(crate) struct Cell {
 /// Estimated time to draw a covered pixel, relative to the time to draw a splat.
 const SPLATS_PER_PIXEL: f64 = 0.3;
 
-/// Smallest number of cells per thread if a frame is divided at all, so that no thread waits long for the last cell.
+/// Smallest number of cells per thread that the division aims at, so that no thread waits long for the last cell. A
+/// single thread divides a frame only if the frame has more splats and triangles than [`CellLimits::splats`].
 const CELLS_PER_THREAD: usize = 8;
 
 /// Approximate number of tiles per cell if screen-space passes need a G-buffer of the cell. At 16 KiB per tile, the
@@ -64,12 +65,13 @@ enum Part {
 #[derive(Clone, Copy)]
 struct PartInView {
     part: Part,
-    /// Number of splats or triangles in the part; both cost about the same time.
+    /// Number of splats, triangles or balls in the part; all cost about the same time.
     splats: f64,
     /// Memory of the part's records (projected splats) and of their entries in tiles' lists. The unit is the memory of
     /// a record with one entry.
     load: f64,
-    /// Total area of the part's opaque splats, in square pixels; 0 if they may occlude nothing.
+    /// Total area of the part's splats, in square pixels, as if all faced the eye. 0 for triangles and balls, for
+    /// clouds with transparent splats, and for chunks around the eye.
     area_px: f64,
     /// Nearest and farthest planar depth of the part, in world units; 0 for parts of meshes, where they aren't needed.
     depths: [f64; 2],

@@ -39,7 +39,8 @@ pub(crate) struct VisibleChunks {
     pub back_facing: u64,
 }
 
-/// Returns the chunks of all clouds that are neither outside the view nor back-facing, from near to far.
+/// Returns the chunks of all clouds that are neither outside the view nor back-facing, from near to far. Octrees
+/// contribute their selected chunks only.
 pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     let [outside, back_facing] = [const { AtomicU64::new(0) }; 2];
     let (out, back) = (&outside, &back_facing);
@@ -81,7 +82,7 @@ pub(crate) struct MeshPart {
 }
 
 /// Returns the mesh parts that may be within a view's depth range, and the bounds of the pixels that each may touch.
-/// Bounds are minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
+/// Bounds are minimum x and y, maximum x and y. Octrees contribute their selected parts only.
 pub(crate) fn mesh_parts<'a>(
     meshes: &'a [StoredMesh],
     octrees: &'a [SelectedParts],

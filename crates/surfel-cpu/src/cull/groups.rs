@@ -67,8 +67,9 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     touching
 }
 
-/// Returns a mask of the bounding spheres that are outside a region's side planes. Centres `p` are in view space, radii
-/// in the object's units.
+/// Returns a mask of the bounding spheres that are outside a region's side planes. In perspective, a sphere never
+/// counts as outside if its radius times `sides.reach` is more than a quarter of its centre's depth. Centres `p` are in
+/// view space, radii in the object's units.
 #[inline(always)]
 fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {
     let k = |v: f64| radius.constant(v);

@@ -104,8 +104,8 @@ impl<'a> ObjectView<'a> {
         self.origin + self.linear * chunk.space.origin
     }
 
-    /// True if the material culls back faces and every splat of the chunk is back-facing. The test runs in object
-    /// space.
+    /// True if the material culls back faces and every splat of the chunk is certainly back-facing. False if the chunk
+    /// has no cone of normals, and if the eye is inside its bounding sphere. The test runs in object space.
     pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
         if self.material.cull != Cull::Back {
             return false;
@@ -126,7 +126,8 @@ impl<'a> ObjectView<'a> {
     }
 
     /// Returns the bounds of the pixels that a chunk may touch: minimum x and y, maximum x and y. The bounds are
-    /// infinite if the chunk surrounds the eye. `center` is the view position of the chunk's origin.
+    /// infinite in perspective if the chunk is around, behind or close to the eye ([`pixels_of_box`]). `center` is the
+    /// view position of the chunk's origin.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
         let half = self.half(chunk) * self.extent_ratio();
         pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
@@ -147,8 +148,8 @@ impl<'a> ObjectView<'a> {
         side.min(DVec3::splat(chunk.radius * self.stretch))
     }
 
-    /// Returns the largest ratio of a drawn footprint's extent to its splat's own extent, both measured from the
-    /// splat's centre.
+    /// Returns an upper bound of the ratio of a drawn footprint's extent to its splat's own extent, both measured from
+    /// the splat's centre.
     fn extent_ratio(&self) -> f64 {
         // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
         // 3/2 on its far side). Three times the bounding sphere is ample.
@@ -200,7 +201,8 @@ impl<'a> ObjectView<'a> {
         count * (1.0 + ENTRY_SHARE * (tiles(x1 - x0) * tiles(y1 - y0) - 1.0))
     }
 
-    /// Returns the total area of a chunk's splats as if all of them faced the eye, in square pixels.
+    /// Returns an upper bound of the total area of a chunk's splats, in square pixels, as if all of them faced the eye
+    /// at the depth of the chunk's origin.
     pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
@@ -215,8 +217,9 @@ pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
 }
 
 /// Returns the bounds of the pixels that a box around `center` (view space) may touch, with a margin. Bounds are
-/// minimum x and y, maximum x and y. The bounds are infinite if the box is around the eye. `half` is the box's half
-/// extents.
+/// minimum x and y, maximum x and y. `half` is the box's half extents. In perspective, the bounds are infinite if
+/// `center` is nearer than four times the half extent in depth, that is, if the box is around, behind or close to the
+/// eye.
 pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3, margin_px: f64) -> [f64; 4] {
     if projection.is_perspective() && center.z < 4.0 * half.z {
         return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
@@ -252,7 +255,8 @@ pub(crate) struct RegionSides {
     pub reach: f64,
 }
 
-/// Returns the scale factor if the matrix is a rotation or reflection times a scale, within f32 rounding; else `None`.
+/// Returns the scale factor if the matrix is a rotation or reflection times a scale other than 0; else `None`. Products
+/// of its columns may be off by 10⁻⁹ of the squared scale.
 fn uniform_scale(m: &DMat3) -> Option<f64> {
     let columns = [m.x_axis, m.y_axis, m.z_axis];
     let scale = m.x_axis.length();

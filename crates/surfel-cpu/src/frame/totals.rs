@@ -16,7 +16,8 @@ use surfel_render::{FramePlan, Pass, PassTime, Stats};
 pub(crate) struct Totals {
     /// Wall time of drawing shadow maps, in milliseconds.
     pub shadows_ms: f64,
-    /// Wall time of culling and of the division into cells, in milliseconds.
+    /// Wall time of culling chunks outside the view and back-facing ones, in milliseconds. The division into cells
+    /// counts as part of drawing, in proportion to the times of setup, tiles and screen-space passes.
     pub cull_ms: f64,
     /// Time of setup, including the sorting of records into tiles, in milliseconds.
     setup_ms: f64,

@@ -173,8 +173,8 @@ fn tiles(record: &Record, grid: &TileGrid) -> [Range<usize>; 2] {
     [of(&record.rows, grid.region.y), of(&record.columns, grid.region.x)]
 }
 
-/// Divides the tiles into consecutive ranges whose lists have at most `most` entries together; a range has at least one
-/// tile.
+/// Divides the tiles into consecutive ranges whose lists have at most `most` entries together. A range has at least one
+/// tile; a single tile may have more entries.
 pub(super) fn batches(parts: &[Part], grid: &TileGrid, most: u64) -> Vec<Range<usize>> {
     let add = |mut a: Vec<u64>, b: Vec<u64>| {
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);

@@ -319,7 +319,8 @@ fn place(x: usize, y: usize) -> (usize, usize) {
     (y / SIDE * SIDE + x / SIDE, y % SIDE * SIDE + x % SIDE)
 }
 
-/// Returns the columns (or rows) of blocks that contain some of these pixels, in a tile that begins at `start`.
+/// Returns the columns (or rows) of blocks that contain some of these pixels, in a tile whose `length` pixels begin at
+/// `start`.
 fn blocks(pixels: &Range<u32>, [start, length]: [u32; 2]) -> Range<usize> {
     let [first, end] = [pixels.start, pixels.end].map(|at| at.clamp(start, start + length) - start);
     first as usize / SIDE..if first < end { (end as usize).div_ceil(SIDE) } else { first as usize / SIDE }

@@ -28,7 +28,8 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
-/// Number of balls between updates of a block's farthest visible depth. Balls behind this depth are skipped.
+/// Number of balls between updates of a block's farthest visible depth, behind which balls are skipped. A ball that
+/// covers the whole block updates it at once.
 const OCCLUDED_EVERY: u32 = 8;
 
 /// A block of 4×4 pixels, and the balls that touch it.
@@ -63,7 +64,8 @@ pub(crate) struct BallFragments {
     taken: [usize; LANES],
     /// Number of balls that were evaluated in the block, for statistics.
     pub tested: u32,
-    /// Number of fragments that the evaluated balls have in the block, including hidden ones, for statistics.
+    /// Number of fragments of the evaluated balls in the block, for statistics. Fragments behind an opaque surface that
+    /// was known when their ball was evaluated don't count.
     pub inside: u32,
 }
 

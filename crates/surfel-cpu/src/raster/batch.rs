@@ -29,7 +29,7 @@ impl<S: Simd> Pixels<S> {
 /// A visitor of the fragments of a block's splats. A trait rather than a closure: a closure that is called in several
 /// places isn't inlined into SIMD code.
 pub(crate) trait Visit<S: Simd> {
-    /// Called before the fragments of a batch are added, with the batch's number in the block's list.
+    /// Receives a batch's number in the block's list, before the fragments of the batch are added.
     #[inline(always)]
     fn begin(&mut self, _number: usize) {}
 

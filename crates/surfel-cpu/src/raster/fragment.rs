@@ -97,8 +97,8 @@ fn unclipped<S: Simd>(
     if class == Class::Cheap { cheap(&r, d, frame) } else { general(&r, d, frame) }
 }
 
-/// Evaluates a splat at the near plane in f64 at the 16 pixels of a block. Returns depths, NaN outside the footprint,
-/// and weights.
+/// Evaluates a near splat ([`near`](crate::setup::near)) in f64 at the 16 pixels of a block. Returns depths, NaN
+/// outside the footprint, and weights.
 ///
 /// Arrays rather than lanes: a function that returns lanes through memory would force those of ordinary splats into
 /// memory.

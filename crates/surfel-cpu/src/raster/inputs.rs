@@ -33,7 +33,8 @@ pub(crate) struct RasterFrame {
     pub wanted: Wanted,
     /// Ambient, diffuse, specular and shininess factors of each object's material.
     pub factors: Vec<[f32; 4]>,
-    /// Factor from weight to coverage of each object: 1/W0, the reciprocal of its interior weight.
+    /// Factor from weight to coverage of each object: 1/W0, the reciprocal of its interior weight; 1 if the weight is
+    /// unknown.
     pub coverage: Vec<f32>,
     /// Factor from a pixel's sum of weights to its coverage, if it is the same for all splats; coverage then isn't
     /// summed. `None` if the factors differ, or if the plan needs no coverage.
@@ -44,7 +45,8 @@ pub(crate) struct RasterFrame {
 }
 
 impl RasterFrame {
-    /// Returns the inputs for drawing depth thresholds without attributes.
+    /// Returns the inputs for drawing depth thresholds: without factors of materials and coverage, and without numbers
+    /// of splats. The field `wanted` is nevertheless as the plan states.
     pub(crate) fn depth_only(plan: &FramePlan, view: &View) -> Self {
         let (factors, coverage) = (Vec::new(), Vec::new());
         let wanted = Wanted {
@@ -64,7 +66,7 @@ impl RasterFrame {
 #[derive(Clone, Copy)]
 pub(crate) struct RasterInputs<'a> {
     pub frame: &'a RasterFrame,
-    /// Splats of the cell at the near plane, which are evaluated in f64.
+    /// The cell's near splats ([`near`](crate::setup::near)), which are evaluated in f64.
     pub near: &'a [NearSplat],
     pub clips: &'a CellClips,
     /// Largest depth tolerance ε, in world units, of the cell's opaque splats of oriented clouds, if front and back

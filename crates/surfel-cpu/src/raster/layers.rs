@@ -94,7 +94,7 @@ pub(crate) struct Layer<S: Simd> {
     pub sums: Sums<S>,
     /// Sum Σwα of the fragments' weights times their opacities α.
     pub alpha: Lanes<S>,
-    /// Depth thresholds of the layer behind this one, per pixel.
+    /// Depth thresholds of the layer behind this one, per pixel. Only [`TransparentBlock::layer`] computes them.
     pub next: Lanes<S>,
 }
 
@@ -220,7 +220,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
     }
 
     /// Returns the next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The result is
-    /// bit-identical to [`Self::layer`]'s.
+    /// bit-identical to [`Self::layer`]'s, except that `next` is +∞.
     #[inline(always)]
     pub(crate) fn surface(&self, scratch: &mut LayerScratch) -> Option<Layer<S>> {
         let simd = self.simd;

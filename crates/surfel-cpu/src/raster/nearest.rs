@@ -59,7 +59,7 @@ impl<S: Simd> Nearest<S> {
 }
 
 /// Draws a block as [`block::draw`] does, in front of polygons at the depths `polygon` (+∞ for none). Returns the
-/// nearest of the fragments that add their attributes.
+/// nearest of the fragments that add their attributes; none in empty pixels ([`Sums::has_weight`]).
 ///
 /// Facings and polygons are always handled. In a frame without facings all splats count for both sides, and polygons at
 /// +∞ hide nothing, so the block's sums have the same bits.

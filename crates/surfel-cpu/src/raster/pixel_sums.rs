@@ -25,7 +25,7 @@ impl Aligned {
 }
 
 /// A splat's attributes, in the order of a pixel's `N` sums; each is multiplied by a fragment's weight and added. For
-/// `N` = 8: colour, normal, 1 and depth. For `N` = 4: three attributes and 1.
+/// `N` = 8: colour, normal, 1 and depth. For `N` = 4: the normal, or the colour if the plan needs no normals, and 1.
 pub(crate) struct Numbers<S: Simd, const N: usize> {
     eight: f32x8<S>,
     four: f32x4<S>,

@@ -69,7 +69,7 @@ impl TinyScratch<'_> {
     }
 }
 
-/// A tile that is drawn splat by splat, because most of its splats are tiny.
+/// A tile that is drawn splat by splat, because enough of its splats are tiny ([`is_faster_by_splats`]).
 pub(crate) struct TinyTile<'a, 'b> {
     pub listing: &'b Listing<'a>,
     pub inputs: &'b RasterInputs<'a>,
@@ -480,7 +480,8 @@ const REMEMBERED: usize = 1 << 22;
 /// tiny splat, and of a larger splat in one block. The last two are the same for drawing splat by splat.
 const COSTS: [usize; 4] = [40, 30, 10, 45];
 
-/// True if the tile is faster drawn splat by splat, because it has enough tiny splats.
+/// True if the tile is faster drawn splat by splat, because it has enough tiny splats. False if the stored fragments
+/// would exceed [`REMEMBERED`].
 pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
     let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
     let [mut splats, mut pairs] = [0; 2];

@@ -89,7 +89,7 @@ impl<S: Simd> Nearest<S> {
         Lanes::load(simd, &z)
     }
 
-    /// Returns the index of each pixel's nearest polygon in the block's list.
+    /// Returns the index of each pixel's nearest polygon in the block's list; 0 in pixels without one.
     #[inline(always)]
     pub(crate) fn indices(&self) -> [usize; LANES] {
         self.which.to_array().map(|bits| bits.to_bits() as usize)

@@ -78,8 +78,8 @@ pub(crate) struct StoredClip<'a> {
     pub head: Head,
     pub lines: &'a [Linear<f32>],
     pub curve: &'a [Linear<f32>],
-    /// Factor that turns the first form of the curve into the chord's form. `None` unless the policy replaces the curve
-    /// by its chord.
+    /// Factor that turns the first form of the curve into the chord's form. `None` unless the policy replaces a curve,
+    /// stored as such, by its chord.
     pub straightened: Option<f32>,
 }
 
@@ -137,7 +137,7 @@ impl StoredClips {
         (0..LANES).zip(slots).fold(0, |bits, (i, clip)| bits | u64::from(*clip != NONE) << i)
     }
 
-    /// Returns the clip of a slot, as a policy evaluates it; `None` if the slot has no clip.
+    /// Returns the clip of a slot, as a policy evaluates it; `None` if the slot has no clip or the policy is `Off`.
     pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<StoredClip<'_>> {
         let mut head = *self.heads.get(*self.of_slot.get(slot)? as usize)?;
         let (first, lines) = (head.first as usize, usize::from(head.lines));

@@ -145,7 +145,8 @@ impl StoredMesh {
         (view.view_from_world * self.world_from_object.matrix3, view.view_from_world * origin)
     }
 
-    /// Returns the unit world normal of a triangle's plane, on the side from which its corners run counter-clockwise.
+    /// Returns the unit world normal of a triangle's plane, on the side from which its corners run counter-clockwise;
+    /// zero if the triangle has no area.
     pub(crate) fn flat_normal(&self, triangle: usize) -> DVec3 {
         let [a, b, c] = self.mesh.triangles[triangle].map(|i| self.mesh.positions.get(i as usize));
         unit(self.normals * (b - a).cross(c - a))

@@ -22,7 +22,8 @@ impl SplatNumbers {
     /// Largest number of slots that can be numbered, because a record stores other bits next to the number.
     pub(crate) const MAX_SLOTS: usize = 1 << 30;
 
-    /// Numbers the slots of objects, each given by the rows of its slots in the input file.
+    /// Numbers the slots of objects, each given by the rows of its slots in the input file. Slots of an object without
+    /// rows get no numbers.
     pub(crate) fn new(objects: impl Iterator<Item = Option<Arc<[u32]>>>) -> Self {
         let mut next = 0;
         let numbered = objects.map(|rows| {

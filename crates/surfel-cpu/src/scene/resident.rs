@@ -140,7 +140,8 @@ impl ResidentScene {
     }
 
     /// Returns the row, object and label of the splat or polygon with a number ([`SplatNumbers`]). Polygons have
-    /// neither row nor label.
+    /// neither row nor label. Returns [`Identity::NOTHING`] for [`SplatNumbers::NOTHING`], and if no object has the
+    /// number.
     pub(crate) fn identity(&self, numbers: &SplatNumbers, number: u32) -> Identity {
         if number == SplatNumbers::NOTHING {
             return Identity::NOTHING;

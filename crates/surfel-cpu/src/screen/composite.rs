@@ -67,7 +67,7 @@ pub(super) struct HiddenBeyond<S: Simd> {
 
 /// Destinations, besides the pixels themselves, of the results of drawing a block's balls.
 pub(super) struct BallOutputs<'a, 'b> {
-    /// Target for the plane of the nearest splats; `None` for samples.
+    /// Target for the plane of the nearest splats; `None` for samples, of which only the colours are used.
     pub target: Option<&'a mut Target<'b>>,
     /// Planes in which the depth ranges of transparent layers are stored, and the tile's index; `None` if not needed.
     pub steps: Option<(&'a mut LayerSteps, usize)>,
@@ -106,7 +106,7 @@ impl<'a> CompositeJob<'a> {
         lists.finish()
     }
 
-    /// Draws a tile, including transparent layers unless a screen-space pass precedes them.
+    /// Draws a tile, including balls and transparent layers unless a screen-space pass precedes them.
     ///
     /// The tiles' loops are called only from here: all their code is inlined into them, once for each SIMD level.
     #[inline(never)]
@@ -373,7 +373,7 @@ impl<'a> CompositeJob<'a> {
     }
 
     /// Runs the screen-space passes over a tile: outlines or eye-dome lighting, then edges with the surfaces behind
-    /// them, then transparent layers over both.
+    /// them, then balls and transparent layers over both.
     #[inline(always)]
     fn finish<S: Simd>(
         &self,
@@ -451,8 +451,8 @@ impl<'a> CompositeJob<'a> {
     }
 
     /// Finds the edge pixels of a tile whose coverage is below 1, so that the surface behind may show. Sets their bits
-    /// in `edges`, block by block. Returns the blocks that have such pixels, and the blocks in which one of these
-    /// pixels has a depth threshold.
+    /// in `edges`, block by block. Returns bits of the blocks that have such pixels, and bits of the blocks in which
+    /// one of these pixels has a depth threshold.
     #[inline(always)]
     fn edges<S: Simd>(
         &self,
@@ -483,8 +483,8 @@ impl<'a> CompositeJob<'a> {
         (stepped, deep)
     }
 
-    /// Draws outlines or eye-dome lighting over a tile. Afterwards, the scratch's neighbourhood contains the tile's
-    /// depths.
+    /// Draws outlines or eye-dome lighting over a tile. If either is drawn, the scratch's neighbourhood contains the
+    /// tile's depths afterwards.
     #[inline(always)]
     fn draw_over<S: Simd>(&self, simd: S, target: &mut Target<'_>, gbuffer: &GBuffer, scratch: &mut TileScratch<'a>) {
         let (tile, listing) = (target.tile, &self.tiles.listing);
@@ -508,9 +508,9 @@ impl<'a> CompositeJob<'a> {
     }
 
     /// Returns the surfaces behind the edge pixels of a block, their colours over the background, and the mask of edge
-    /// pixels. Pixels that a polygon covers aren't edge pixels, because splats are blended over polygons anyway
-    /// (rendering model §6). `edges` has the bits of candidate pixels; `deep` is true if one of them has a depth
-    /// threshold.
+    /// pixels. Pixels with a polygon at or before their depth threshold aren't edge pixels, because splats are blended
+    /// over polygons anyway (rendering model §6). `edges` has the bits of candidate pixels; `deep` is true if one of
+    /// them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,

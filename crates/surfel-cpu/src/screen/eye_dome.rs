@@ -1,5 +1,5 @@
-//! The shader `edl` (rendering model §5), which darkens a pixel the deeper it is among its neighbours. It is a pass
-//! over finished tiles.
+//! The shader `edl` (rendering model §5), which darkens a pixel the more, the farther it is behind its neighbours. It
+//! is a pass over finished tiles.
 //!
 //! A *block* is 4×4 pixels ([`BLOCK`]). A *tile* is a square of blocks ([`Grid`](crate::tiles::grid::Grid)).
 

@@ -28,8 +28,8 @@ pub(crate) struct TileRows(pub [[f32; SIDE]; SIDE]);
 pub(crate) struct TileBlocks([[f32; LANES]; BLOCKS]);
 
 /// Depth range of the nearest surface in each pixel of a block, for edges by samples (rendering model §5). The end is
-/// −∞ if a pixel is covered by unfiltered footprints but not by filtered ones, or the reverse. Such a pixel has a step
-/// to every neighbour.
+/// −∞ if a pixel without a polygon is covered by unfiltered footprints but not by filtered ones, or the reverse. Such a
+/// pixel has a step to every neighbour.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach<S: Simd> {
     pub begin: Lanes<S>,
@@ -86,8 +86,8 @@ impl TileBlocks {
 pub(crate) struct Marks {
     /// Blocks that may contain opaque surfaces. In other blocks, the G-buffer's planes are undefined.
     pub touched: u64,
-    /// Blocks with a pixel whose coverage is below 1, so that the surface behind would show if the pixel were at an
-    /// edge.
+    /// Blocks with a pixel that has fragments and a coverage below 1, so that the surface behind would show if the
+    /// pixel were at an edge. 0 unless edges are antialiased by coverage.
     pub thin: u64,
 }
 
@@ -103,7 +103,8 @@ pub(crate) struct GBuffer {
     /// For antialiasing by coverage it is −∞ if the pixel has fragments but no depth threshold, and +∞ if nothing would
     /// show through an edge.
     reach: Vec<TileRows>,
-    /// Depth threshold of each pixel, for edge antialiasing by coverage.
+    /// z + ε of the fragment that sets each pixel's depth threshold, for edge antialiasing by coverage. It exceeds the
+    /// threshold where the other side of a surface limits the threshold.
     threshold: Vec<TileBlocks>,
     /// Coverage of each pixel, for edge antialiasing by coverage.
     coverage: Vec<TileBlocks>,
@@ -144,8 +145,8 @@ pub(crate) struct GBufferTile<'a> {
 }
 
 impl GBufferTile<'_> {
-    /// Resets the tile's planes. Call this before any block is written. `is_empty` is true if no splat or polygon
-    /// touches the tile.
+    /// Resets the tile's flags and, unless the tile is empty, the planes in which pixels are compared with neighbours.
+    /// Call this before any block is written. `is_empty` is true if no splat or polygon touches the tile.
     pub(crate) fn begin(&mut self, is_empty: bool) {
         let Self { all, tile } = self;
         all.marks[*tile] = Marks::default();
@@ -312,7 +313,7 @@ impl GBuffer {
         &self.depth
     }
 
-    /// Returns the depth thresholds of a block that is touched.
+    /// Returns z + ε of the fragments that set the depth thresholds of a block that is touched.
     #[inline(always)]
     pub(crate) fn threshold<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         block_of(simd, &self.threshold, tile, block)

@@ -31,8 +31,8 @@ impl Default for Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// Loads the values of a tile and of `reach` pixels around it. Empty pixels get +∞, pixels outside the image get
-    /// `outside`.
+    /// Loads the values of a tile and of `reach` pixels around it. Empty pixels get +∞. Pixels outside the grid's
+    /// region, such as those outside the image, get `outside`.
     pub(crate) fn load(
         &mut self,
         plane: &[TileRows],

@@ -46,7 +46,8 @@ pub(crate) struct BallRecord {
     pub color: [f32; 3],
     /// Opacity; 1 if balls are drawn as opaque.
     pub alpha: f32,
-    /// Number of the ball among all stored splats ([`SplatNumbers`](crate::scene::numbers::SplatNumbers)).
+    /// Number of the ball among all stored splats ([`SplatNumbers`](crate::scene::numbers::SplatNumbers)); meaningless
+    /// unless the frame outputs the nearest splat.
     pub number: u32,
     /// Index of the object among the scene's objects of balls.
     pub object: u32,
@@ -54,7 +55,7 @@ pub(crate) struct BallRecord {
     pub slot: u32,
     /// True for a dot, which is parallel to the image; false for a ball.
     pub flat: bool,
-    /// True if the outline is so large that its area must be computed by [`Outline::coverage_of_large`].
+    /// True if the outline is so large that its coverage of pixels must be computed by [`Outline::coverage_of_large`].
     pub is_large: bool,
 }
 
@@ -122,7 +123,8 @@ struct ChunkSetup<'a, 'b> {
 struct Projected<S: Simd> {
     p: V3<Lanes<S>>,
     radius: Lanes<S>,
-    /// Bits of the balls within the range of depths that the view draws.
+    /// Bits of the balls within the range of depths that the view draws. The front of a ball, or the plane of a dot,
+    /// must be at or beyond z_near, and the centre at or before z_far.
     there: u64,
 }
 

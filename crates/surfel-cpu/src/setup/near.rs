@@ -1,5 +1,6 @@
-//! Splats that reach the near plane, or whose depth range is large compared with their distance. They are mapped
-//! exactly, without filter, in f64 (rendering model §3, "Near splats").
+//! Near splats (rendering model §3, "Near splats"), which are mapped exactly, without filter, in f64. The centre of a
+//! near splat is nearer than z_near, or its disk's depth extent is at least half of its depth (in perspective only), or
+//! it is vast ([`is_vast`](surfel_math::project::is_vast)).
 //!
 //! A *record* is a splat projected to the screen ([`Record`]).
 
@@ -22,7 +23,7 @@ use surfel_math::{V2, bounds};
 use surfel_model::Cull;
 use surfel_render::View;
 
-/// A splat at the near plane projected to the screen in f64, by the exact mapping and without a filter.
+/// A near splat (see the module) projected to the screen in f64, by the exact mapping and without a filter.
 pub(crate) struct NearSplat {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -39,7 +40,8 @@ pub(crate) struct NearSplat {
 
 impl NearSplat {
     /// Projects a splat, and returns it with its box of pixels, clipped to `place`: first column, first row, end
-    /// column, end row. `None` if the splat is drawn in no pass, or touches no pixel of `place`.
+    /// column, end row. `None` if the splat is edge-on, culled as back-facing, outside the range of depths, or dropped
+    /// by the affine mapping, or if it touches no pixel of `place`.
     pub(crate) fn new(
         splat: &ViewSplat<f64>,
         shading: DVec3,
@@ -137,8 +139,8 @@ impl NearSplat {
 }
 
 impl ObjectView<'_> {
-    /// Sets up the splats of a group that reach the near plane, one by one in f64. `bits` has their bits, and `at` is
-    /// the slot of the group's first splat.
+    /// Sets up the near splats of a group, one by one in f64. `bits` has their bits, and `at` is the slot of the
+    /// group's first splat.
     #[cold]
     pub(crate) fn push_near<S: Simd>(
         &self,

@@ -49,9 +49,9 @@ pub(crate) struct CellSetup<'a> {
 pub(crate) struct CellSplats {
     /// Opaque splats, one segment for each setup of chunks.
     pub segments: Vec<Segment>,
-    /// Transparent splats, one segment for each setup of chunks.
+    /// Transparent splats, one segment for each setup of chunks that found any.
     pub transparent: Vec<TransparentSegment>,
-    /// Splats at the near plane, which are evaluated in f64.
+    /// Near splats ([`near`](crate::setup::near)), which are evaluated in f64.
     pub near: Vec<NearSplat>,
     pub clips: CellClips,
 }
@@ -98,8 +98,8 @@ impl CellSplats {
 
 impl CellSetup<'_> {
     /// Sets up the splats of these chunks that may touch the grid's region, and appends them to `splats`, sorted into
-    /// the grid's tiles. `counted` is the part of the region that belongs to no other cell; splats with a centre there
-    /// count as drawn.
+    /// the grid's tiles. `counted` is the part of the region that belongs to no other cell; splats count as drawn if
+    /// their centre, clamped to the view, is there.
     pub(crate) fn add(&self, chunks: &[VisibleChunk], grid: &Grid, counted: Region, splats: &mut CellSplats) {
         self.add_some(chunks, grid, counted, DrawnBlocks::default(), splats);
     }

@@ -233,7 +233,8 @@ impl ObjectView<'_> {
         self.emit(simd, records, group.at, &stages, out);
     }
 
-    /// Classifies a group's splats by their depth range: outside, at the near plane, or ordinary.
+    /// Classifies a group's splats by their depth range and size: outside, near ([`near`](crate::setup::near)), or
+    /// ordinary.
     #[inline(always)]
     fn classify<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, active: usize) -> DepthClasses<S> {
         let GroupLanes { splat, radius, .. } = *splats;
@@ -658,9 +659,9 @@ struct GroupLanes<S: Simd> {
     color: V3<Lanes<S>>,
 }
 
-/// A group's splats in view space, with their classes by depth range.
+/// A group's splats in view space, with their classes by depth range and size.
 struct DepthClasses<S: Simd> {
-    /// Bits of the splats at the near plane, which are projected one by one in f64.
+    /// Bits of the near splats ([`near`](crate::setup::near)), which are projected one by one in f64.
     near: u64,
     /// Bits of the splats that are projected in lanes, in f32.
     ordinary: u64,
@@ -720,7 +721,7 @@ struct DepthLanes<S: Simd> {
 /// Classes by which a group's splats are evaluated, and the gradients of the footprints that are evaluated.
 struct Evaluation<S: Simd> {
     /// Mask of the splats that get the class bits [`UNFILTERED`]: the filter doesn't change their footprint, and their
-    /// depth is nearly constant over the disk.
+    /// depth is nearly constant over the disk and between z_near and z_far.
     unfiltered: mask32x16<S>,
     /// Mask of the cheap splats ([`Class::Cheap`](crate::setup::record::Class::Cheap)), whose depth is nearly constant
     /// over the disk.

@@ -24,8 +24,8 @@ pub(crate) enum Class {
     General,
     /// A [tiny splat](crate::setup::tiny), of at most 3×3 pixels: its record stores depths and weights pixel by pixel.
     Tiny,
-    /// A splat at the near plane, which is set up and evaluated in f64: [`Record::object`] is its index among the near
-    /// splats.
+    /// A near splat ([`near`](crate::setup::near)), which is set up and evaluated in f64: [`Record::object`] is its
+    /// index among the near splats.
     Near,
 }
 
@@ -63,7 +63,7 @@ pub(crate) const UNFILTERED: u32 = 0;
 pub(crate) const FILTERED: u32 = 1;
 /// Class bits of a general splat ([`Class::General`]).
 pub(crate) const GENERAL: u32 = 4;
-/// Class bits of a splat at the near plane ([`Class::Near`]).
+/// Class bits of a near splat ([`Class::Near`]).
 const NEAR: u32 = 8;
 /// Class bits of tiny splats ([`Class::Tiny`]) of 2×2 and of 3×3 pixels.
 pub(crate) const TINY: [u32; 2] = [16, 32];
@@ -312,7 +312,8 @@ impl Record {
         }
     }
 
-    /// Creates the record that represents a near splat in the tiles' lists.
+    /// Creates the record that represents a near splat in the tiles' lists. `index` is the splat's index among the near
+    /// splats, with the [`Facing`] in the two highest bits.
     pub(crate) fn near(index: u32, z_min: f32, color: [f32; 3], normal: [f32; 3], epsilon: f32) -> Self {
         let mut fields = [0.0; FIELDS];
         fields[2] = epsilon;

@@ -80,8 +80,8 @@ impl TinyFinder {
         Self { frame: FrameConstants::new(plan, view) }
     }
 
-    /// Finds the tiny splats of a group by their ranges of pixels, and evaluates their fragments. `None` if tiny splats
-    /// are too few for a gain.
+    /// Finds the tiny splats of a group by their ranges of pixels, and evaluates their fragments. `None` if no splat in
+    /// `keep` is tiny, or fewer than three quarters are, which would gain nothing.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(
         &self,

@@ -40,11 +40,13 @@ pub(crate) struct ScreenTriangle {
     pub depth: Linear<f64>,
     /// Lower bound of the depth of the triangle's fragments, in world units.
     pub z_min: f32,
-    /// True if the triangle's outward side faces away from the eye.
+    /// True if the triangle's material is two-sided and its outward side faces away from the eye. Always false for
+    /// other materials, because nothing depends on it.
     pub back_facing: bool,
 }
 
-/// Projected triangles of a part of a mesh, in the mesh's order, with each tile's list of the triangles that touch it.
+/// Projected triangles of some parts of one mesh, in the mesh's order, with each tile's list of the triangles that
+/// touch it.
 pub(crate) struct TriangleSegment {
     pub triangles: Vec<ScreenTriangle>,
     pub lists: TileLists,

@@ -44,7 +44,7 @@ pub(crate) struct Composited<S: Simd> {
     pub color: V3<Lanes<S>>,
     /// Fraction of the light from behind that the composited colours let through.
     pub transmittance: Lanes<S>,
-    /// Number of fragments composited in each pixel, for the plane that counts them.
+    /// Number of balls' fragments composited in each pixel, for the plane that counts fragments.
     pub fragments: Lanes<S>,
 }
 
@@ -183,7 +183,7 @@ impl<S: Simd> BallBlock<'_, S> {
         Lanes::select(mask32x16::from_bitmask(self.simd, without), n.x.one(), light)
     }
 
-    /// Returns the colours of surfaces of balls by the plan's shader.
+    /// Returns the colours of surfaces of balls by the plan's shader; 0 if the frame needs no colour.
     #[inline(always)]
     fn color(&self, surface: &Surface<S>) -> V3<Lanes<S>> {
         let simd = self.simd;

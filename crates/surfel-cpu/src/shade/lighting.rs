@@ -49,11 +49,11 @@ pub(crate) struct Lighting {
     /// these factors are accumulated per pixel.
     pub material: [f32; 4],
     /// The shininess that all objects share, a whole number, and the smallest base of its power ([`whole_power`]).
-    /// `None` if the shininess isn't a whole number up to 256, or differs between objects.
+    /// `None` if the shininess isn't a whole number from 1 to 256, or differs between objects.
     whole_shininess: Option<(u32, f32)>,
     /// Background colour, linear and premultiplied.
     pub background: [f32; 4],
-    /// Lit sphere of the shader `matcap`; `None` for other shaders.
+    /// Lit sphere of the shader `matcap`; `None` for other shaders, and if the frame needs no colour.
     pub matcap: Option<MatcapSphere>,
     pub rays: ViewRays,
     /// Side of a pixel of the image, in pixels of the view: 1, or the number of samples along a pixel's side.
@@ -115,7 +115,8 @@ impl Lighting {
         }
     }
 
-    /// Adds the image of a lit sphere that the shader `matcap` samples, if the frame uses that shader.
+    /// Adds the image of a lit sphere that the shader `matcap` samples, if the frame uses that shader and needs
+    /// colours. `None` selects the built-in image.
     pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
         let wanted = self.shader == Shader::Matcap && self.planes.shows_color();
         Self { matcap: wanted.then(|| MatcapSphere::new(image.unwrap_or_else(Matcap::builtin))), ..self }
@@ -160,7 +161,7 @@ impl Lighting {
     }
 }
 
-/// Returns the exponent if it is a whole number up to 256, and the smallest base whose power is a normal number;
+/// Returns the exponent if it is a whole number from 1 to 256, and the smallest base whose power is a normal number;
 /// otherwise `None`. For such exponents a few multiplications are faster than a logarithm. Smaller bases would yield
 /// subnormal products, which slow the CPU down. 256 roundings are 1.5e-5 of a highlight.
 fn whole_power(exponent: f64) -> Option<(u32, f32)> {
@@ -314,8 +315,9 @@ fn add_all<S: Simd, const TOON: bool>(
     lit
 }
 
-/// Returns the strength of a highlight, (r·v)^shininess. `mirrored` is r·v, with r the mirror image of the direction to
-/// the light, and v the direction to the eye.
+/// Returns the strength of a highlight, max(0, r·v)^shininess. If all objects share a shininess that is a whole number
+/// from 1 to 256, the result is about 10⁻³⁶ instead of 0. `mirrored` is r·v, with r the mirror image of the direction
+/// to the light, and v the direction to the eye.
 #[inline(always)]
 fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<S>) -> Lanes<S> {
     match lighting.whole_shininess {

@@ -68,7 +68,8 @@ impl ShadowMap {
         transform(&self.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
     }
 
-    /// Returns the fraction of the light that reaches points `p` with these normals, both in the map's view space.
+    /// Returns the fraction of the light that reaches points `p` with these normals, both in the map's view space. The
+    /// fraction is 1 for points in front of the map's near plane.
     #[inline(never)]
     fn share<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
         simd.vectorize(

@@ -14,7 +14,7 @@ pub(crate) struct Surface<S: Simd> {
     /// Mask of the pixels that have a surface. In other lanes, numbers are finite but meaningless.
     pub covered: mask32x16<S>,
     pub albedo: V3<Lanes<S>>,
-    /// Unit shading normal in world space, or zero if the normals cancel.
+    /// Unit shading normal in world space, or zero if the normals cancel or aren't needed.
     pub normal: V3<Lanes<S>>,
     pub z: Lanes<S>,
     /// Ambient, diffuse, specular and shininess factors of the surface's material.

@@ -9,8 +9,8 @@ pub(crate) struct BlockSet {
     pub grid: Grid,
     /// Blocks of the set in each tile, one bit per block, row by row, eight bits a row.
     tiles: Vec<u64>,
-    /// Summed-area table: for each corner of the grid's tiles, the number of tiles to the left and above that have
-    /// blocks of the set.
+    /// Summed-area table: for each corner of the grid's tiles, the number of tiles that have blocks of the set among
+    /// those both above the corner and to its left.
     sums: Vec<u32>,
     /// Number of blocks in the set.
     pub count: u64,
@@ -22,7 +22,8 @@ impl BlockSet {
         Self { grid, tiles: vec![0; grid.tiles()], sums: Vec::new(), count: 0 }
     }
 
-    /// Adds the block that contains the pixel (x, y) of the grid's region.
+    /// Adds the block that contains the pixel (x, y) of the grid's region. The block must not be in the set yet, since
+    /// `count` grows with every call.
     pub(crate) fn add(&mut self, x: i32, y: i32) {
         let [column, row] = [x, y].map(|px| px as u32 / BLOCK % self.grid.tile_blocks);
         if let Some(blocks) = self.tiles.get_mut(self.grid.tile_of(x, y)) {

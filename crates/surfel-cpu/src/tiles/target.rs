@@ -368,7 +368,8 @@ impl<'a> Target<'a> {
         self.index.put_block(at, numbers);
     }
 
-    /// Returns the numbers of the nearest splats or polygons in a block's pixels, as they were written.
+    /// Returns the numbers of the nearest splats or polygons in a block's pixels, as they were written;
+    /// [`SplatNumbers::NOTHING`] for pixels outside this part of the frame.
     pub(crate) fn index(&self, at: (i32, i32)) -> [u32; LANES] {
         self.index.block(at, SplatNumbers::NOTHING)
     }

@@ -47,7 +47,7 @@ impl CellTiles {
         &self.tiles
     }
 
-    /// Returns the tile of pixels.
+    /// Returns the tile of pixels, which is the first of the tiles.
     pub fn pixels(&self) -> Option<&TileData> {
         self.tiles.first()
     }

@@ -13,7 +13,7 @@ pub(crate) struct RegionFrustum {
     depths: [f64; 2],
     /// True for a perspective projection, false for an orthographic one.
     is_perspective: bool,
-    /// Upper bound of the ratio of a drawn footprint's extent to its splat's bounding sphere.
+    /// Upper bound of the ratio of a drawn footprint's extent to the radius of its splat's bounding sphere.
     extent_ratio: f64,
     /// Left, right, upper and lower side of the frustum.
     sides: [Side; 4],
@@ -62,7 +62,8 @@ impl RegionFrustum {
         if center.z + bounding_radius < near || center.z - bounding_radius > far {
             return true;
         }
-        // If the sphere contains the eye, it intersects every side of the frustum.
+        // A sphere that contains the eye intersects every side of the frustum. Spheres as near as this are never culled
+        // by sides.
         if self.is_perspective && center.z < 4.0 * bounding_radius {
             return false;
         }
@@ -76,7 +77,8 @@ impl RegionFrustum {
     }
 }
 
-/// True if every splat of the chunk is surely back-facing, by the cone of its normals. False if the chunk has no cone.
+/// True if every splat of the chunk is surely back-facing, by the cone of its normals. False if the chunk has no cone
+/// or, in perspective, if its bounding sphere contains the eye.
 pub(crate) fn is_back_facing(chunk: &Chunk, transform: &ObjectTransform, view: &View) -> bool {
     let Some(cone) = &chunk.cone else { return false };
     match view.projection.kind {
@@ -89,9 +91,10 @@ pub(crate) fn is_back_facing(chunk: &Chunk, transform: &ObjectTransform, view: &
     }
 }
 
-/// True if the chunk may contain a near splat: one whose centre is nearer than the near plane or, in perspective, whose
-/// radius exceeds half of its depth. `center` is the view position of the chunk's origin. The CPU sets up near splats
-/// in f64 (rendering model §3, "Near splats"). The test is conservative.
+/// True if the chunk may contain a splat that reaches the near plane: one whose centre is nearer than the near plane
+/// or, in perspective, whose depth range is at least its centre's depth. The CPU sets up such splats in f64 (rendering
+/// model §3, "Near splats"). `center` is the view position of the chunk's origin. The chunk's bounds are tested in
+/// place of its splats, so the result may be true for a chunk without such a splat.
 pub(crate) fn may_reach_near(chunk: &Chunk, center: DVec3, transform: &ObjectTransform, view: &View) -> bool {
     let nearest = center.z - chunk.bounding_radius * transform.stretch;
     let widest = 2.0 * chunk.largest_radius * transform.stretch;

@@ -98,8 +98,9 @@ struct WaitingMemory {
 
 impl WaitingMemory {
     /// Computes the memory that `pixels` pixels need if the longest list has `longest` entries. `by_pixel` is true if
-    /// each pixel sorts its own fragments. The size exceeds [`MAX_WAITING_BYTES`] if more than [`MAX_TURNS`] passes
-    /// would be needed otherwise, but never `most_bytes`.
+    /// each pixel sorts its own fragments. Waiting fragments get more than [`MAX_WAITING_BYTES`] only if a pixel
+    /// otherwise had memory for fewer than the minimum of [`WAITING_RANGE`], or needed more than [`MAX_TURNS`] passes.
+    /// States and fragments together take at most `most_bytes`, unless that is too little for one fragment per pixel.
     fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
         if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
             return Self::default();
@@ -173,7 +174,9 @@ impl ProjectedGaussians {
         Self { all: order.par_iter().filter_map(projected).collect(), by_pixel }
     }
 
-    /// Returns the Gaussians that may touch a tile, listed by its cells. Fails if they exceed the limits.
+    /// Returns the Gaussians that may touch a tile, listed by its cells. Fails if they exceed the device's buffers or
+    /// memory. A tile of several cells, which can be split, also fails beyond `Limits::record_bytes` or
+    /// [`MAX_WAITING_BYTES`].
     pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooManyGaussians> {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;

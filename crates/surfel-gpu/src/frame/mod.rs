@@ -1,5 +1,5 @@
-//! Data that a frame uploads in addition to the resident scene: its tiles and uniforms, visible chunks, splats at the
-//! near plane, polygons, balls and trained Gaussians.
+//! Data that a frame uploads in addition to the resident scene: its tiles and uniforms, visible chunks, splats that
+//! reach the near plane, polygons, balls and trained Gaussians.
 
 pub(crate) mod balls;
 pub(crate) mod cell_tiles;

@@ -1,6 +1,8 @@
-//! Setup in f64 of splats that reach the near plane or span much of their distance from the eye. They are drawn with
-//! the exact mapping and without a filter (rendering model §3, "Near splats"), from records that the CPU uploads. A
-//! *record* is a splat as set up for a tile: its projected forms, pixel boxes and colour in a buffer.
+//! Setup in f64 of splats that reach the near plane. These are splats whose centre is nearer than the near plane,
+//! splats in perspective whose depth range is at least their centre's depth, and splats more than 10⁷ times as large as
+//! their distance from the eye (orthographic: as the height of the view). They are drawn with the exact mapping and
+//! without a filter (rendering model §3, "Near splats"), from records that the CPU uploads. A *record* is a splat as
+//! set up for a tile: its projected forms, pixel boxes and colour in a buffer.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -58,7 +60,7 @@ pub(crate) struct NearPlaneChunk<'a> {
     pub is_transparent: bool,
 }
 
-/// Footprint and depth of a splat at the near plane, as linear forms of the pixel offset from an anchor.
+/// Footprint and depth of a splat that reaches the near plane, as linear forms of the pixel offset from an anchor.
 struct NearPlaneForms {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -82,7 +84,7 @@ struct PixelBox {
 impl NearPlaneSetup<'_> {
     /// Sets up the splats of a chunk that reach the near plane, and appends their records to `out`. Returns one bit per
     /// splat of the chunk, splat k in bit k % 32 of word k / 32: 1 if the GPU skips the splat. Returns `None` if the
-    /// GPU skips none.
+    /// GPU skips none. A splat that isn't drawn in the tile has a bit but no record.
     pub(crate) fn chunk(
         &self,
         chunk: &NearPlaneChunk<'_>,
@@ -136,7 +138,8 @@ impl NearPlaneSetup<'_> {
     }
 
     /// Returns a splat's record, and its footprint relative to the record's anchor. `shading` is the shading normal in
-    /// world space, and `color` the linear albedo. `None` if no pass draws the splat.
+    /// world space, and `color` the linear albedo. `None` if the splat isn't drawn in the tile: it is edge-on, faces
+    /// away and is culled, or touches no pixel.
     fn record(
         &self,
         splat: &ViewSplat<f64>,
@@ -188,7 +191,8 @@ impl NearPlaneSetup<'_> {
         Some((words, seen))
     }
 
-    /// Returns the footprint and depth of a splat; `None` if it has no part in front of the near plane.
+    /// Returns the footprint and depth of a splat; `None` if, in perspective, no part of the splat is at or beyond the
+    /// near plane.
     fn forms(&self, splat: &ViewSplat<f64>) -> Option<NearPlaneForms> {
         let projection = &self.view.projection;
         if projection.is_perspective() {

@@ -25,7 +25,7 @@ pub struct PlaneLayout {
     /// Offset of the edge data of every pixel of the targets (`shaders/passes/cell_neighbours.wgsl`). Passes of the
     /// compute path that read neighbouring pixels use them. They are stored after the surfaces.
     pub(crate) edges_at: u32,
-    /// Number of floats of the planes, which the CPU reads back.
+    /// Number of floats that the CPU reads back: the planes and, for trained Gaussians, the float before them.
     pub floats: u32,
     /// Number of floats in the whole buffer, including surfaces and edge data.
     pub buffer_floats: u32,
@@ -109,8 +109,9 @@ impl PlaneLayout {
     /// Copies a tile's planes, `values`, into the frame of the image region `region`. Colours are encoded if the frame
     /// stores them in 8 bits.
     ///
-    /// `identity` returns the splat or polygon for a pixel's draw and record number, as [`crate::TileData::identity`]
-    /// does. Returns the number of fragments, or 0 if they weren't counted.
+    /// `identity` returns the splat, ball or polygon for a pixel's draw and record number, as
+    /// [`crate::TileData::identity`] does. Returns the number of fragments of the tile, or 0 if their plane wasn't
+    /// requested.
     pub fn store(
         &self,
         values: &[f32],

@@ -26,9 +26,9 @@ struct MeshView<'a> {
     both_sides: bool,
 }
 
-/// Returns the words of the shaders' `Polygon`s that may touch the tile, per mesh, in scene order. If polygons have
-/// equal depth at a pixel, the first in this order is drawn. `octrees` are the parts of octrees that the frame draws.
-/// `both_sides` is true to draw back faces even if a material culls them.
+/// Returns the words of the shaders' `Polygon`s that may touch the tile, for each of `meshes`, in their order. If
+/// polygons have equal depth at a pixel, the first in this order is drawn. `octrees` are the parts of octrees that the
+/// frame draws. `both_sides` is true to draw back faces even if a material culls them.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
     octrees: &[SelectedParts],
@@ -53,7 +53,8 @@ pub(crate) fn polygon_words(
 }
 
 impl MeshView<'_> {
-    /// Returns the words of the shaders' `Polygon` of triangle `k`; `None` if the triangle can't touch the tile.
+    /// Returns the words of the shaders' `Polygon` of triangle `k`. `None` if the triangle isn't drawn: it faces away
+    /// and is culled, can't touch the tile, or has no area in the view.
     fn polygon(&self, k: usize) -> Option<Vec<u32>> {
         let (mesh, projection) = (&self.mesh.mesh, &self.view.projection);
         let corners = mesh.triangles.get(k)?.map(|i| i as usize);
@@ -101,8 +102,10 @@ impl MeshView<'_> {
         Some(words.into_words())
     }
 
-    /// Writes colours, normals and texture coordinates of a triangle's corners to its polygon. `flat` is the unit
-    /// normal of its plane. `side` is −1 if the material is two-sided and the triangle back-facing, else 1.
+    /// Writes colours, normals and texture coordinates of a triangle's corners, and the normal of its plane, to its
+    /// polygon. Corners without a colour are white, and corners without a valid normal get that of the plane. `flat` is
+    /// the unit normal of the plane, with the sign of `side`. `side` is −1 if the material is two-sided and the
+    /// triangle back-facing, else 1.
     fn attributes(&self, corners: [usize; 3], flat: DVec3, side: f64, words: &mut StructWriter) {
         use layout::polygon as to;
         let mesh = &self.mesh.mesh;

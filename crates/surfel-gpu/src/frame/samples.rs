@@ -22,8 +22,9 @@ pub struct SamplePart {
 }
 
 impl SamplePart {
-    /// Returns the parts of the samples of a tile of pixels, given by its region and data; empty if the plan has no
-    /// samples. `shared_records` is true if all segments share one buffer of records.
+    /// Splits the samples of a tile of pixels, given by its region and data, into parts that each fit the tile's
+    /// textures (targets). Empty if the plan doesn't antialias edges by samples. `shared_records` is true if all
+    /// segments share one buffer of records.
     pub fn all(
         scene: &UploadedScene,
         frame: &FrameScene,

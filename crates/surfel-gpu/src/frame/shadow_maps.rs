@@ -11,7 +11,8 @@ use surfel_render::{Attributes, FramePlan, Pass, Planes, ShadowMap, View};
 /// Returns the number of texels of a plan's shadow maps. It is at least one, since an empty buffer can't be bound.
 ///
 /// # Errors
-/// A message that states the cause and a remedy, if the maps exceed the device's buffer size.
+/// A message that states the cause and a remedy, if the maps exceed the device's buffer size or have 2³² texels or
+/// more.
 pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
     let maps = plan.shadow_maps.len() as u64;
     let bytes = 4 * maps * u64::from(MAP_TEXELS);

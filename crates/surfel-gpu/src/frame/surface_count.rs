@@ -95,7 +95,7 @@ pub fn min_surface_count(
 }
 
 /// Adds the fragments of a segment at each sampled pixel. `samples` are the centres of these pixels, and `piles` the
-/// fragments at each.
+/// fragments at each. Transparent splats with clips are left out, so that the count stays a lower bound.
 fn add_segment(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -182,7 +182,8 @@ impl Shape {
 }
 
 impl PixelFragments {
-    /// Adds a splat's fragment at the pixel with the centre `pixel`, if it has one there.
+    /// Adds a splat to the pixel with the centre `pixel`: the fragment of a transparent splat, if it has one there, or
+    /// an opaque splat that may cover the pixel as an occluder.
     fn add(&mut self, shape: &Shape, is_transparent: bool, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) {
         if !is_transparent {
             if shape.may_cover(pixel, (view, plan)) {

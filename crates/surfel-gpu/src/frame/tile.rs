@@ -1,4 +1,4 @@
-//! Data of a tile in addition to the resident scene: visible chunks, splats at the near plane, polygons, balls,
+//! Data of a tile in addition to the resident scene: visible chunks, splats that reach the near plane, polygons, balls,
 //! Gaussians and uniforms. A *segment* is the part of an object's splats that shares a buffer
 //! ([`Segment`](crate::Segment)). A *record* is a splat as set up for a tile: its projected forms, pixel boxes and
 //! colour in a buffer.
@@ -27,7 +27,7 @@ use surfel_model::{ClipPolicy, CloudData, Cull, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-/// Exclusive upper bound of the number of polygons in a tile. Targets store the indices of polygons as f32, which is
+/// Smallest number of polygons with which a tile is refused. Targets store the indices of polygons as f32, which is
 /// exact below 2²⁴.
 const MAX_POLYGONS: u32 = 1 << 24;
 
@@ -43,17 +43,19 @@ pub struct SegmentData {
     pub chunks: Vec<u32>,
     /// Words of the shaders' `near_bits`, at least one.
     pub near_bits: Vec<u32>,
-    /// True if no splat of the segment can touch the tile.
+    /// True if no splat of the segment is drawn in the tile: each chunk is outside of the tile, facing away and culled,
+    /// or not among the selected parts of its octree.
     pub is_outside: bool,
     /// Ranges of the segment's splats, and so of its records, to draw. They contain all splats of the chunks that can
     /// touch the tile, and few others between these chunks.
     pub runs: Vec<Range<u32>>,
-    /// Depth of the origin of the farthest chunk that can touch the tile, in world units; 0 if none can.
+    /// Depth of the origin of the farthest chunk that can touch the tile, in world units; 0 if none can. For splats
+    /// that the application places, the largest depth of their bounding sphere.
     farthest: f64,
     /// Number of splats of the chunks that can touch the tile.
     splats: u64,
-    /// Number of the compute path's workgroups that set up the segment: one per chunk, or several if the segment is a
-    /// single chunk because the application places its splats.
+    /// Number of the compute path's workgroups that set up the segment: one per chunk that can touch the tile, or
+    /// several if the segment is a single chunk because the application places its splats.
     groups: u32,
     /// Work that the CPU did to find this data.
     work: HostWork,
@@ -62,7 +64,8 @@ pub struct SegmentData {
 /// Counts of the CPU's work that grows with the number of splats of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct HostWork {
-    /// Number of chunks of up to 256 splats that were tested against the view.
+    /// Number of chunks that were tested against the view. A chunk has up to 256 splats or, if the application places
+    /// them, all splats of a segment.
     pub chunks: u64,
     /// Number of splats that were visited one by one.
     pub splats: u64,
@@ -336,7 +339,8 @@ impl TileData {
         self.planes = pixels.planes;
     }
 
-    /// Checks that the tile's polygons and balls fit the device's limits.
+    /// Checks that the buffers of the tile's polygons and balls fit the device's limits, and that there are fewer than
+    /// 2²⁴ of each.
     ///
     /// # Errors
     /// A message that states the cause and a remedy, if they don't fit.
@@ -376,11 +380,12 @@ impl TileData {
         }
     }
 
-    /// Returns the identity (object, row and label) of the splat, ball or polygon with a draw number and a record
-    /// number; [`Identity::NOTHING`] if there is none.
+    /// Returns the identity of the splat, ball or polygon with a draw number and a record number; [`Identity::NOTHING`]
+    /// if there is none. An identity is object, row and label; a polygon has only an object.
     ///
-    /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
-    /// polygons, or −3 for balls. `record` is the number of the record within the draw.
+    /// `draw` is the index of a segment, −2 for polygons, or −3 for balls. For splats that reach the near plane, it is
+    /// the number of segments plus an index in [`TileData::near`]. `record` is the number of the record within the
+    /// draw.
     pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
         let splat = |[object, i]: [u32; 2]| {
             let uploaded = scene.objects.get(object as usize)?;
@@ -409,7 +414,8 @@ impl TileData {
     }
 
     /// Returns the identity (object, row and label) of a splat that the compute path drew: splat number `n` of the
-    /// group of records number `group`. [`Identity::NOTHING`] if there is none.
+    /// group of records number `group`. Groups are numbered segment by segment; those of splats that reach the near
+    /// plane come last. [`Identity::NOTHING`] if there is none.
     pub fn cell_identity(&self, scene: &UploadedScene, group: i32, n: usize) -> Identity {
         let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
         let words = layout::cell_chunk::SIZE / 4;
@@ -430,8 +436,9 @@ impl TileData {
         self.identity(scene, self.segments.len() as i32, group * layout::CELL_WORKGROUP as usize + n)
     }
 
-    /// Returns the words of the shaders' `near_records` for the compute path: all records of splats at the near plane.
-    /// In a tile with clipped splats, the clips of its two footprints follow each record. At least one word.
+    /// Returns the words of the shaders' `near_records` for the compute path: the records of all splats that reach the
+    /// near plane. In frames that evaluate clips, each record is followed by the clips of its two footprints, or by
+    /// zeros if its splat has no clip. At least one word.
     pub fn cell_near_words(&self) -> Vec<u32> {
         let has_clips = self.cells.as_ref().is_some_and(|cells| cells.has_clips);
         let record_words = layout::record::SIZE / 4;
@@ -467,7 +474,7 @@ impl TileData {
         VisibleSegments { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
     }
 
-    /// Returns the number of records that the CPU has set up: splats at the near plane, balls and Gaussians.
+    /// Returns the number of records that the CPU has set up: splats that reach the near plane, balls and Gaussians.
     pub fn host_records(&self) -> u32 {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
         let balls = self.ball_members.len() as u32;
@@ -490,7 +497,8 @@ impl TileData {
     }
 }
 
-/// Returns the identity of the splat with index `i` in the cloud of the scene's object number `object`.
+/// Returns the identity of the splat with index `i` in the cloud of the scene's object number `object`. Without stored
+/// rows its row is `i`, and without stored labels it has none.
 fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
     let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
     Identity { row: of(&data.rows).unwrap_or(i), object, label: of(&data.labels).unwrap_or(NO_LABEL) }
@@ -500,7 +508,7 @@ fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
 /// than another draw call.
 const MAX_GAP: u32 = 1024;
 
-/// Appends a run, merging it with the last one if the gap between them is small.
+/// Appends a run, or merges it with the last one if the gap between them is at most [`MAX_GAP`].
 fn add_run(runs: &mut Vec<Range<u32>>, run: Range<u32>) {
     match runs.last_mut().filter(|last| run.start - last.end <= MAX_GAP) {
         Some(last) => last.end = run.end,

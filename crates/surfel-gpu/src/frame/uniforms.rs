@@ -38,7 +38,7 @@ pub struct FrameScene {
     pub matcap: Vec<u32>,
     /// True if the embedding application supplies a shader function that replaces the shader `phong`.
     has_host_shader: bool,
-    /// Number of lights.
+    /// Number of lights, including the light along the view that a scene without given lights has.
     pub(crate) light_count: u32,
     /// Location of the shadow map that this frame draws; the default value unless the frame is a light's view.
     shadow: ShadowMapSlot,
@@ -149,8 +149,8 @@ fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan
     words.into_words()
 }
 
-/// Returns the size and texels of the image that the shader `matcap` samples; a single word if the plan has another
-/// shader.
+/// Returns the size and texels of the image that the shader `matcap` samples; a single 0 if the plan has another shader
+/// or draws no colours. Without an image of the scene, the built-in one is used.
 fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     if plan.shader != Shader::Matcap || !plan.planes.color {
         return vec![0];
@@ -168,7 +168,8 @@ pub(crate) struct TileRegions {
     pub targets: Region,
 }
 
-/// Returns the words of the shaders' `Frame` for a tile.
+/// Returns the words of the shaders' `Frame` for a tile. Numbers that are found later stay 0, such as the unit of
+/// depths and the numbers of the compute path.
 pub(crate) fn frame_words(
     scene: &UploadedScene,
     frame: &FrameScene,

@@ -47,7 +47,7 @@ impl CellStep {
 pub struct CellStage {
     /// Name of the stage in the statistics.
     pub name: &'static str,
-    /// Dispatches in order; each depends on all before it.
+    /// Dispatches in order. Each depends on all before it, except that setups of different segments are independent.
     pub steps: Vec<CellStep>,
 }
 
@@ -138,7 +138,7 @@ impl RasterEntries {
 }
 
 /// Names of the entry points that write records of splats: `chunks` sets up the splats of chunks, `near` copies the
-/// records of splats at the near plane, which the CPU has set up.
+/// records of splats that reach the near plane, which the CPU has set up.
 struct SetupEntries {
     chunks: &'static str,
     near: &'static str,

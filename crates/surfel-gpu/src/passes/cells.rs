@@ -30,7 +30,8 @@ impl GpuPath {
     /// True if compute shaders draw the frames of a plan. They draw frames of opaque splats, clipped or not, and always
     /// sum in f32.
     ///
-    /// Transparent splats, polygons, trained Gaussians and the drawing of shadow maps need raster hardware.
+    /// Splats in transparent layers, polygons, balls, trained Gaussians and the drawing of shadow maps need raster
+    /// hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
@@ -73,8 +74,8 @@ pub enum CellRound {
 pub enum CellBuffer {
     /// Records of splats: the shaders' `cell_records`.
     Records,
-    /// Groups of records, which are set up together: those of a chunk, or up to 256 splats at the near plane. They are
-    /// the shaders' `cell_groups`.
+    /// Groups of records, which are set up together: those of a chunk, or those of up to 256 splats that reach the near
+    /// plane or that the application places. They are the shaders' `cell_groups`.
     Groups,
     /// Counts of records, pairs and active cells of each tile: the shaders' `cell_counters`. The host reads them back
     /// for [`CellCapacity::holds`].
@@ -165,7 +166,7 @@ pub enum CellBinding {
     Chunks,
     /// The shaders' `near_bits` of the step's segment.
     NearBits,
-    /// The shaders' `near_records`: records of splats at the near plane, which the CPU has set up.
+    /// The shaders' `near_records`: records of splats that reach the near plane, which the CPU has set up.
     NearRecords,
     /// The shaders' `planes`, the results of the tile.
     Planes,
@@ -230,11 +231,12 @@ impl CellRound {
 pub struct CellCounts {
     /// Number of columns and rows of cells.
     pub size: [u32; 2],
-    /// Number of chunks that may touch the tile, per segment of the scene.
+    /// Number of workgroups that set up each segment of the scene: one per chunk that may touch the tile, or several if
+    /// the segment is a single chunk because the application places its splats.
     pub chunks: Vec<u32>,
     /// Number of splats in the chunks that may touch the tile.
     pub splats: u64,
-    /// Number of records of splats at the near plane.
+    /// Number of records of splats that reach the near plane.
     pub near: u32,
     /// True for a tile of samples: only its active cells have pairs.
     pub is_of_samples: bool,
@@ -255,17 +257,18 @@ impl CellCounts {
         self.size.iter().product()
     }
 
-    /// Returns the number of chunks that may touch the tile.
+    /// Returns the number of workgroups that set up segments, the sum of [`CellCounts::chunks`].
     pub(crate) fn all_chunks(&self) -> u32 {
         self.chunks.iter().sum()
     }
 
-    /// Returns the number of groups of records: one per chunk, plus groups of splats at the near plane.
+    /// Returns the number of groups of records: one per workgroup that sets up a segment, plus those of splats that
+    /// reach the near plane.
     pub fn groups(&self) -> u32 {
         self.all_chunks() + self.near_groups()
     }
 
-    /// Returns the number of groups of records of splats at the near plane.
+    /// Returns the number of groups of records of splats that reach the near plane.
     pub(crate) fn near_groups(&self) -> u32 {
         self.near.div_ceil(layout::CELL_WORKGROUP)
     }
@@ -321,7 +324,7 @@ impl CellNeeds {
         of_tiles(counters).fold(Self::default(), Self::max)
     }
 
-    /// Returns the larger of each of two numbers.
+    /// Returns the larger of the two numbers of records, of pairs, and of active cells.
     fn max(self, other: Self) -> Self {
         Self {
             records: self.records.max(other.records),
@@ -348,8 +351,9 @@ const FIRST_ACTIVE: u32 = 1 << 14;
 
 impl CellCapacity {
     /// Estimates the capacity for a tile and its samples, whose counts are `all`, before the first frame. Records are
-    /// estimated as 3/5 of the splats, or all splats in a small tile. Pairs are estimated as two per record plus four
-    /// per cell. `None` if the buffers would exceed the limits.
+    /// estimated as 3/5 of the splats in visible chunks, but as all of up to 2¹⁸ splats. Pairs are estimated as two per
+    /// record plus four per cell or, in a tile of samples, per active cell. `None` if the buffers would exceed the
+    /// limits.
     fn estimate(all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_one = |cells: &CellCounts| {
             let splats = cells.splats + u64::from(cells.near);
@@ -429,8 +433,8 @@ impl CellCapacity {
         16 * u64::from(parts) * u64::from(self.records)
     }
 
-    /// Returns the maximum number of parts into which dense cells are split; 0 if there are too few pairs for any dense
-    /// cell.
+    /// Returns the maximum number of parts into which all dense cells of a tile together are split; 0 if there are too
+    /// few pairs for any dense cell.
     pub(crate) fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }

@@ -225,7 +225,7 @@ impl Draw {
         matches!(self, Self::Sums(..) | Self::Probe(FillRateProbe::Blend | FillRateProbe::BlendTwo))
     }
 
-    /// True if the pass draws records of splats. Their bind group is then group 1.
+    /// True if the pass draws records of splats. The records are then in bind group 1.
     pub fn draws_records(self) -> bool {
         !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }

@@ -1,8 +1,8 @@
-//! Indirect draws of transparent layers (rendering model §8). They end before the first layer without fragments.
+//! Indirect draws of transparent layers (rendering model §8). They end after the first layer without fragments.
 //!
-//! The GPU decides when to end. Between two layers, a shader looks for a pixel with a depth threshold in the layer. If
-//! there is none, the shader sets the instance counts of all further draws to 0; no count is read back. A layer without
-//! instances still costs the clears of its targets and one pixel pass.
+//! The GPU decides when to end. Between two layers, a shader checks if any pixel has a depth threshold in the layer
+//! just drawn. If there is none, the shader sets the instance counts of all further draws to 0; no count is read back.
+//! A layer without instances still costs the clears of its targets and one pixel pass.
 
 use crate::passes::draw::Draw;
 use crate::passes::memory::raise_counter;
@@ -18,7 +18,7 @@ const LAYERS_DRAWN: &str = "layers_drawn";
 pub const LAYER_HEADER_BYTES: u64 = at::ARGUMENTS as u64;
 
 /// Returns the words of the shaders' `LayerDraws` before the first layer. `records` are the numbers of records of all
-/// transparent draws, in order.
+/// segments of the scene, in order, then of each element of [`TileData::near`](crate::TileData::near).
 pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     let mut words = StructWriter::new(at::ARGUMENTS);
     words.u32(at::DRAWN, 1);
@@ -45,8 +45,8 @@ pub fn layers_remain(header: &[u32]) -> bool {
     header.get(at::ANY_REMAINING / 4).is_some_and(|&any| any != 0)
 }
 
-/// Raises the counter of drawn layers to the number of layers in this tile. `header` is the first
-/// [`LAYER_HEADER_BYTES`] of the shaders' `LayerDraws`, as words.
+/// Raises the counter of drawn layers to the number of layers drawn in this tile, if that is larger. `header` is the
+/// first [`LAYER_HEADER_BYTES`] of the shaders' `LayerDraws`, as words.
 pub fn count_layers(header: &[u32], stats: &mut Stats) {
     let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));
     raise_counter(LAYERS_DRAWN, drawn, stats);

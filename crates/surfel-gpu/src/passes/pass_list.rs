@@ -50,9 +50,8 @@ fn peeled_layers(plan: &FramePlan) -> usize {
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
 
-/// Returns a copy of the plan that draws four times as many layers of an A-buffer, up to the most that GPUs draw.
-/// `least` returns a lower bound of the number of surfaces in a pixel ([`crate::min_surface_count`]) and is called at
-/// most once.
+/// Returns a copy of the plan that draws four times as many layers of an A-buffer, at most 255. `least` returns a lower
+/// bound of the number of surfaces in a pixel ([`crate::min_surface_count`]) and is called at most once.
 ///
 /// # Errors
 /// A message that states the cause and a remedy, if the frame needs more layers than GPUs draw.

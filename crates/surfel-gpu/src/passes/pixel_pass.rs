@@ -17,7 +17,7 @@ pub enum PixelPass {
     PeeledLayer,
     /// Shades a layer of an A-buffer and composites it behind the layers before it, with its alpha times its coverage.
     GatheredLayer,
-    /// Ends the layers if no pixel has a fragment in the next one. It runs once per layer, not per pixel.
+    /// Ends the layers if no pixel has a fragment in the layer just drawn. It runs once per layer, not per pixel.
     NextLayer,
     /// Composites all transparent splats behind the peeled layers as one last layer.
     RemainingLayer,
@@ -27,7 +27,8 @@ pub enum PixelPass {
     Nearest,
     /// Shades an image of any kind without balls.
     Shade,
-    /// Shades an image that has only opaque splats, without shadows and screen-space passes.
+    /// Shades an image that has only opaque splats, without shadows, the shader `toon`, and passes that read
+    /// neighbouring pixels.
     ShadeSplats,
     /// Shades an image that contains balls.
     ShadeBalls,
@@ -112,13 +113,15 @@ impl PixelPass {
         }
     }
 
-    /// True if the pass shades the image. It is then the last pass, and runs only over the tile without its border.
+    /// True if the pass shades the image. It is then the last pass of its tile, and runs only over the tile without its
+    /// border.
     pub fn is_shade(self) -> bool {
         matches!(self, Self::Shade | Self::ShadeSplats | Self::ShadeBalls)
     }
 
     /// Returns the width and height, in pixels, of the area that the pass covers. `targets` is the size of the tile's
-    /// textures, and `shaded` the size of the shaded tile.
+    /// textures, and `shaded` the size of the shaded tile. Means of samples cover pixels of the image, each with the
+    /// samples of one pixel; all other areas are in pixels of the textures.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Shade

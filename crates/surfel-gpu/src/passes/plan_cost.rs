@@ -10,7 +10,7 @@ use surfel_model::ClipPolicy;
 use surfel_render::FramePlan;
 use surfel_shaders::layout;
 
-/// GPU resources that a plan uses.
+/// GPU resources that a plan uses if raster hardware draws it on a device that can blend f32 targets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanCost {
     /// Names of the shaders that run, each once: the fragment or compute entry point of each pipeline.

@@ -17,7 +17,7 @@ pub struct VisibleSegments {
     pub opaque: Vec<usize>,
     /// Segments whose splats are drawn in transparent layers.
     pub transparent: Vec<usize>,
-    /// True if some splats at the near plane are drawn in transparent layers.
+    /// True if some splats that reach the near plane are drawn in transparent layers.
     pub near_transparent: bool,
 }
 
@@ -46,7 +46,7 @@ pub enum Step {
         /// Segments whose records are drawn.
         segments: Vec<usize>,
         /// True for the first step of this pass in the tile. The step then clears the targets, and also draws the
-        /// splats at the near plane.
+        /// splats that reach the near plane.
         first: bool,
     },
     /// Runs a compute pass over pixels.
@@ -67,7 +67,7 @@ impl Step {
 /// Returns the steps that draw a tile by raster hardware, in order. `visible` are the segments that may touch the tile.
 ///
 /// Records that fit into memory together are set up once per tile. If all segments share one buffer of records
-/// (`shared_records`), records are set up again for each pass over the splats.
+/// (`shared_records`), and more than one is visible, records are set up again for each pass over the splats.
 pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(pass_list(plan), visible, shared_records)
 }

@@ -61,7 +61,7 @@ impl HostFormat {
 /// Splat i of the object begins at byte i × `stride`. The stride and all offsets are multiples of four bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostLayout {
-    /// Number of splats in the buffer, at most that of the object. The object's further splats aren't drawn.
+    /// Number of splats in the buffer, at most that of the object. The object's splats from this index on aren't drawn.
     pub count: u32,
     /// Distance from one splat to the next, in bytes.
     pub stride: u32,
@@ -71,7 +71,8 @@ pub struct HostLayout {
     pub normal: Option<HostAttribute>,
     /// Albedo; `None` if the splats keep their colours.
     pub color: Option<HostAttribute>,
-    /// Least and greatest corner of a box that contains the centres, in object space. Splats outside aren't drawn.
+    /// Least and greatest corner of a box that contains the centres, in object space. Splats whose centre is outside
+    /// aren't drawn.
     pub bounds: [[f32; 3]; 2],
 }
 
@@ -200,7 +201,8 @@ impl UploadedScene {
         format!("object {source} consists of {what}, expected splats")
     }
 
-    /// Extends the scene's bounds for shadow maps by the bounds of the splats that the application places.
+    /// Sets the scene's bounds for shadow maps to those of the uploaded scene, extended by the bounds of the splats
+    /// that the application places.
     pub(crate) fn cast_shadows_from_placed(&mut self) {
         self.summary.shadows.clone_from(&self.uploaded_shadows);
         let Some(shadows) = &mut self.summary.shadows else { return };

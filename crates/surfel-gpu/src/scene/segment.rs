@@ -64,7 +64,7 @@ impl UploadedObject {
 /// Object of polygons in an uploaded scene.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedMesh {
-    /// Index of the mesh's object in [`Scene::objects`]; for the polygons of an octree, the octree's index.
+    /// Index in [`Scene::objects`] of the object that the polygons belong to: a mesh or an octree.
     pub source: u32,
     pub mesh: Arc<Mesh>,
     /// Same index as `source` if the object is an octree, of which each frame draws only selected parts; else `None`.
@@ -114,7 +114,7 @@ pub struct UploadedScene {
     pub(crate) identity: Arc<()>,
     /// Objects of splats.
     pub(crate) objects: Vec<UploadedObject>,
-    /// Objects of polygons, one for each texture of a mesh.
+    /// Objects of polygons: one for each texture of each mesh, then one for each octree.
     pub(crate) meshes: Vec<UploadedMesh>,
     /// Objects of balls and dots.
     pub(crate) balls: Vec<UploadedBalls>,
@@ -217,7 +217,7 @@ impl RecordBytes {
         Self { records: largest(|b| b.records), clips: largest(|b| b.clips) }
     }
 
-    /// Returns the total size of all buffers of records, in bytes.
+    /// Returns the total size of all buffers of records and their clips, in bytes.
     pub(crate) fn total(each: &[Self], limits: Limits) -> u64 {
         if Self::are_shared(each, limits) {
             let largest = Self::largest(each);

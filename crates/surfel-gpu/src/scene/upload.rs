@@ -226,7 +226,8 @@ impl PlannedSegment {
     }
 }
 
-/// Returns the maximum number of splats of a segment of a clip variant, whose records have to fit a buffer.
+/// Returns the maximum number of splats of a segment of a clip variant: [`SEGMENT_SPLATS`], or fewer if their records
+/// wouldn't fit a buffer.
 fn segment_splats(limits: Limits, variant: Variant) -> usize {
     let largest = match variant {
         Variant::Whole => layout::record::SIZE,

@@ -1,4 +1,4 @@
-//! Writing of GIF films: frames with 256 colours, dithered, repeated forever.
+//! Writing of GIF films, repeated forever: frames of at most 256 colours, dithered if they had more.
 
 use super::palette::Quantiser;
 use super::{FilmOptions, Frames};

@@ -231,8 +231,8 @@ impl FilmWriter {
     /// Adds a frame: its 8-bit sRGB plane (`rgba8`) if there is one, or else its colour plane.
     ///
     /// # Errors
-    /// [`IoError::System`] if the frame has another size, or if the film already has all of its frames. Also errors of
-    /// writing earlier frames.
+    /// [`IoError::System`] if the frame has another size or no colours, or if the film already has all of its frames.
+    /// Also errors of writing earlier frames.
     pub fn push(&mut self, planes: &PlanesView<'_>) -> Result<(), IoError> {
         let invalid = |what: String| cannot_write(&self.path, io::Error::new(io::ErrorKind::InvalidInput, what));
         let count = planes.pixels().map_err(|source| cannot_write(&self.path, source))?;

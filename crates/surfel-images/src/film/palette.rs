@@ -24,7 +24,8 @@ const LARGE: usize = 50;
 /// Weight of a mixture's noise relative to its error. The noise is the mean squared difference of single pixels from
 /// their mean; the error is the squared difference of that mean from the wanted colour.
 const ROUGHNESS: f32 = 0.15;
-/// Largest number of mixtures in the cache of a [`Quantiser`]. A larger cache is emptied, to bound its memory.
+/// Number of mixtures in the cache of a [`Quantiser`] above which the cache is emptied before the next frame, to bound
+/// its memory.
 const KNOWN: usize = 1 << 20;
 
 /// Width and height of the dither pattern in pixels.
@@ -122,7 +123,8 @@ fn nearest(color: Rgb, colors: &[Rgb]) -> (usize, f32) {
     best
 }
 
-/// Returns the mixture of two palette colours that approximates a colour with the smallest error.
+/// Returns the mixture of two palette colours that approximates a colour with the smallest sum of error and weighted
+/// noise ([`ROUGHNESS`]).
 fn mixture(color: Rgb, colors: &[Rgb]) -> Mixture {
     let (first, mut least) = nearest(color, colors);
     let mut best = Mixture { colors: [first as u8; 2], share: 0 };
@@ -219,8 +221,8 @@ impl Group {
     }
 }
 
-/// Returns at most 256 colours that represent the samples. `counts` has the number of pixels of each colour, and `all`
-/// is the number of all pixels.
+/// Returns at most 256 colours that represent the samples: the colours themselves, if there are no more. `counts` has
+/// the number of pixels of each colour, and `all` is the number of all pixels.
 fn palette(samples: &[Sample], counts: &HashMap<[u8; 3], usize>, all: usize) -> Vec<[u8; 3]> {
     if counts.len() <= COLORS {
         return sorted(counts.keys().copied());

@@ -5,7 +5,7 @@ use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DQuat, DVec3};
 use std::collections::BTreeMap;
 
-/// Image size and lens of a COLMAP camera, which several images share.
+/// Image size and lens of a COLMAP camera, which several images may share.
 pub(super) struct Intrinsics {
     size: [u32; 2],
     lens: Lens,
@@ -32,7 +32,8 @@ const MODELS: [(&str, usize); 12] = [
 ];
 
 /// Returns size and lens of a camera with COLMAP's camera model `model`. Its parameters `p` are one or two focal
-/// lengths, the principal point (x, y), then distortion. Distortion must be zero; fisheye models are refused.
+/// lengths, the principal point (x, y), then distortion. Distortion must be zero. Models other than pinhole, radial and
+/// OpenCV, such as fisheye models, are refused.
 fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrinsics, Problem> {
     let of = |problem: Problem| Problem { what: format!("camera {id} {}", problem.what), ..problem };
     let (focal, principal, rest) = match model {
@@ -159,7 +160,7 @@ fn push(images: &mut Vec<NamedCamera>, image: NamedCamera) -> Result<(), Problem
     Ok(())
 }
 
-/// Returns the numbered lines of a text file, without comments.
+/// Returns the lines of a text file with their numbers from 1, without lines that begin with `#`.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.starts_with('#'))

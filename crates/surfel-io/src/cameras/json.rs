@@ -6,8 +6,8 @@ use crate::scene_file::json_problem;
 use glam::{DMat3, DMat4, DVec3};
 use serde_json::{Map, Value};
 
-/// Half a pixel. OpenCV and Open3D measure from the first pixel's centre, so that this is added to their principal
-/// points; see the module [`cameras`](super).
+/// One half. As half a pixel, it is added to the principal points of OpenCV, Open3D and KITTI, which measure from the
+/// first pixel's centre; see the module [`cameras`](super). As a factor, it yields the centre of an image.
 const HALF: f64 = 0.5;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Vec<NamedCamera>, Fault> {
@@ -60,6 +60,7 @@ struct Keys<'a> {
 
 impl Keys<'_> {
     /// Returns the value of the first existing key among `keys`; the camera's values have priority over the file's.
+    /// Returns `None` if no key exists, or if the value is null.
     fn get(&self, keys: &[&str]) -> Option<&Value> {
         let of = |map: &'_ Map<String, Value>, key: &str| map.contains_key(key);
         let own = keys.iter().find(|key| of(self.own, key)).and_then(|key| self.own.get(*key));
@@ -74,8 +75,9 @@ impl Keys<'_> {
         }
     }
 
-    /// Returns the `N` numbers of the first existing key among `keys`, or `None` if no key exists. Numbers in nested
-    /// arrays, such as a matrix, are returned row by row.
+    /// Returns the `N` numbers of the first existing key among `keys`, or `None` if no key exists or its value is null.
+    /// Numbers in nested arrays, such as a matrix, are returned row by row. Any other count, or a number that is not
+    /// finite, is an error.
     fn numbers<const N: usize>(&self, keys: &[&str]) -> Result<Option<[f64; N]>, Problem> {
         let Some(value) = self.get(keys) else { return Ok(None) };
         let mut flat = Vec::new();
@@ -90,7 +92,8 @@ impl Keys<'_> {
         self.numbers(keys)?.ok_or_else(|| Problem::new(format!("has no {}", keys[0])).expected(format!("{N} numbers")))
     }
 
-    /// Returns the image's size in pixels, from keys for width and height or from one key for both.
+    /// Returns the image's size in pixels, from one key for both or from keys for width and height. Returns `None`
+    /// unless both are stated.
     fn size(&self) -> Result<Option<[u32; 2]>, Problem> {
         let sides = match self.numbers::<2>(&["size", "image_size", "resolution"])? {
             Some(size) => Some(size),
@@ -106,7 +109,8 @@ impl Keys<'_> {
         Ok(Some(sides.map(|side| side as u32)))
     }
 
-    /// Checks that the camera has no lens distortion, which isn't supported. Returns an error otherwise.
+    /// Returns an error if the camera has lens distortion, which isn't supported: coefficients other than 0, or a
+    /// camera model other than pinhole, radial or OpenCV.
     fn no_distortion(&self) -> Result<(), Problem> {
         let model = self.get(&["camera_model"]).and_then(Value::as_str).unwrap_or("PINHOLE");
         if !matches!(model, "PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV" | "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV") {
@@ -135,7 +139,8 @@ impl Keys<'_> {
     }
 }
 
-/// Appends the numbers of nested arrays to `all`, row by row, until it has `limit` numbers.
+/// Appends the numbers of nested arrays to `all`, row by row, until it has `limit` numbers. An object counts as its
+/// array `data`, as OpenCV writes matrices. Values that are not numbers become NaN.
 fn flatten(value: &Value, limit: usize, all: &mut Vec<f64>) {
     if all.len() >= limit {
         return;

@@ -6,7 +6,8 @@ use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Numbers of each line of a calibration file, by the name before the colon. Lines with other content have no numbers.
+/// Numbers of each line of a calibration file, by the name before the colon. A line with other content, such as a date,
+/// has an empty list.
 type Entries = BTreeMap<String, Vec<f64>>;
 
 fn entries(bytes: &[u8]) -> Result<Entries, Problem> {

@@ -18,10 +18,10 @@ use surfel_model::Camera;
 /// Largest size, in bytes, of a camera file that is read. COLMAP's `images.bin` is large, because it includes the
 /// points of each image.
 const MAX_BYTES: u64 = 4 << 30;
-/// Maximum number of cameras in one file or folder.
+/// Maximum number of cameras that are read from a file or folder; more are an error.
 const MAX_CAMERAS: usize = 10_000_000;
-/// Largest difference, between the product of a rotation matrix with its transpose and the identity, that is accepted
-/// as rounding. Some files have only three decimals.
+/// Largest error of an element of a rotation matrix times its transpose, relative to the identity, that is accepted as
+/// rounding. Some files have only three decimals.
 const ROUNDING: f64 = 2e-3;
 /// Distance of the near plane from the eye, in world units. The formats state none.
 const NEAR: f64 = 0.01;
@@ -29,8 +29,9 @@ const NEAR: f64 = 0.01;
 /// A camera from a file of another program, with the name of its image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// Name of the camera's image, without extension. Folder names that aren't common to all images are part of it,
-    /// joined by `_`.
+    /// Name of the camera's image, without the extension of an image format. Leading folders that all images share are
+    /// left out; other folders precede the name, joined by `_`. A camera without an image name has its index, from
+    /// `0000`.
     pub name: String,
     /// Width and height of the camera's image in pixels, if the file states them.
     pub size: Option<[u32; 2]>,
@@ -43,7 +44,8 @@ pub struct NamedCamera {
 /// Projection of a camera, as its file states it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lens {
-    /// Focal lengths, and principal point from the upper left corner, both in pixels of the stated image size.
+    /// Focal lengths, and principal point from the upper left corner, both in pixels of the stated image size. If the
+    /// file states no size, they are in pixels of any requested size.
     Pixels { focal: [f64; 2], principal: [f64; 2] },
     /// Horizontal field of view in radians. Pixels are square, and the principal point is the image's centre.
     FieldOfView { x_rad: f64 },
@@ -51,7 +53,7 @@ enum Lens {
 
 impl NamedCamera {
     /// Returns the camera for images of a size (width and height in pixels), by default the stated one. Focal lengths
-    /// and principal point scale with the image. The near plane is 0.01 world units.
+    /// and principal point scale with the image if the file states its size. The near plane is 0.01 world units.
     ///
     /// # Errors
     /// [`Problem`] if neither the file nor the caller states a size.
@@ -77,13 +79,15 @@ impl NamedCamera {
     }
 }
 
-/// Returns the distance from the eye at which a camera's target is placed, in world units. The distance is at least the
-/// largest coordinate of the eye, so that rounding of the target changes the direction by about 10⁻¹⁵ only.
+/// Returns the distance from the eye at which a camera's target is placed, in world units. The distance is the largest
+/// absolute coordinate of the eye, but at least 1, so that rounding of the target changes the direction by about 10⁻¹⁵
+/// only.
 fn reach(eye: DVec3) -> f64 {
     eye.abs().max_element().max(1.0)
 }
 
-/// Reads the cameras of a file, or of a folder of COLMAP (or its `sparse/0`), nerfstudio, 3DGS or KITTI.
+/// Reads the cameras of a file, or of a folder of COLMAP, nerfstudio, 3DGS or KITTI. The files may also be in the
+/// subfolders `sparse` and `sparse/0`.
 ///
 /// | format | files |
 /// | --- | --- |
@@ -97,8 +101,8 @@ fn reach(eye: DVec3) -> f64 {
 /// KITTI's world is that of the laser scanner if its calibration is available, else that of the first rectified camera.
 ///
 /// # Errors
-/// [`IoError::System`] for missing files. [`IoError::Invalid`] for unsupported content, for cameras with distortion or
-/// skew, and for poses that aren't rotations.
+/// [`IoError::System`] for missing files. [`IoError::Invalid`] for unsupported content, if there is no camera, for
+/// cameras with distortion or skew, and for poses that aren't rotations.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     let (path, kind) = find(path)?;
     let bytes = files::read(&path, MAX_BYTES)?;
@@ -127,10 +131,11 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     Ok(cameras)
 }
 
-/// Reads cameras from the contents of a JSON file that [`read`] supports; `name` is for messages.
+/// Reads cameras from the contents of a JSON file that [`read`] supports; `name` is for messages. Returns no cameras if
+/// the file lists none.
 ///
 /// # Errors
-/// Errors of [`read`].
+/// [`IoError::Invalid`], as [`read`], except that a file without cameras is no error.
 pub fn read_json(bytes: &[u8], name: &Path) -> Result<Vec<NamedCamera>, IoError> {
     let mut cameras = json::parse(bytes).map_err(|fault| fault.of(name))?;
     name_all(&mut cameras);
@@ -145,7 +150,8 @@ enum Kind {
     Kitti,
 }
 
-/// Returns the path and the format of the file to read first. `path` is a file or a folder.
+/// Returns the path and the format of the file to read first. `path` is a file or a folder. A file counts as KITTI's if
+/// its name is neither one of COLMAP's nor ends in `.json`.
 fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     if !path.is_dir() {
         let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
@@ -177,7 +183,8 @@ fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     Err(Fault::from(problem).of(path))
 }
 
-/// Converts the cameras' names from paths of images to names without common folders and without extension.
+/// Converts the cameras' names from paths of images to names as [`NamedCamera::name`] describes: without common folders
+/// and without extension.
 fn name_all(cameras: &mut [NamedCamera]) {
     let parts = |name: &str| -> Vec<String> {
         let name = name.replace('\\', "/");
@@ -228,7 +235,8 @@ impl Pose {
     }
 }
 
-/// Orthonormalises a rotation matrix whose digits were rounded; returns an error for matrices that aren't rotations.
+/// Orthonormalises a rotation matrix whose digits were rounded. Returns an error for matrices that mirror, or that
+/// differ from a rotation by more than [`ROUNDING`].
 fn rotation(m: DMat3) -> Result<DMat3, Problem> {
     let wrong = |what: &str| Problem::new(format!("has {what}")).expected("a rotation");
     let error = (m * m.transpose() - DMat3::IDENTITY).to_cols_array().map(f64::abs);
@@ -244,7 +252,7 @@ fn rotation(m: DMat3) -> Result<DMat3, Problem> {
 }
 
 /// Returns a lens with focal lengths and principal point in pixels, the latter from the upper left corner. Returns an
-/// error if they aren't positive and finite.
+/// error unless all numbers are finite and the focal lengths positive.
 fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
     if !focal.iter().all(|f| *f > 0.0 && f.is_finite()) || !principal.iter().all(|c| c.is_finite()) {
         let problem = Problem::new(format!("has the focal lengths {focal:?} and the principal point {principal:?}"));

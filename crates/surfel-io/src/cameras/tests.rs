@@ -70,7 +70,8 @@ impl Truth {
         view.iter().map(|p| self.r.transpose() * (DVec3::from(*p) - self.t)).collect()
     }
 
-    /// Compares a camera with this one, whose pixel coordinates start `corner` pixels before the first pixel's centre.
+    /// Compares a camera with this one, whose pixel coordinates start `corner` pixels right of and below the image's
+    /// upper left corner.
     #[track_caller]
     fn agrees(&self, camera: &Camera, corner: f64) {
         let (eye, target) = (DVec3::from(camera.eye), DVec3::from(camera.target));

@@ -4,9 +4,10 @@ use crate::strided::{Strided, block_rows, read_rows};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Number of consecutive rows in each run of the sample. The sample has [`RUNS`] runs, spread evenly over the file.
+/// Number of consecutive rows in each run of the sample. The sample has [`RUNS`] runs, spread evenly over the file, or
+/// all rows of a file with fewer.
 pub(super) const RUN_ROWS: usize = 32;
-/// Number of runs of rows in the sample; each has [`RUN_ROWS`] rows.
+/// Number of runs of rows in the sample; each has [`RUN_ROWS`] rows. A file of at most 2048 rows is sampled whole.
 const RUNS: usize = 64;
 /// Number of distinct values at which counting stops. Columns with more distinct values are judged alike.
 const MAX_DISTINCT: usize = 1024;
@@ -25,7 +26,7 @@ pub(super) struct Column {
     /// Difference between successive rows, if it is the same whole number in all rows, as in a column of row numbers.
     /// `None` otherwise.
     pub(super) step: Option<f64>,
-    /// True if no value is less than the one before.
+    /// True if each value is equal to or greater than the one before.
     pub(super) is_sorted: bool,
     /// True if each value is greater than the one before.
     pub(super) is_increasing: bool,
@@ -51,31 +52,35 @@ impl Column {
         self.step == Some(1.0) && (self.least == 0.0 || self.least == 1.0)
     }
 
-    /// True if the values are few distinct whole numbers without large gaps, as classes are.
+    /// True if the column has few values (`has_few_values`) without large gaps, as classes are. None is above 255, and
+    /// the sample has at least a quarter of the whole numbers in their range.
     pub(super) fn is_dense_label(&self) -> bool {
         let span = self.most - self.least + 1.0;
         self.has_few_values() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
     }
 
-    /// True if the values are few distinct whole numbers in many rows, as instance ids are. They may have gaps.
+    /// True if the column has few values (`has_few_values`), at most 40 distinct ones in at least 512 sampled rows, as
+    /// with instance ids. They may have gaps.
     pub(super) fn is_sparse_label(&self) -> bool {
         self.has_few_values() && self.sample.len() >= 512 && self.distinct <= 40
     }
 
+    /// True if all values are whole numbers from −1 on, not all the same. The sample must have at least [`MANY_ROWS`]
+    /// rows and at most 64 distinct values, each at least three times on average.
     fn has_few_values(&self) -> bool {
         let is_repeated = self.distinct <= 64 && self.distinct * 3 <= self.sample.len();
         self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
     }
 
-    /// True if no step between successive values is more than three times the mean step. Identifiers ascend in even
-    /// steps, sorted coordinates in uneven ones.
+    /// True if no step between successive values of the sample is more than three times the mean step. False for fewer
+    /// than `2 * MANY_ROWS` steps. Identifiers ascend in even steps, sorted coordinates in uneven ones.
     pub(super) fn has_even_steps(&self) -> bool {
         let gaps: Vec<f64> = self.successive().map(|(before, after)| (after - before).abs()).collect();
         let usual = gaps.iter().sum::<f64>() / gaps.len().max(1) as f64;
         gaps.len() >= 2 * MANY_ROWS && gaps.iter().all(|gap| *gap <= 3.0 * usual)
     }
 
-    /// Returns the pairs of sample values whose rows are neighbours in the file.
+    /// Returns the pairs of successive sample values within each run, whose rows are neighbours in the file.
     pub(super) fn successive(&self) -> impl Iterator<Item = (f64, f64)> {
         self.sample.chunks(RUN_ROWS).flat_map(|run| run.windows(2).map(|pair| (pair[0], pair[1])))
     }
@@ -173,7 +178,8 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     parts.map(column).collect()
 }
 
-/// Returns each column's values in the sample: runs of consecutive rows that are spread evenly over the file.
+/// Returns each column's values in the sample: runs of consecutive rows that are spread evenly over the file. A file of
+/// at most 2048 rows is sampled whole.
 fn sample(columns: &[Strided<'_>]) -> Vec<Vec<f64>> {
     let rows = columns[0].len();
     let starts: Vec<usize> = match rows {
@@ -232,8 +238,8 @@ impl<'a> Triple<'a> {
         (0..self.columns[0].sample.len()).map(|row| self.columns.map(|c| c.sample[row]))
     }
 
-    /// True if at least 95 % of the rows are unit vectors, as normals are. Zero vectors mean that a point has no
-    /// normal, and don't count.
+    /// True if at least 95 % of the sampled rows, and at least one, are unit vectors, as normals are: their length is 1
+    /// within 0.02. Zero vectors, which mean that a point has no normal, and vectors with NaN don't count.
     pub(super) fn is_unit(&self) -> bool {
         let (mut unit, mut other) = (0, 0);
         for row in self.rows() {
@@ -248,7 +254,8 @@ impl<'a> Triple<'a> {
         unit > 0 && unit >= 19 * other
     }
 
-    /// Returns the range of the colour channels if the columns can be colours, else `None`.
+    /// Returns the range of the colour channels if the columns can be colours. Returns `None` for values below 0 or
+    /// above 65535, fractions in columns that exceed 255, columns without a finite value, and zeros alone.
     pub(super) fn color_scale(&self) -> Option<Scale> {
         let [least, most] = self
             .columns
@@ -324,7 +331,8 @@ impl<'a> Triple<'a> {
         self.rows().map(spread).sum::<f64>() / self.columns[0].sample.len().max(1) as f64
     }
 
-    /// True if at least 95 % of the values are 8-bit levels divided by 255 and rounded, and aren't only 0 and 1.
+    /// True if at least 95 % of the sampled finite values are 8-bit levels divided by 255, within 0.03 levels. Some
+    /// value must be between 0 and 1.
     pub(super) fn are_bytes_over_255(&self) -> bool {
         let (mut near, mut far, mut between) = (0, 0, 0);
         for v in self.rows().flatten().filter(|v| v.is_finite()) {

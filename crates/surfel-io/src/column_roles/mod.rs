@@ -1,9 +1,9 @@
 //! Detection of the roles of columns without names.
 //!
-//! The method has three steps. First, statistics of each column are measured over many rows ([`evidence`]). Second,
-//! layouts are scored. A layout divides the columns, from first to last, into roles of one, two or three columns. The
-//! score of a role depends on the statistics of its columns and on the previous role. Third, the layout with the
-//! largest sum of scores is chosen, and the decisive reasons are returned as text.
+//! The method has three steps. First, statistics of each column are measured over all rows or a sample of them
+//! ([`evidence`]). Second, layouts are scored. A layout divides the columns, from first to last, into roles of one, two
+//! or three columns. The score of a role depends on the statistics of its columns and on the previous role. Third, the
+//! layout with the largest sum of scores is chosen, and the decisive reasons are returned as text.
 
 #![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
 
@@ -102,7 +102,7 @@ pub(crate) struct Layout {
 /// numbers in the file, from 1, for messages.
 ///
 /// # Errors
-/// [`Problem`] for columns that aren't points.
+/// [`Problem`] if each sampled row is a camera pose.
 pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layout, Problem> {
     let measured = measure(columns);
     if let Some(problem) = refused::poses(&measured) {
@@ -158,7 +158,7 @@ impl State {
 }
 
 /// True if at least 99 % of the sampled pairs of x and y are distinct, as the cells of a raster are. Two columns of
-/// whole numbers that precede columns of fractions can be x and y only if this is true.
+/// whole numbers that precede three columns of fractions get a lower score as x and y if this is false.
 fn are_distinct_pairs(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
@@ -348,7 +348,8 @@ impl Choice<'_> {
         score - if constant == 3 { 6.0 } else { 0.5 * constant as f64 }
     }
 
-    /// True if a column contains return numbers of laser pulses, which ascend within a pulse and restart with 1.
+    /// True if a column seems to contain return numbers of laser pulses: whole numbers from 1 to at most 15. In at
+    /// least 90 % of the sampled pairs of rows, the number goes up by 1, within a pulse, or restarts with 1.
     fn are_returns(&self, i: usize) -> bool {
         let column = &self.columns[i];
         let is_small = column.is_whole && column.least == 1.0 && column.most <= 15.0 && !column.is_constant();
@@ -360,7 +361,8 @@ impl Choice<'_> {
         is_small && self.rows() >= 2 * MANY_ROWS && f64::from(ordered) >= 0.9 * f64::from(all)
     }
 
-    /// True if the column `number` has return numbers, and the column `count` the number of returns of the same pulse.
+    /// True if the column `number` seems to have return numbers, and the column `count` the number of returns of the
+    /// same pulse. Both are whole numbers from 1 to 15, and no sampled return number exceeds its count.
     fn are_pairs_of_returns(&self, number: usize, count: usize) -> bool {
         let [number, count] = [number, count].map(|i| &self.columns[i]);
         let is_small = |c: &Column| c.is_whole && c.least >= 1.0 && c.most <= 15.0;

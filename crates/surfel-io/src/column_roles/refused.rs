@@ -16,7 +16,7 @@ const IMAGE_SIDE: usize = 8;
 #[cfg(feature = "npy")]
 const MIN_IMAGE_COLUMNS: usize = 20;
 
-/// Returns a problem if each row contains a camera pose: a matrix of 12 or 16 numbers.
+/// Returns a problem if each sampled row contains a camera pose: a matrix of 12 or 16 numbers.
 pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     let width = columns.len();
     if !matches!(width, 12 | 16) {
@@ -33,7 +33,8 @@ pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     are_poses.then(problem)
 }
 
-/// True if the numbers are a camera pose: three or four rows of four numbers, whose left part is a rotation.
+/// True if the numbers are a camera pose: three or four rows of four numbers, whose left part is a rotation within
+/// [`ROUNDING`]. It may also mirror. Four rows may be stored column by column.
 fn is_pose(m: &[f64]) -> bool {
     if m.len() == 16 && m[12..] != [0.0, 0.0, 0.0, 1.0] {
         // Column-major order.
@@ -60,8 +61,7 @@ pub(crate) enum Matrix {
 
 /// Returns the kind of camera matrices that an array contains, or `None` if it may be a table of points. `columns`
 /// contains the matrices one below the other, with `height` rows each. If `interleaved`, it contains all first rows,
-/// then all second rows, and so on.
-/// `height` rows each. If `interleaved`, it contains all first rows, then all second rows, and so on.
+/// then all second rows, and so on. At most 100 matrices are examined, spread evenly over the array.
 #[cfg(feature = "npy")]
 pub(crate) fn matrix_kind(columns: &[Strided<'_>], height: usize, interleaved: bool) -> Option<Matrix> {
     const MOST: usize = 100;
@@ -93,8 +93,9 @@ pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
     triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
 }
 
-/// True if an array is an image: most neighbouring columns have similar ranges. In addition there must be many columns,
-/// or the values of neighbouring columns must be nearly equal.
+/// True if an array of at least [`IMAGE_SIDE`] rows and columns is an image. At least 90 % of the pairs of neighbouring
+/// columns, among them the first three pairs, must have similar ranges. In addition there must be [`MIN_IMAGE_COLUMNS`]
+/// columns, or neighbouring values must differ by at most 15 % of the whole range on average.
 #[cfg(feature = "npy")]
 pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());

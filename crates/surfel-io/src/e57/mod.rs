@@ -85,7 +85,7 @@ fn problem(what: impl std::fmt::Display) -> Problem {
     Problem::new(format!("is no E57 that can be read: {what}")).help("the file is cut off or damaged: copy it again")
 }
 
-/// Column other than position, colour and normal, with the smallest number type for its values in all scans.
+/// Column other than position, colour and normal, in the number type that [`columns()`] selects.
 enum Typed {
     U8(SparseColumn<u8>),
     U16(SparseColumn<u16>),
@@ -253,7 +253,7 @@ impl<'a> File<'a> {
     }
 
     /// Returns the layouts of the scans that have points, or an error if there are none. Adds a note for each scan that
-    /// has points but no coordinates.
+    /// has points but no coordinates, or whose points take no bits in the file; such scans are left out.
     fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
         let mut layouts = Vec::new();
         for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
@@ -321,7 +321,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    /// Adds notes about dropped points and unused images.
+    /// Adds notes about dropped points, points without a colour, and unused images.
     fn note_left_out(&self, invalid: u64, colorless: u64, notes: &mut Vec<String>) {
         if invalid > 0 {
             notes.push(format!("left out {} flagged as invalid", counted(invalid, "points")));
@@ -346,7 +346,7 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
 }
 
 /// Returns the names of the columns of all scans other than position, colour and normal. Each has the smallest number
-/// type for its values in all scans.
+/// type for its values if all scans agree on this type, else f64.
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {

@@ -35,7 +35,7 @@ pub(super) struct Head<'a> {
 }
 
 /// An entry of a TIFF directory. Entries for tile offsets and lengths (`is_list`) have their values after all
-/// directories.
+/// directories, unless these fit into the entry.
 struct Entry {
     tag: u16,
     kind: u16,
@@ -129,7 +129,7 @@ impl Head<'_> {
         Ok(link)
     }
 
-    /// Appends a file offset, in 8 bytes for a BigTIFF, else in 4.
+    /// Appends a file offset or a count, in 8 bytes for a BigTIFF, else in 4.
     fn put_offset(&self, value: u64, out: &mut Vec<u8>) -> io::Result<()> {
         match self.is_big {
             true => out.extend(value.to_le_bytes()),

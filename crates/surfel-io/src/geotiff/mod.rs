@@ -58,7 +58,8 @@ pub struct GeoImage {
     pub samples: GeoSamples,
     /// Names of the bands in their order, which GDAL displays as descriptions. If empty, the file names no bands.
     pub bands: Vec<&'static str>,
-    /// True if an additional last band marks interpolated pixels: 255 in 8 bits or 1 as f32, else 0.
+    /// True if an additional last band marks interpolated pixels: 255 in 8 bits or 1 as f32. Other pixels have 0, but
+    /// [`GeoSamples::NODATA`] in an f32 image if they have no data.
     pub has_marks: bool,
     /// x of the image's left edge and y of its upper edge, in units of the coordinate reference system.
     pub left_top: [f64; 2],
@@ -89,7 +90,7 @@ impl GeoImage {
     }
 
     /// Returns the sizes of the image and its overviews. Each overview has half the columns and rows of the level
-    /// before; the last one fits into a tile.
+    /// before, rounded up; the last one fits into a tile. An image that fits into a tile has no overview.
     fn sizes(&self) -> Vec<[u32; 2]> {
         let mut sizes = vec![self.size];
         while let Some(size) = sizes.last().filter(|size| size.iter().any(|side| *side > TILE)) {
@@ -213,7 +214,8 @@ impl<'a> GeoTiles<'a> {
     /// is interpolated, and is used only if the image has marks. No pixel may be written twice.
     ///
     /// # Errors
-    /// [`IoError::System`] if the file can't be written.
+    /// [`IoError::System`] if the temporary file can't be written, or if the rectangle isn't whole rows inside the
+    /// image.
     pub fn write_color(
         &mut self,
         at: [u32; 2],

@@ -30,7 +30,7 @@ pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -
 }
 
 /// Appends the mean of pixels with RGBA colours, weighted by alpha. A fifth band, if there is one, is averaged
-/// likewise.
+/// likewise. Alpha itself is the plain mean, but at least 1. If all alphas are 0, the appended pixel is zero.
 fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
     let table = linear_of_8_bit();
     let (mut sums, mut marks, mut alpha, mut count, mut bands) = ([0.0_f32; 3], 0.0, 0.0, 0.0, 4);

@@ -92,7 +92,8 @@ impl Asset<'_> {
         Ok(values)
     }
 
-    /// Returns the numbers of an accessor that contains vertex indices.
+    /// Returns the numbers of an accessor that contains vertex indices. Sparse accessors, and those without a buffer
+    /// view, are an error.
     pub(super) fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>, Problem> {
         let plain = accessor.dimensions() == Dimensions::Scalar && accessor.sparse().is_none();
         let Some(view) = accessor.view().filter(|_| plain) else {
@@ -125,7 +126,8 @@ fn component(raw: &[u8], kind: DataType, normalized: bool) -> f32 {
     if normalized { fraction(value, kind) } else { value }
 }
 
-/// Converts a normalised integer to a fraction of its number type's largest value; returns floats unchanged.
+/// Converts a normalised integer to a fraction of its number type's largest value, at least −1; returns floats
+/// unchanged.
 pub(super) fn fraction(value: f32, kind: DataType) -> f32 {
     let largest = match kind {
         DataType::I8 => 127.0,

@@ -9,7 +9,8 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
-/// Maximum number of bytes that all compressed buffer views and meshes of a file together may unpack to.
+/// Maximum number of bytes that all compressed buffer views and meshes of a file together may unpack to; more are an
+/// error.
 pub(super) const MAX_DECOMPRESSED: usize = 2 << 30;
 
 /// A glTF document with the bytes of its buffers.

@@ -12,7 +12,8 @@ use gltf::json::validation::Error;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
-/// Extensions that Surfel supports, and that a file may list as required.
+/// Extensions that every build of Surfel supports, and that a file may list as required. Draco and meshopt depend on
+/// Cargo features.
 const READ: [&str; 4] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_gaussian_splatting", INSTANCES];
 /// Extensions that Surfel doesn't support, but that a file may list as required. Shape and base colour don't depend on
 /// them.
@@ -293,8 +294,8 @@ fn validate(root: Root, read: &Value) -> Result<gltf::Document, Problem> {
     Ok(gltf::Document::from_json_without_validation(root))
 }
 
-/// True for validation errors that don't prevent reading: missing bounds of positions, missing buffer views of
-/// compressed or zero accessors, odd strides.
+/// True for validation errors that don't prevent reading: odd strides, and missing values of any kind, such as bounds
+/// of positions or buffer views of accessors.
 fn is_harmless(path: &str, error: Error) -> bool {
     match error {
         Error::Missing => true,

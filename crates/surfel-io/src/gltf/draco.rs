@@ -88,8 +88,8 @@ mod enabled {
     }
 
     impl DracoMesh {
-        /// Returns an attribute's values, `N` per vertex, if the stream has it. A missing fourth number is 1; other
-        /// missing numbers are 0.
+        /// Returns an attribute's values, `N` per vertex, if the stream has it. Numbers that the stream lacks are 1 if
+        /// `N` is 4, else 0.
         pub(crate) fn floats<const N: usize>(&self, name: &str, normalized: bool) -> Option<Vec<[f32; N]>> {
             let attribute = self.mesh.attribute_by_unique_id(*self.ids.get(name)?)?;
             let (points, found) = (self.mesh.num_points(), usize::from(attribute.num_components()));

@@ -13,7 +13,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// The materials of a document that Surfel uses, and their textures.
+/// The materials of a document, and those of their textures that Surfel uses.
 #[derive(Default)]
 pub(super) struct Materials {
     pub(super) all: Vec<BaseColor>,
@@ -60,7 +60,8 @@ impl TextureTransform {
 }
 
 impl Materials {
-    /// Reads all materials of a document. A texture that can't be read is dropped with a note.
+    /// Reads all materials of a document. A texture that can't be read is dropped with a note, as is a normal map or
+    /// emissive texture with other texture coordinates than the colours. Without its texture, emission is dropped, too.
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
         let first_with_same_data = first_with_same_data(asset);
@@ -149,8 +150,9 @@ impl Materials {
 }
 
 impl BaseColor {
-    /// True if `map` uses the same texture coordinates as the material's other textures, as drawing requires. If there
-    /// are no others yet, the material adopts the coordinates of `map`.
+    /// True if `map` uses the same attribute and transform of texture coordinates as the material's other textures, as
+    /// drawing requires. If the material has no colour or emissive texture yet, it adopts those of `map`, and its wrap
+    /// modes.
     fn shares_coordinates(&mut self, map: &MapTexture) -> bool {
         if self.material.texture.is_none() && self.material.emission_map.is_none() {
             (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
@@ -164,8 +166,8 @@ fn is_double_sided(asset: &Asset<'_>, material: usize) -> bool {
     asset.document.material(material).and_then(|m| m.get("doubleSided")?.as_bool()) == Some(true)
 }
 
-/// Returns a material's emissive colour, linear: the factor times its strength. Unlit materials show only the base
-/// colour and return zeros.
+/// Returns a material's emissive colour, linear: the factor times its strength, from 0 to 10⁶. Unlit materials show
+/// only the base colour and return zeros.
 fn emission(material: &Value) -> [f32; 3] {
     let extension = |name: &str| material.get("extensions").and_then(|all| all.get(name));
     if extension(UNLIT).is_some() {
@@ -204,8 +206,8 @@ fn cutoff(material: &gltf::Material<'_>) -> f32 {
     material.alpha_cutoff().filter(|c| c.is_finite()).unwrap_or(0.5)
 }
 
-/// Returns, for each image, the index of the first image with the same data, so that each is decoded once. Some
-/// exporters write one image per texture.
+/// Returns, for each image, the index of the first image with the same URI and buffer view, so that each is decoded
+/// once. Some exporters write one image per texture.
 fn first_with_same_data(asset: &Asset<'_>) -> Vec<usize> {
     let images = &asset.document.gltf.as_json().images;
     let mut known = HashMap::with_capacity(images.len());

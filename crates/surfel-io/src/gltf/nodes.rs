@@ -8,7 +8,8 @@ use serde_json::Value;
 
 /// The nodes of a document, with their placements in world space.
 pub(super) struct Nodes {
-    /// Indices of the nodes of the default scene, depth first.
+    /// Indices of the nodes of the default scene, depth first. Without a default, this is the first scene; without
+    /// scenes, it has all nodes.
     pub(super) drawn: Vec<usize>,
     /// World-from-node transforms of all nodes. Nodes outside the default scene may be joints of skins.
     pub(super) world: Vec<DAffine3>,

@@ -12,7 +12,8 @@ use gltf::accessor::Dimensions;
 use gltf::{Primitive, Semantic};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// Maximum number of columns that are read from application-specific attributes.
+/// Maximum number of columns that are read from application-specific attributes of a scene. Other attributes are
+/// ignored with a note.
 pub(super) const MAX_CUSTOM_COLUMNS: usize = 64;
 
 /// Source of a primitive's attributes: its accessors, or a mesh decompressed from it.
@@ -31,7 +32,7 @@ pub(super) struct Vertices {
     /// Vertex colours, in linear RGB and alpha.
     pub(super) colors: Option<Vec<[f32; 4]>>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,
-    /// True if the placement of the primitive mirrors it, which reverses the winding order of triangles.
+    /// True if the world transform of the first vertex mirrors, which reverses the winding order of triangles.
     pub(super) mirrored: bool,
 }
 
@@ -57,8 +58,8 @@ impl Attributes<'_> {
         self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
     }
 
-    /// Returns the primitive's scalar application-specific attributes as columns. Also returns the names of the
-    /// application-specific attributes that aren't read.
+    /// Returns the scalar ones among the primitive's first [`MAX_CUSTOM_COLUMNS`] application-specific attributes as
+    /// columns. Also returns the names of the application-specific attributes that aren't read.
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());

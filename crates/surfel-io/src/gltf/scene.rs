@@ -25,8 +25,8 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use surfel_model::{AlphaMode, ExtraColumn, ExtraValues};
 
-/// Maximum number of vertices or indices of a scene, including those of morph targets, joints and instances. It limits
-/// the memory.
+/// Maximum number of vertices and indices of a scene together, including those of morph targets, joints, instances and
+/// application-specific columns. More are an error, which limits the memory.
 const MAX_VERTICES: usize = 1 << 26;
 
 /// Geometry of the primitives that were read from a scene so far.
@@ -55,7 +55,8 @@ struct Gathered {
     compressed: HashMap<(usize, usize), Rc<Option<DracoMesh>>>,
 }
 
-/// Reads all geometry of the default scene.
+/// Reads the geometry of the default scene: its triangles; if it has none, its splats; or else its points. Lines and
+/// other ignored geometry are noted.
 pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let all = gather(asset, context)?;
     if all.skinned > 0 {
@@ -214,7 +215,7 @@ impl Gathered {
     }
 
     /// Returns the poses in which a primitive is drawn: one per instance of its node, or the single pose of the node or
-    /// of its skin.
+    /// of its skin. Instances of a node with a skin are ignored.
     fn poses(
         &mut self,
         attributes: &Attributes<'_>,
@@ -239,7 +240,8 @@ impl Gathered {
         }
     }
 
-    /// Returns the pose of a primitive whose node has no instances: that of the node or of its skin.
+    /// Returns the pose of a primitive without instances: that of its skin or, if the node has no skin or the primitive
+    /// no joints, that of the node.
     fn pose(
         &mut self,
         attributes: &Attributes<'_>,
@@ -374,8 +376,8 @@ fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize
     }
 }
 
-/// Appends the values of `n` vertices to a column of the `base` vertices before. If the column is missing on one side,
-/// its values there are `default`.
+/// Appends the values of `n` vertices to a column of the `base` vertices before. If only the vertices before or only
+/// the new ones have values, those of the others are `default`.
 fn append<T: Copy>(column: &mut Option<Vec<T>>, values: Option<Vec<T>>, base: usize, n: usize, default: T) {
     match (column.as_mut(), values) {
         (None, None) => {}

@@ -10,7 +10,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::Texture;
 
-/// Maximum number of texels of a converted texture, per texel of the original.
+/// Maximum number of texels of a converted texture, per texel of the original. A texture that would become larger stays
+/// unchanged, unless [`ALWAYS_ALLOWED_TEXELS`] allows its size.
 const MAX_GROWTH: usize = 4;
 /// Number of texels that a converted texture may always have, however small the original is.
 const ALWAYS_ALLOWED_TEXELS: usize = 1 << 22;

@@ -18,7 +18,8 @@ pub(crate) struct Blocks {
     /// An empty point cloud with the comments that apply to all points of the file.
     pub(crate) cloud: PointCloud,
     pub(crate) bounds: Option<(DVec3, DVec3)>,
-    /// Minimum and maximum of each colour channel over all points, in linear RGB; `None` if the file has no colours.
+    /// Minimum and maximum of each colour channel over all points, in linear RGB; `None` if the file has no colours or
+    /// only black.
     pub(crate) colors: Option<([f32; 3], [f32; 3])>,
 }
 

@@ -23,7 +23,8 @@ pub(super) struct Header {
     pub(super) compressed: bool,
     /// Number of bytes of a point record, with extra bytes.
     pub(super) record_bytes: usize,
-    /// Byte offset of the first point.
+    /// Byte offset of the point data. In a file compressed in chunks, the offset of the chunk table takes the first 8
+    /// bytes there, and the first chunk follows.
     pub(super) start: u64,
     /// Byte offset at which the points end at the latest, because something else or the end of the file follows.
     pub(super) end: u64,

@@ -13,7 +13,7 @@ use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::ops::Range;
 
 /// Maximum number of bytes that points may take after decoding: the first number plus the second times the file's size.
-/// Ordinary scans expand 4 to 20 times, grids of equal points up to thousands of times.
+/// Files with more are refused. Ordinary scans expand 4 to 20 times, grids of equal points up to thousands of times.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
 /// Maximum number of points, and of their bytes, in chunks that are decoded together. A single larger chunk is decoded
 /// alone.
@@ -30,7 +30,8 @@ struct Chunk {
     points: u64,
 }
 
-/// Passes all points to `sink`. With `repair`, reads the complete chunks of a truncated file.
+/// Passes all points to `sink`. With `repair`, reads the complete chunks of a truncated file, if its chunks are layered
+/// or of a fixed size.
 pub(super) fn read(
     source: &mut dyn Source,
     header: &mut Header,
@@ -68,7 +69,7 @@ fn is_layered(vlr: &LazVlr) -> bool {
 }
 
 /// Returns the LASzip record and the kind of compressor that it states. The record's items are checked against the
-/// header.
+/// header. The record is removed from the header, so this function succeeds only once per header.
 pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem> {
     let Some(mut record) = header.laszip.take() else {
         return Err(Problem::new("says that its points are compressed, and lacks the record of LASzip that says how"));
@@ -124,11 +125,12 @@ fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Maximum number of compressed bytes that [`first_points`] reads. If the first chunk is larger, no points are decoded.
+/// Maximum number of compressed bytes that [`first_points`] reads. If the first points need more, none are decoded.
 const MAX_FIRST: u64 = 64 << 20;
 
-/// Decodes the first points of a file, at most `most`. Returns `None` for files that aren't compressed in chunks, that
-/// are damaged, or whose first chunk is very large.
+/// Decodes points of a file's first chunk, at most `most`. Returns `None` if there are none, if the file is damaged,
+/// and if more than [`MAX_FIRST`] bytes would be read. Also returns `None` for files in one piece, and for chunks
+/// without layers that vary in size.
 pub(super) fn first_points(
     source: &mut dyn Source,
     header: &mut Header,
@@ -449,7 +451,8 @@ pub(super) fn chunk_points(
 
 /// Removes layers from a chunk, so that they aren't decoded: those of the colours if `colors` is true, and those of the
 /// extra bytes that are true in `extra`. The chunk begins at byte `start` of `packed` and ends at its end. All points
-/// of the chunk get zeros for removed layers. [`chunk_points`] must have checked the chunk.
+/// of the chunk get zeros for removed layers. A chunk without layers stays unchanged. [`chunk_points`] must have
+/// checked the chunk.
 pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
     if !is_layered(vlr) {
         return;

@@ -125,8 +125,9 @@ fn first_records(source: &mut dyn Source, header: &mut Header, file_bytes: u64) 
     None
 }
 
-/// Estimates the number of points and the memory per point of a file that can be converted to COPC, from the start of
-/// the file. Returns `None` for other files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
+/// Estimates the number of points of a file that can be converted to COPC, and the memory per point
+/// ([`PointCount::row_bytes`]), without reading all points. Returns `None` for other files and for invalid headers.
+/// `columns` is as in [`crate::LoadOptions`].
 #[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
 pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<PointCount> {
     let mut file = RegularFile::open(path).ok()??;

@@ -242,7 +242,8 @@ impl Columns {
         }))
     }
 
-    /// Removes the column of colours, so that colours aren't converted. Returns their byte offset in a record.
+    /// Removes the column of colours, so that colours aren't converted. Returns their byte offset in a record; `None`
+    /// if there are no colours.
     pub(super) fn remove_colors(&mut self) -> Option<usize> {
         self.colors.take().map(|(at, _)| at)
     }
@@ -280,8 +281,9 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
-/// True if f32 rounds coordinates between `min` and `max` by more than a quarter of the grid step `scale`. The rounding
-/// error is then stored, too, as the low part of the positions.
+/// True if f32 may round coordinates between `min` and `max` by more than a quarter of the grid step `scale`, when they
+/// are stored relative to the origin that [`Column3::origin_of`] returns. The rounding error is then stored, too, as
+/// the low part of the positions.
 pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
     let origin = Column3::origin_of(min, max);
     // f32 rounds by at most 2⁻²⁴ of a number.

@@ -11,8 +11,8 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// Maximum number of textures that are read for a file, which limits their memory. It also limits the number of
-/// material libraries.
+/// Maximum number of textures that are read for a file, which limits their memory; further ones are left out with
+/// notes. It also limits the number of material libraries; further ones are ignored.
 const MAX_TEXTURES: usize = 64;
 
 struct Entry {
@@ -57,7 +57,8 @@ struct ColorImages<'a> {
 
 impl ColorImages<'_> {
     /// Combines both images to one texture, of the size of the first image that can be read. Returns `None` if neither
-    /// can be read, with notes about such images. `so_far` is the number of textures that were read before.
+    /// can be read. Adds a note on each image that can't be read, also if `so_far`, the number of textures that were
+    /// read before, has reached [`MAX_TEXTURES`].
     fn read(self, so_far: usize, context: &mut Context<'_>) -> Option<Texture> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
@@ -86,7 +87,8 @@ impl ColorImages<'_> {
 /// mostly have z ≥ 0.5, and their x and y average to about 0, so that the excess is at least 64. Height maps are grey.
 const NORMALS_BLUE: f64 = 32.0;
 
-/// True if an image contains tangent-space normals rather than heights. Most programs write both as `map_Bump`.
+/// True if an image seems to contain tangent-space normals rather than heights, by its excess of blue
+/// ([`NORMALS_BLUE`]). Most programs write both as `map_Bump`.
 fn shows_normals(image: &Texture) -> bool {
     let blue = |[r, g, b, _]: &[u8; 4]| f64::from(*b) - 0.5 * (f64::from(*r) + f64::from(*g));
     image.srgba8.iter().map(blue).sum::<f64>() > NORMALS_BLUE * image.srgba8.len() as f64
@@ -113,7 +115,8 @@ fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
 
 /// Reads the materials of `names` (name → index) and their textures from material libraries. Returns the materials by
 /// index, and the textures to which they refer. Materials that no library defines are white. If all materials are
-/// plain, returns no materials. A library that can't be read is skipped with a note.
+/// plain, returns no materials. Libraries and textures that can't be read, and bump maps of heights, are left out with
+/// notes.
 pub(super) fn resolve(
     libraries: &[String],
     names: &HashMap<String, u32>,
@@ -250,7 +253,8 @@ fn bumps(statement: &str, folder: &str, are_normals: bool, context: &mut Context
     Bumps { map: path_of(statement, folder, context), scale: scale.unwrap_or(1.0), are_normals }
 }
 
-/// Returns the path of the image that a statement such as `map_Kd` names.
+/// Returns the path of the image that a statement such as `map_Kd` names, below `folder` unless the name is absolute.
+/// Options that move or scale the texture are ignored with a note.
 fn path_of(statement: &str, folder: &str, context: &mut Context<'_>) -> String {
     let path = |map: &str| if Path::new(map).is_absolute() { map.to_owned() } else { format!("{folder}{map}") };
     let found = names::map(statement, |map| names::exists(&path(map), &context.siblings));

@@ -3,10 +3,11 @@
 
 use crate::files::Siblings;
 
-/// Maximum number of words of a library's name. In a texture statement, a name is searched for that begins within the
-/// first words, or after the options, and ends within the last ones; this is also their maximum number.
+/// Maximum number of words of a library's name. It also limits the search for the name of an existing file in a texture
+/// statement. The name begins at one of the first `MAX_WORDS` words, or after the options, and at most `MAX_WORDS`
+/// words follow it.
 const MAX_WORDS: usize = 12;
-/// Maximum number of libraries that a statement may name.
+/// Maximum number of libraries that are read from a statement; further ones are ignored.
 const MAX_LIBRARIES: usize = 64;
 
 /// Options of texture statements (MTL specification), and the maximum number of words that follow each option. Where
@@ -29,7 +30,7 @@ const OPTIONS: [(&str, usize); 15] = [
     ("-type", 1),
 ];
 
-/// File name in a texture statement, and its options that Surfel ignores.
+/// File name in a texture statement, and those of its options whose effect is missed because Surfel ignores them.
 #[derive(Debug, PartialEq)]
 pub(super) struct Map<'a> {
     pub(super) name: &'a str,
@@ -37,7 +38,7 @@ pub(super) struct Map<'a> {
     pub(super) moved: Option<String>,
 }
 
-/// Returns a name with percent-encoding decoded, if it differs from the original.
+/// Returns a name with percent-encoding decoded; `None` if the result is empty, no text, or the same name.
 pub(super) fn decoded(name: &str) -> Option<String> {
     let decoded = percent_encoding::percent_decode_str(name).decode_utf8().unwrap_or_default();
     (!decoded.is_empty() && decoded != name).then(|| decoded.into_owned())
@@ -73,8 +74,10 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
     if are_names { found } else { vec![statement.to_owned()] }
 }
 
-/// Returns the file of a texture statement, which may have options before and after the name. The name is the longest
-/// part that is an existing file, else the text after the options.
+/// Returns the file of a texture statement, which may have options before and after the name. The name is a part of the
+/// statement that is an existing file. Among several parts, those that end last are preferred; among these, the one
+/// that begins right after the options, or else the longest. If no part is an existing file, the name is the text after
+/// the options.
 pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     let words = words(statement);
     let first = after_options(statement, &words);

@@ -283,8 +283,8 @@ fn checked_row_count(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     Ok((count as usize, least))
 }
 
-/// Sets of three properties that together become one column of vectors or colours. Their numbers stay in the file and
-/// are read on demand ([`Column::Stored`]).
+/// Sets of three properties that together become one column of vectors or colours. If a binary element without lists
+/// has all three, their numbers stay in the file and are read on demand ([`Column::Stored`]).
 const COMBINED_PROPERTIES: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
@@ -415,8 +415,9 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
     Ok(())
 }
 
-/// Returns the next word of text data. If `first`, the word is the first value of a row and must begin a line. Returns
-/// an error if it doesn't, because row and header then disagree, or if the file ends.
+/// Returns the next word of text data. If `first`, the word is the first value of a row and must begin a line, except
+/// in the element's first row. Returns an error if it doesn't, because row and header then disagree, or if the file
+/// ends.
 fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
     let bytes = cursor.bytes;
     let mut start = cursor.position;

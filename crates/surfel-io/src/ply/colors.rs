@@ -9,8 +9,8 @@ use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Largest float value up to which a file's colours are taken to range from 0 to 1. Computed light or displayed colours
-/// may exceed 1. If a file has a larger value, its colours range to 255 or 65535.
+/// Largest value up to which a file's sRGB-encoded float colours are taken to range from 0 to 1, unless some exceed 1
+/// and all are whole. Computed light or displayed colours may exceed 1. Other colours range to 255 or 65535.
 pub(crate) const MAX_FLOAT_COLOR: f64 = 8.0;
 
 /// Encoding of colours that are stored as floats, which their number type doesn't determine.
@@ -86,8 +86,8 @@ impl ColorScale {
         }
     }
 
-    /// Returns a note for the user about the encoding and range that were assumed; `None` if the number type determines
-    /// them.
+    /// Returns a note for the user about the encoding and range that were assumed. Returns `None` for 8-bit and linear
+    /// colours, for 16-bit colours that exceed 255 or are all 0, and for other whole numbers up to 255.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
             (ColorType::Byte, _) | (_, Self::Linear) => None,
@@ -163,7 +163,7 @@ pub(super) fn take_printed(
 struct ColorColumns<'a>([&'a [f64]; 3]);
 
 impl ColorColumns<'_> {
-    /// Returns encoding and range of the values. Adds a note if their number type doesn't determine encoding and range.
+    /// Returns encoding and range of the values. Adds the note of [`ColorScale::note`], if there is one.
     fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
         let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
         let largest = all().fold(0.0, f64::max);
@@ -174,8 +174,8 @@ impl ColorColumns<'_> {
 }
 
 /// Removes a column `rgb` or `rgba` of colours that are packed into one number, as the Point Cloud Library does.
-/// Returns the colours in linear light; `None` if there is no such column. A float column that isn't packed stays in
-/// the table.
+/// Returns the colours in linear light; `None` if there is no such column. A column that isn't packed, because of its
+/// type or its float values, stays in the table.
 fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     let name = ["rgb", "rgba"].into_iter().find(|name| table.has(name))?;
     let packed = match table.take(name).map(ExtraValues::from)? {
@@ -198,8 +198,9 @@ pub(super) fn is_packed(value: f32) -> bool {
     value.is_nan() || value.abs() < 1e-37 || value < -1e37
 }
 
-/// Removes the alphas from a table, and returns them as fractions from 0 to 1; `None` if there are none. Float alphas
-/// may range to 255 or 65535, except in PLY files of splats (`is_profile`), where they are fractions already.
+/// Removes the alphas from a table, and returns them as fractions from 0 to 1; `None` if there are none. 16-bit alphas
+/// that never exceed 255 count as 8 bits. Float alphas may range to 255 or 65535, except in PLY files of splats
+/// (`is_profile`), where they are fractions already; they aren't clamped.
 pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut Context<'_>) -> Option<Vec<f32>> {
     let fraction = |a: f64, most: f64| (a / most).clamp(0.0, 1.0) as f32;
     match table.take("alpha").map(ExtraValues::from)? {

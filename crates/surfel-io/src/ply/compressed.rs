@@ -14,7 +14,7 @@ use surfel_model::{Column3, ExtraValues};
 const CHUNK: usize = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-/// True if the vertices have the properties of compressed Gaussian splats.
+/// True if the vertices are compressed Gaussian splats: they have the property `packed_position`.
 pub(super) fn recognise(vertices: &Table<'_>) -> bool {
     vertices.has(PACKED[0])
 }

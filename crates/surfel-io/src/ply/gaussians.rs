@@ -92,7 +92,7 @@ fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
 
 /// Removes the columns `f_rest_N` from a table, and returns them as spherical harmonics. The columns are first all
 /// coefficients of red, then those of green, then those of blue. They stay unread if the load options don't request
-/// Gaussians, or if their number fits no degree from 0 to 3.
+/// Gaussians, or if their number fits no degree from 0 to 3, or if they aren't numbered from 0.
 fn harmonics(table: &mut Table<'_>, splats: usize, context: &Context<'_>) -> Harmonics {
     let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
     let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);

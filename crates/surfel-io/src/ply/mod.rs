@@ -30,8 +30,9 @@ use table::require;
 /// Names of the list property with the corners of a face or strip.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 
-/// Reads a PLY file as a mesh if it has faces or triangle strips, else as Gaussian splats, splats or points. The
-/// properties of the vertices decide between these three.
+/// Reads a PLY file. Vertices that are compressed Gaussian splats have priority. Other files are read as a mesh if they
+/// have faces or triangle strips, else as Gaussian splats, splats or points. The properties of the vertices decide
+/// between the last three.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     // One byte more than the longest header, to detect longer ones.
     let header = header::parse(&bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1))?;

@@ -71,8 +71,8 @@ fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], se
     }
 }
 
-/// Renames the list of a face's corners to `vertex_indices`. The list is recognised by its name, ignoring case, or else
-/// because it is the only list of whole numbers.
+/// Renames the list of a face's corners to `vertex_indices` if it is the only list of whole numbers. Does nothing if a
+/// property has one of the names in [`INDEX_LISTS`] already.
 fn rename_corners(element: &mut ElementDef) {
     let properties = &mut element.properties;
     if properties.iter().any(|p| INDEX_LISTS.contains(&p.name.as_str())) {

@@ -28,8 +28,9 @@ pub(crate) struct Vertices {
 }
 
 impl Vertices {
-    /// Parses the header of a file and finds its vertices. Returns `None` if the file contains anything other than
-    /// points, or if rows before or in the vertices vary in length.
+    /// Parses the header of a file and finds its vertices. Returns `None` if the file contains faces or splats, or if
+    /// the vertices lack coordinates or a part of their normals or colours. Also returns `None` if rows before or in
+    /// the vertices vary in length, and for a text file in which another element comes first.
     pub(crate) fn of(bytes: Bytes<'_>) -> Result<Option<Self>, Fault> {
         let head = bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1);
         let header = header::parse(&head)?;

@@ -17,10 +17,11 @@ const BLOCK_ROWS: usize = 4096;
 
 /// Writes a splat cloud in Surfel's PLY profile to a file, atomically.
 ///
-/// Nothing is lost. Positions and vectors are `double` if the cloud stores them with more precision than f32, else
+/// Disks and ellipses lose nothing but labels and row numbers. Balls and dots also lose stored light, and are read as
+/// points with radii. Positions and vectors are `double` if the cloud stores them with more precision than f32, else
 /// `float`. Positions of a cloud with an origin are `double` and include the origin. Colours are linear `float`, which
-/// the comment `colors linear` states, or `uchar` if all are exactly 8-bit sRGB levels. Comments and uninterpreted
-/// properties are copied.
+/// the comment `colors linear` states, or `uchar` if all are exactly 8-bit sRGB levels. Uninterpreted properties are
+/// copied, and so are comments that don't contradict the cloud, up to 8000 characters each.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].

@@ -1,5 +1,5 @@
 //! 3D Tiles 1.0 and 1.1 (OGC 18-053r2, 22-025r4): the points of a tileset's finest tiles as one cloud. Tiles are glTF
-//! or `pnts`; tiles with triangles are dropped.
+//! or `pnts`; tiles without points, such as those of triangles, are dropped.
 
 mod earth;
 mod pnts;
@@ -14,11 +14,11 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-/// Maximum depth to which tilesets may refer to one another.
+/// Maximum depth to which tilesets may refer to one another; a deeper reference is an error.
 const MAX_DEPTH: usize = 32;
-/// Maximum number of tiles that are read.
+/// Maximum number of tiles that are read; more are an error.
 const MAX_TILES: usize = 1 << 20;
-/// Maximum number of points of all tiles together.
+/// Maximum number of points of all tiles together; more are an error.
 const MAX_POINTS: usize = 1 << 30;
 
 /// The parts of a tileset's JSON that are read.
@@ -79,7 +79,8 @@ pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     bytes.trim_ascii_start().starts_with(b"{") && serde_json::from_slice::<TilesetProbe>(bytes).is_ok()
 }
 
-/// Reads the points of a tileset's finest tiles.
+/// Reads the points of a tileset's finest tiles, and of the coarser tiles to which they are added. Takes all glTF tiles
+/// as z-up, with a note, if more of their points are then inside their tiles' boxes than with y up.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let mut walk = Walk {
         context,
@@ -186,7 +187,8 @@ impl Walk<'_, '_> {
         self.tile(&tileset.root, &Place { z_up, ..place.clone() }, depth).map(|_| ())
     }
 
-    /// Reads the finest tiles of the subtree of a tile; returns false if there are none.
+    /// Reads the finest tiles of a tile's subtree, and the coarser ones to which they are added. Returns false if the
+    /// subtree has no content.
     fn tile(&mut self, tile: &Tile, parent: &Place, depth: usize) -> Result<bool, Fault> {
         if tile.implicit_tiling.is_some() {
             let problem = Problem::new("has implicit tiling, which is not read");
@@ -301,7 +303,8 @@ fn z_up_from_y_up() -> DAffine3 {
     DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y))
 }
 
-/// True if a point is inside a tile's box. The box is enlarged by a hundredth of its size, because boxes are rounded.
+/// True if a point is inside a tile's box. The box is enlarged on each side by a hundredth of its half-diagonal,
+/// because boxes are rounded. It is unlimited along half-axes of length 0.
 fn within(cuboid: &[f64; 12], point: DVec3) -> bool {
     let axis = |i: usize| DVec3::from_slice(&cuboid[3 * i..]);
     let to = point - axis(0);

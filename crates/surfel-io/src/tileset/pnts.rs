@@ -139,8 +139,8 @@ impl<'a> Table<'a> {
         }))
     }
 
-    /// Returns the columns of a batch table that have one number per point, under the file's names. Other and damaged
-    /// columns are dropped.
+    /// Returns the columns of a batch table that have one number per point, under the first 60 characters of the file's
+    /// names. Columns of other types, columns stored as JSON, and damaged ones are dropped.
     fn columns(&self, count: usize) -> Vec<ExtraColumn> {
         let Some(properties) = self.json.as_object() else { return Vec::new() };
         let mut found = Vec::new();

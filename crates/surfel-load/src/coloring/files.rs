@@ -107,7 +107,8 @@ impl Labels {
     /// comments.
     ///
     /// # Errors
-    /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for lines of another form.
+    /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for lines of another form, a
+    /// value that occurs twice, and a file without categories.
     pub(crate) fn read(path: &Path) -> Result<Self, crate::Error> {
         let expected = "VALUE NAME or VALUE NAME #rrggbb, such as 2 ground #aa7733";
         let separators = [' ', '\t', ',', ';', ':', '='];

@@ -165,7 +165,8 @@ impl ColorScale {
     }
 }
 
-/// Colours splats by an attribute; `None` colours them grey. `up` is the unit vector along which heights are measured.
+/// Colours splats by an attribute; `None` colours them grey, and [`Attribute::Rgb`] changes nothing. `up` is the unit
+/// vector along which heights are measured.
 pub fn paint(
     cloud: &mut SplatCloud,
     attribute: Option<Attribute>,
@@ -209,7 +210,7 @@ pub(crate) fn is_class(name: &str) -> bool {
     ExtraColumn::find(&[named], name).is_some()
 }
 
-/// Formats a value with about four significant digits, for the ends of a range.
+/// Formats a value for the ends of a range: with about four significant digits, or as a whole number from 1000 to 10⁷.
 pub(crate) fn short(value: f64) -> String {
     match value.abs() {
         a if a != 0.0 && !(1e-3..1e7).contains(&a) => format!("{value:.3e}"),

@@ -53,7 +53,7 @@ impl Tally {
         }
     }
 
-    /// True if all integers are categories, however many there are, as for classes and named categories.
+    /// True if all integers, up to [`MAX_CATEGORIES`], are categories, as for classes and named categories.
     fn has_unlimited_categories(&self) -> bool {
         match &self.colors.map {
             _ if self.colors.labels.is_some() => true,
@@ -203,7 +203,7 @@ impl PercentileValues {
     }
 
     /// Returns the values at the two percentiles ([`PERCENTILES`]). If they are equal, returns a range of length 1
-    /// around them.
+    /// around them; without values, 0 to 1.
     fn percentiles(mut self) -> [f64; 2] {
         let [lo, hi] = if self.runs.is_empty() {
             let Some(last) = self.held.len().checked_sub(1) else { return [0.0, 1.0] };

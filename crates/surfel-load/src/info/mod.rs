@@ -30,8 +30,8 @@ use self::survey::{Survey, survey};
 /// - up axis, attributes and their ranges, and estimated radii;
 /// - memory in bytes, and notes.
 ///
-/// `stdin` is the content of the input named `-`. LAS, LAZ and COPC files are read twice in blocks, so memory doesn't
-/// grow with their size.
+/// `stdin` is the content of the input named `-`. Large LAS, LAZ and COPC files are read twice in blocks, so memory
+/// doesn't grow with their size.
 ///
 /// # Errors
 /// [`Error::Io`] if the file can't be read or is damaged, [`Error::Unsuitable`] for a scene file.

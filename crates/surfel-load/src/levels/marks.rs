@@ -27,8 +27,9 @@ const GROWTH: &str = "surfel_level_growth";
 /// Drawing parameters of a point, which depend on the levels that are selected around it.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Mark {
-    /// Point spacing of the finest selected level at the point, in file units, where finer points are missing; 0
-    /// elsewhere. The splat is enlarged to fill this spacing.
+    /// Point spacing, in file units, that the splat is enlarged to fill. It is that of the finest selected level at the
+    /// point if finer points are missing, else 0. While that level fades in, other points have larger values, up to the
+    /// spacing of the level above; points that fade in themselves have smaller ones.
     spacing: f32,
     /// Weight, from 0 to 1, by which the average colour and normal of the level at the point are blended into the
     /// point's own. The averages represent the finer points that are missing. Negative if the point isn't drawn.
@@ -183,7 +184,7 @@ impl Radii {
     }
 
     /// Makes splats of the stored radii and normals, multiplying radii by `scale`. Invalid radii are replaced by the
-    /// median. Reuses the memory of the points.
+    /// median of the valid ones, invalid normals by +z. Reuses the memory of the points.
     pub(crate) fn splats(
         self,
         points: PointCloud,
@@ -236,7 +237,7 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
 
 /// Enlarges splats so that each level covers the surface without gaps. Clouds without the internal column of
 /// `Mark::spacing` are returned unchanged. If `weighed`, the interior weight is estimated; otherwise none is stored.
-/// `stated` is true if the file states the radii.
+/// `stated` is true if the file states the radii; otherwise they are enlarged by a factor of at most [`MAX_GROWTH`].
 pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {

@@ -32,7 +32,7 @@ pub const DEFAULT_POINT_BUDGET: u64 = 10_000_000;
 /// Statistics of the nodes that were read from a COPC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LevelReport {
-    /// Number of points that were read, and number in the file.
+    /// Number of points in the nodes that were read, and number in the file.
     pub points: [u64; 2],
     /// Number of nodes that were read, and number in the file.
     pub nodes: [usize; 2],
@@ -63,7 +63,7 @@ pub fn has_levels(path: &Path) -> bool {
 }
 
 /// Reads the selected nodes of a COPC file. `copc_path` is `path` itself, or the path of a COPC copy of it. Returns
-/// `None` if the options request all points, or the file isn't COPC.
+/// `None` if all points are to be read ([`chosen`]), or the file isn't COPC.
 pub(crate) fn read(
     path: &Path,
     copc_path: &Path,
@@ -178,7 +178,8 @@ fn note(report: &LevelReport, limit: &str) -> String {
 }
 
 /// Returns a selection of LOD nodes for views of an object with the transformation `world_from_object`. Projected splat
-/// radii are at most `error_px` pixels.
+/// radii are at most `error_px` pixels, unless the point budget is too small. No point of the selected nodes is skipped
+/// for being outside of the view frustum.
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     ViewSelection { views, error_px, margin_px: None }.levels(world_from_object)
 }

@@ -7,7 +7,8 @@ use surfel_io::copc::{Copc, CopcNode, LevelValues};
 use surfel_model::{Outliers, PointColors};
 use surfel_render::{FADE_OCTAVES, LevelNode, Magnification, SplatVisibility, StopReason, select_levels};
 
-/// Largest number of points in an overview of a file: its coarsest levels, which are enough to place a camera.
+/// Largest number of points in an overview of a file: its coarsest levels, which are enough to place a camera. The
+/// first level that has points may have more.
 const OVERVIEW_POINTS: u64 = 100_000;
 
 /// Ratio of splat radius to point spacing at which the splats of a level cover the surface without gaps. The points of
@@ -26,13 +27,13 @@ pub(super) struct Selection {
 }
 
 impl Selection {
-    /// True if a view lacks some of the file's points, or if some of its points are fading in.
+    /// True if a view lacks some of the file's points, or if some of its points are fading in. False for an overview.
     pub(super) fn is_partial(&self, levels: &Levels) -> bool {
         *levels != Levels::Overview && (!self.report.is_whole() || self.cut.fades)
     }
 }
 
-/// Selects the nodes for an overview or for views, with at most `most` points.
+/// Selects the nodes for an overview, or for views with at most `most` points.
 pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: u64) -> Selection {
     let mut fade = None;
     let (nodes, error_px, end) = match levels {
@@ -69,7 +70,8 @@ pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: 
     Selection { nodes, cut, fade, report }
 }
 
-/// Returns the selection of levels that the options request for a file; `None` to read all points.
+/// Returns the selection of levels that the options request for a file; `None` to read all points, as from stdin and if
+/// isolated points are dropped.
 pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
     // Isolated points can't be detected in a coarse level, whose points lack their finer neighbours.
     let is_by_levels =
@@ -88,7 +90,8 @@ pub(super) fn visibility<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOpti
     is_alone.then(|| SplatVisibility::new(world_from_object, views, *margin_px))
 }
 
-/// Selects whole levels from the root down, with at most [`OVERVIEW_POINTS`] points.
+/// Selects whole levels from the root down, with at most [`OVERVIEW_POINTS`] points but at least the first level that
+/// has points.
 fn overview(nodes: &[CopcNode]) -> Vec<u32> {
     let (mut chosen, mut points) = (0, 0);
     for level in nodes.chunk_by(|a, b| a.level == b.level) {

@@ -3,8 +3,8 @@
 use super::{Encoding, FlipMap, FlipOptions, check, map_without_nan};
 use crate::error::MetricsError;
 
-/// Maximum number of exposures that [`hdr`] compares. If the reference spans more stops, exposures are more than a stop
-/// apart.
+/// Maximum number of exposures that [`hdr`] compares. Without this limit, it is the number of stops between the first
+/// and the last exposure, rounded up, and at least 2.
 pub const MAX_EXPOSURES: usize = 32;
 
 /// Result of HDR-FLIP: the error map, and the exposures that were compared.
@@ -12,9 +12,11 @@ pub const MAX_EXPOSURES: usize = 32;
 pub struct HdrFlip {
     /// Largest error of every pixel over all exposures, and the mean of these errors.
     pub map: FlipMap,
-    /// First exposure in stops, at which the reference's brightest pixel is tone-mapped to 0.85.
+    /// First exposure in stops, at which the reference's brightest pixel is tone-mapped to 0.85; 0 if all pixels are
+    /// black.
     pub start_exposure: f64,
-    /// Last exposure in stops, at which the reference's median luminance is tone-mapped to 0.85.
+    /// Last exposure in stops, at which the reference's median luminance, as [`hdr`] defines it, is tone-mapped to
+    /// 0.85; 0 if all pixels are black.
     pub stop_exposure: f64,
     /// Number of exposures that were compared, evenly spaced from the first to the last.
     pub exposures: usize,

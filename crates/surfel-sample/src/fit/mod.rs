@@ -26,7 +26,8 @@ use system::System;
 
 pub use points::{PointFitReport, fit_point_colors};
 
-/// Stop criterion for fits of colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step.
+/// Stop criterion for fits of colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step. A fit ends after
+/// 400 steps at the latest.
 const STOP: Stop = Stop { residual: 1e-4, steps: 400 };
 
 /// Largest change of a component of a shading normal by the fit. If the mesh's normals vary faster than its splats can
@@ -40,15 +41,16 @@ const BEYOND: f64 = 0.35;
 /// Smallest range of a channel's values under a splat at which the channel limits the overshoot ([`BEYOND`]): a quarter
 /// of 1/255 of linear light.
 const MIN_VARIATION: f64 = 1e-3;
-/// Stop criterion for fits of normals: no step turns a normal by a thirtieth of a degree.
+/// Stop criterion for fits of normals: no step turns a normal by a thirtieth of a degree. A fit ends after 100 steps at
+/// the latest.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
 /// Smallest error of blended normals at which they are fitted, as root mean square of their components: half a degree.
 const MIN_NORMAL_ERROR: f64 = 0.005;
 
 /// Maximum number of splats in one fit; each needs about a kilobyte.
 const MAX_SPLATS: usize = 1 << 25;
-/// Largest mean number of splats that overlap at a place of the surface. The work grows with its square; splats with
-/// radii of twice the spacing have 13.
+/// Largest mean number of splats that overlap at a place of the surface; with more, fits fail. The work grows with its
+/// square; splats with radii of twice the spacing have 13.
 const MAX_MEAN_OVERLAP: usize = 200;
 /// Number of places at which overlapping splats are counted to check [`MAX_MEAN_OVERLAP`].
 const PROBES: usize = 1024;
@@ -58,28 +60,28 @@ const PROBES: usize = 1024;
 pub struct FitReport {
     /// Number of sample points on the mesh's surface.
     pub samples: usize,
-    /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
+    /// Number of solver steps for the colours; 0 for [`TextureSampling::Ewa`], and if only normals are fitted.
     pub steps: usize,
-    /// Residual of the solution, by its optimality (KKT) conditions: the largest change of a linear colour value or
-    /// normal component by one further step.
+    /// Residual of the solution for the colours, by its optimality (KKT) conditions: the largest change of a linear
+    /// colour value by one further step. 0 where [`Self::steps`] is.
     pub residual: f64,
     /// Root mean square errors of the blend's colours in linear light, over surface and channels: before and after the
-    /// fit.
+    /// fit. Zeros if colours weren't fitted.
     pub color_rms: [f64; 2],
     /// Root mean square errors of the components of blended shading normals, before and after the fit; `None` unless
-    /// normals were to be fitted.
+    /// normals were to be fitted. Normals stay unchanged if the first value is at most 0.005.
     pub normal_rms: Option<[f64; 2]>,
 }
 
 /// Fits the colours of splats made from a mesh, so that their blend shows the mesh's colours. With
 /// [`TextureSampling::Fit`], shading normals are fitted too. The cloud's present values must be point samples;
 /// [`TextureSampling::Point`] returns the cloud unchanged. Alphas never change. Colours change only if the mesh has
-/// colours or textures, and normals only if the cloud has shading normals.
+/// colours, alphas or textures and the cloud has colours, and normals only if the cloud has shading normals.
 ///
 /// Splats blend at places inside their clips where their normals and the surface's agree within 60°. Colours are
-/// limited to the range 0 to 1 (or to the mesh's largest value), and to the neighbourhood of the colours under the
-/// splat. Splats that cover no part of the mesh don't change. A surface of one colour gets exactly this colour. The
-/// result doesn't depend on the number of threads.
+/// limited to the range 0 to 1, extended to the smallest and largest value of mesh and cloud, and to the neighbourhood
+/// of the colours under the splat. Splats that cover no part of the mesh don't change. A surface of one colour gets
+/// exactly this colour. The result doesn't depend on the number of threads.
 ///
 /// Source: Z01 §5 (texture acquisition), with normalised weights in place of weights, and with bounds.
 ///

@@ -37,7 +37,8 @@ pub struct PointFitReport {
 /// The fit starts with the blend's own colours and sharpens them step by step. A first pass holds out every tenth
 /// point, and finds the number of steps that predicts these points best. Colours are limited to the range 0 to 1,
 /// extended to the largest and smallest present value; alphas don't change. The result doesn't depend on the number of
-/// threads. A cloud without colours, or with fewer than ten splats, is returned unchanged.
+/// threads. A cloud without colours, or with fewer than ten splats, is returned unchanged. So is a cloud whose original
+/// colours predict the held-out points best.
 ///
 /// # Errors
 /// [`SampleError::TooMany`] above 33 million splats, or if more than 200 splats overlap at a place on average.

@@ -15,7 +15,8 @@ const SAMPLES_PER_SPLAT: [f64; 2] = [9.0, 36.0];
 /// Total number of samples above which the number per splat is reduced toward its minimum ([`SAMPLES_PER_SPLAT`]). A
 /// sample needs 32 to 44 bytes.
 const MANY: f64 = 16e6;
-/// Smallest mean number of samples per triangle, if there are at least as many splats as triangles.
+/// Smallest mean number of samples per triangle, if there are at least as many splats as triangles. With fewer splats,
+/// the number is reduced in proportion.
 const SAMPLES_PER_TRIANGLE: f64 = 4.0;
 /// Number of texels per sample above which a sample's value is the mean of nine places around it.
 const FINE: f64 = 1.5;

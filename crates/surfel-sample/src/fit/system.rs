@@ -58,9 +58,9 @@ pub(super) struct System<const N: usize> {
     /// are none.
     pub(super) local: Vec<[[f32; 2]; N]>,
     /// Weighted squared error Σ ω·(f − Σ r̂_j·c_j)² of each channel for the present values, with the symbols of
-    /// [`Self::b`].
+    /// [`Self::b`], over the samples that some splat covers.
     energy: [f64; N],
-    /// Sum of the samples' weights, Σ ω.
+    /// Sum of the weights, Σ ω, of the samples that some splat covers.
     weight: f64,
 }
 
@@ -120,7 +120,8 @@ impl<const N: usize> System<N> {
         Self { gram, b, ewa, local, energy, weight }
     }
 
-    /// Returns the root mean square error of the blend of present values over the samples, per channel.
+    /// Returns the root mean square error of the blend of present values over the samples that some splat covers, per
+    /// channel.
     pub(super) fn rms(&self) -> [f64; N] {
         self.energy.map(|e| (e / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
@@ -267,8 +268,8 @@ impl Near {
 }
 
 /// Computes the normalised weights w/Σw of the splats at a sample. Fills `hits` with the indices in `near` of the
-/// splats with weight, ascending, and their normalised weights. Returns Σw; `None` if no splat with an index in `own`
-/// has weight.
+/// splats with weight, ascending, and their normalised weights. Returns Σw; `None` if the sample's own weight is 0, or
+/// if no splat with an index in `own` has weight.
 fn shares<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,

@@ -48,7 +48,8 @@ fn sines(x: f64, y: f64) -> f64 {
     0.5 + 0.22 * ((x * turn).sin() + (y * turn).sin())
 }
 
-/// Returns a disk for each unit square, up to 0.35 off its middle, with the texture's value at its centre.
+/// Returns a disk for each unit square, up to 0.35 off its middle along x and y, with the texture's value at its
+/// centre.
 fn jittered(mesh: &Mesh, side: usize, radius: f32) -> SplatCloud {
     let mut random = Random::new(7);
     let mut jitter = || ((random.unit() - 0.5) * 0.7) as f32;
@@ -64,8 +65,8 @@ fn jittered(mesh: &Mesh, side: usize, radius: f32) -> SplatCloud {
     SplatCloud::disks(&centers, &vec![Vec3::Z; n], &vec![radius; n]).unwrap().with_colors(&colors).unwrap()
 }
 
-/// Returns the RMSE between the blend of values and the texture, more than four splats inside the square, at 5×5 places
-/// per splat.
+/// Returns the RMSE between the blend of values and the texture's red, at 5×5 places per splat. Places less than four
+/// splats from the square's border are left out.
 fn rmse(cloud: &SplatCloud, values: &dyn Fn(usize) -> f64, mesh: &Mesh, side: usize) -> f64 {
     let kernels = Kernels::new(cloud);
     let texture = mesh.texture.as_ref().unwrap();

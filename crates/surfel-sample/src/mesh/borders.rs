@@ -15,8 +15,8 @@ use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
 /// Maximum number of clip lines per splat, as in rendering model §7.
 const MAX_LINES: usize = 4;
-/// Maximum number of border pieces near a splat that are tested for clip lines. An edge between two faces has two
-/// pieces, one for each face.
+/// Maximum number of border pieces near a splat that are tested for clip lines: those nearest to its centre. An edge
+/// between two faces has two pieces, one for each face.
 const MAX_PIECES: usize = 48;
 /// Number of pieces at one position above which each smooth region gets a spatial index of its own
 /// ([`Borders::indices`]). An ordinary edge has two.
@@ -36,12 +36,12 @@ const BEHIND: f64 = 0.05;
 const HAIR: f64 = 2e-5;
 /// Number of corners of the polygon by which a splat's unit disk is approximated.
 const RING: u32 = 24;
-/// Smallest visible area of a splat if only open edges and cuts clip it; the whole disk has π. In parts of the surface
+/// Smallest visible area of a splat if only open edges and cuts clip it, in units of the half-axes before the splat
+/// grows; the whole disk has π. A splat with less grows, or its clip lines are moved outward. In parts of the surface
 /// narrower than the distance between splats, few places have a splat, which must cover the area of several. Without
 /// borders, the area per splat is 0.37 at the radius for its density.
 const MIN_AT_OPEN_EDGES: f64 = 0.4;
-/// Smallest visible area of a splat if creases or bends clip it; the whole disk has π. Clip lines are moved outward to
-/// reach this area.
+/// Smallest visible area of a splat if any crease or bend clips it, in the same units as [`MIN_AT_OPEN_EDGES`].
 const MIN_AT_CREASES: f64 = 1.1;
 /// Largest height by which splats may stand out from a bent surface, relative to the distance between them. It is a
 /// third of a pixel for a distance of two pixels.
@@ -70,7 +70,8 @@ struct Piece {
     overhang: f64,
 }
 
-/// Borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
+/// Borders of a surface, cut into pieces about as long as a splat's radius, in a spatial index. Pieces are longer if
+/// there would be more than about four per splat.
 pub(crate) struct Borders {
     pieces: Vec<Piece>,
     /// Spatial indices of the pieces. There is one for each smooth region if many regions meet at one edge, as the
@@ -117,8 +118,8 @@ struct Segment {
 
 impl Borders {
     /// Cuts the borders of a surface into pieces of about a splat's radius. `count` is the number of splats; the
-    /// distance between them is `density` times `scale`. `regions` has the number of each face's smooth region. Bends
-    /// are no borders if a face next to them is too small for splats of its own.
+    /// distance between them is `density` times `scale`. `regions` has an index per face, equal for faces of one smooth
+    /// region. Bends are no borders if a face next to them is too small for splats of its own.
     pub(crate) fn new(
         geometry: &Geometry,
         borders: &[Border],
@@ -204,7 +205,8 @@ impl Borders {
     }
 
     /// Returns places close to creases and open edges, on both sides, with their faces. There is one place per `step`
-    /// of length, and one at each end of a longer border. Places are moved by `inset` toward the middle of their face.
+    /// of length, and one at each end of a border whose last piece is longer than `step`. Places are moved by `inset`
+    /// toward the middle of their face, and not beyond it.
     pub(crate) fn places(&self, geometry: &Geometry, step: f64, inset: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let mut next = 0.5 * step;
         self.ends().flat_map(move |piece| {
@@ -256,7 +258,8 @@ impl Borders {
         (!lines.is_empty()).then(|| VisiblePart { area: area(&polygon), lines })
     }
 
-    /// Projects the pieces of a region near a splat into the splat's (u, v); returns them nearest first.
+    /// Projects the pieces of a region that may clip a splat into the splat's (u, v); returns them nearest first.
+    /// Pieces far from the splat's plane ([`FARTHEST`]) or of faces turned away from it ([`FACING`]) are left out.
     fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32, found: &mut Nearest) -> Vec<Segment> {
         let Some(own) = self.indices.get(&self.is_crowded.then_some(region)) else { return Vec::new() };
         let radius = s.length();

@@ -23,9 +23,10 @@ pub const FINE_SPLATS: &str = "as fine as their mesh";
 /// an edge in the same direction; scans and exports have a few.
 const MISWOUND: f64 = 0.01;
 
-/// True if the mesh is watertight: it bounds a volume, and no back of a triangle is visible from outside. Every edge
-/// has one triangle on either side, wound consistently, the enclosed volume is positive, and nothing is transparent.
-/// Vertices at the same position count as one (texture seams split them); triangles without area are ignored.
+/// True if the mesh is watertight: it bounds a volume, and no back of a triangle is visible from outside. As many
+/// triangles run along every edge in one direction as in the other, the enclosed volume is positive, and nothing is
+/// transparent. Vertices at the same position count as one (texture seams split them); triangles with two corners at
+/// one position are ignored. False for a mesh that is invalid or has no triangles.
 pub fn is_closed(mesh: &Mesh) -> bool {
     let walk = EdgeBalance::new(mesh);
     !mesh.is_see_through() && walk.volume > 0.0 && walk.edges.values().all(|&sum| sum == 0)
@@ -33,7 +34,7 @@ pub fn is_closed(mesh: &Mesh) -> bool {
 
 /// True if the mesh's triangles are wound consistently, so that their normals all point to the same side of the
 /// surface, open or watertight. At most one edge in a hundred may be an exception. Vertices at the same position count
-/// as one.
+/// as one. False for a mesh that is invalid or has no triangles.
 pub fn is_oriented(mesh: &Mesh) -> bool {
     let walk = EdgeBalance::new(mesh);
     let miswound = walk.edges.values().filter(|sum| sum.abs() > 1).count();
@@ -48,8 +49,8 @@ const OPEN: f64 = 0.05;
 const ROUND: f64 = 0.01;
 
 /// Reverses the winding of a mesh that is inside out, as some exporters write it. Such a mesh is wound consistently,
-/// has almost no openings, and bounds a negative volume. Normals that agree with the winding are negated. Returns true
-/// if the mesh was reversed.
+/// has almost no openings, and bounds a negative volume. The mesh's stored normals are all negated too if, on the
+/// whole, they agree with the old winding. Returns true if the mesh was reversed.
 pub fn turn_outward(mesh: &mut Mesh) -> bool {
     if mesh.triangles.is_empty() || mesh.validate().is_err() {
         return false;
@@ -92,7 +93,7 @@ struct EdgeBalance {
     /// Balance of each edge, by its two vertices: +1 per triangle that runs along it one way, −1 for the other way. All
     /// sums are 0 on a watertight, consistently wound surface.
     edges: HashMap<(u32, u32), i32>,
-    /// Six times the volume that the triangles enclose.
+    /// Six times the volume that the triangles enclose; negative if the surface is inside out.
     volume: f64,
 }
 

@@ -8,9 +8,9 @@ use surfel_model::{ExtraValues, Mesh, SplatCloud};
 
 /// Maximum number of triangles in a leaf of the bounding-box tree.
 const LEAF: usize = 4;
-/// Largest difference between a splat's distances to two triangles, relative to the mesh's extent, at which both count
-/// as in the same place. The triangle that faces like the splat is then preferred. Thin plates have two triangles in
-/// one place.
+/// Distance, relative to the mesh's extent, whose square is added to the squared distance between a splat and a
+/// triangle that faces away from it. Of two triangles in the same place, as on thin plates, the one that faces like the
+/// splat is thus nearer.
 const SAME_PLACE: f64 = 1e-6;
 /// Triangle index that stands for no triangle.
 const NONE: u32 = u32::MAX;
@@ -18,9 +18,9 @@ const NONE: u32 = u32::MAX;
 /// Places on a mesh that are nearest to the splats made from it, at which the mesh's columns are evaluated.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
-    /// Nearest triangle of each splat, or [`NONE`] if an isolated vertex is nearest.
+    /// Nearest triangle of each splat, or [`NONE`] if an isolated vertex is nearest or the mesh is empty.
     triangles: Vec<u32>,
-    /// Vertices of each splat's nearest triangle.
+    /// Vertices of each splat's nearest triangle; an isolated vertex three times if that is nearest.
     corners: Vec<[u32; 3]>,
     /// Barycentric coordinates of the nearest place in each splat's nearest triangle.
     barycentric: Vec<[f32; 3]>,
@@ -42,7 +42,8 @@ impl MeshPlaces {
         places
     }
 
-    /// Evaluates a column of the vertices at the splats, interpolated over triangles.
+    /// Evaluates a column of the vertices at the splats, interpolated over triangles. The result is f64 if the column
+    /// is, else f32.
     pub fn interpolated(&self, column: &ExtraValues) -> ExtraValues {
         let value = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let values = corners.map(|i| column.get(i as usize));
@@ -56,7 +57,8 @@ impl MeshPlaces {
         }
     }
 
-    /// Evaluates a column of the vertices at the splats; each splat gets the value of its nearest vertex.
+    /// Evaluates a column of the vertices at the splats; each splat gets the value of the nearest corner of its nearest
+    /// triangle.
     pub fn of_nearest_vertices(&self, column: &ExtraValues, mesh: &Mesh) -> ExtraValues {
         let nearest = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let places = corners.map(|i| mesh.positions.get(i as usize));
@@ -67,7 +69,8 @@ impl MeshPlaces {
         column.select(&self.corners.iter().zip(&self.barycentric).map(nearest).collect::<Vec<_>>())
     }
 
-    /// Evaluates a column of the triangles at the splats. Splats at vertices without triangles get the value NaN.
+    /// Evaluates a column of the triangles at the splats. Splats at vertices without triangles get the value NaN, for
+    /// which the whole column becomes f64.
     pub fn of_triangles(&self, column: &ExtraValues) -> ExtraValues {
         if !self.triangles.contains(&NONE) {
             return column.select(&self.triangles);
@@ -77,7 +80,8 @@ impl MeshPlaces {
     }
 }
 
-/// Bounding-box tree of triangles. A vertex without triangles is stored as a triangle of one point.
+/// Bounding-box tree of the triangles that have an area. A vertex without such triangles is stored as a triangle of one
+/// point.
 struct Tree {
     corners: Vec<[u32; 3]>,
     places: Vec<[DVec3; 3]>,

@@ -35,7 +35,8 @@ const BESIDE: usize = 7;
 /// Largest factor by which a splat's radius grows because of coarser neighbours ([`BESIDE`]).
 const MAX_GAP_GROWTH: f64 = 1.2;
 
-/// Makes `count` splats of a mesh, evenly spread.
+/// Makes `count` splats of a mesh, evenly spread. On a partly transparent mesh, some of them are then removed or
+/// divided ([`see_through`]).
 pub(crate) fn even_splats(
     mesh: &Mesh,
     count: usize,
@@ -142,7 +143,8 @@ fn spread(
 }
 
 /// Returns the spacing, in object units, by which the radius of each splat is computed. Where the density changes, it
-/// is the largest spacing of the splat's neighbours, so that no gap opens between finer and coarser splats.
+/// is the largest spacing among the splat and its neighbours, so that no gap opens between finer and coarser splats. It
+/// is at most [`MAX_GAP_GROWTH`] times the splat's own spacing.
 fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
     if density.is_even() {
         return vec![density.coarsest; samples.len()];

@@ -1,25 +1,28 @@
 //! Detection of edges that divide the shading of a mesh without normals. An edge above the crease angle is a crease if
-//! it is part of a line and bends clearly more than the surface around it.
+//! it bends by more than 80°. It is also a crease if it is part of a line and either a plane ends there, or the edge
+//! bends clearly more than the surface around it.
 
 use super::geometry::{Geometry, SAME_NORMAL, Side, edges, find, join};
 
 /// Cosine of 80°, the dihedral angle from which every edge is a crease.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Smallest number of connected feature edges (open edges, and edges above the crease angle) that form a line. Edges of
-/// shorter chains are creases only above [`SHARP_COS`]'s angle, or if one of them is [`LONG`].
+/// Smallest number of connected feature edges that form a line. A feature edge is open, above the crease angle, shared
+/// by more than two faces, or between faces of opposite winding. Edges of shorter chains are creases only above
+/// [`SHARP_COS`]'s angle, if the chain is a closed loop, or if one of its edges is [`LONG`].
 const LINE: usize = 8;
 /// Length, relative to the mesh's extent, above which a single feature edge forms a line.
 const LONG: f64 = 1.0 / 16.0;
-/// Smallest ratio of an edge's dihedral angle to the largest angle at smooth edges nearby at which the edge can be a
-/// crease. Where a coarse mesh bends most, only some edges are above the crease angle, and the edges nearby are bent
-/// only slightly less.
+/// Smallest ratio of an edge's angle (between its faces' normals) to the largest angle at smooth edges nearby at which
+/// the edge can be a crease. Sharper edges than [`SHARP_COS`] and edges of a plane are creases at any ratio. Where a
+/// coarse mesh bends most, only some edges are above the crease angle, and the edges nearby are bent only slightly
+/// less.
 const CLEAR: f64 = 2.5;
 /// Fraction of the mesh's area above which two coplanar faces together count as a plane.
 const PLANE_AREA_FRACTION: f64 = 1.0 / 200.0;
 
 /// Properties of a mesh's vertices and faces by which edges are classified as creases.
 pub(super) struct Creases {
-    /// Flag per vertex, true if the vertex is on a line of feature edges (open, or above the crease angle).
+    /// Flag per vertex, true if the vertex is on a line of feature edges ([`LINE`]).
     line: Vec<bool>,
     /// Cosine, per face, of the largest bend (angle between adjacent faces) at the smooth edges of the face and of its
     /// neighbours.
@@ -43,9 +46,9 @@ impl Creases {
     }
 }
 
-/// Returns a flag per vertex, true if the feature edges connected with the vertex form a line. A line is a closed loop,
-/// at least [`LINE`] edges, or one long edge. A few short feature edges occur where a coarse mesh bends most, and are
-/// no crease.
+/// Returns a flag per vertex, true if the feature edges connected with the vertex form a line. Connected edges form a
+/// line if they contain a closed loop, if they are at least [`LINE`] edges, or if one of them is [`LONG`]. A few short
+/// feature edges occur where a coarse mesh bends most, and are no crease.
 fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.positions.len() as u32).collect();
     let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && geometry.is_smooth(a, b));
@@ -120,8 +123,9 @@ mod tests {
         normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
     }
 
-    /// True if the edges of a ridge have one normal. The ridge of `edges` edges is in the middle of a roof of `cells`
-    /// squares along each side. The roof slopes down by `slope` on both sides and is blunt elsewhere.
+    /// True if all faces at the middle vertex of a ridge have the same normal there. The ridge of `edges` edges is in
+    /// the middle of a roof of `cells` squares along each side. The roof slopes down by `slope` on both sides and is
+    /// blunt elsewhere.
     fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
         let (middle, first) = (cells / 2, (cells - edges) / 2);
         let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);
@@ -146,8 +150,9 @@ mod tests {
         has_one_normal(&mesh, &smooth, ridge)
     }
 
-    /// True if the middle edges of a strip have one normal. The strip turns by these angles from one facet to the next;
-    /// facets are plane, or uneven by about `uneven`.
+    /// True if all faces at a vertex in the middle of a strip have the same normal there. The strip turns by these
+    /// angles from one facet to the next. Its vertices are raised by up to ten times `uneven`, so that facets aren't
+    /// plane.
     fn is_smooth_over_middle(turns_deg: &[f64], uneven: f64) -> bool {
         const ROWS: u32 = 20;
         let (mut at, mut angle) = (DVec2::ZERO, 0.0_f64);

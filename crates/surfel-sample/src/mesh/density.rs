@@ -8,10 +8,11 @@ use crate::progress::NoProgress;
 use crate::tree::{KdTree, Nearest};
 use surfel_math::basis::orthonormal;
 
-/// Maximum number of parts into which faces are divided for a density by colours, beyond one part per face.
+/// Number of parts into which faces are divided for a density by colours, beyond one part per face: an approximate
+/// limit, which rounding may exceed by a factor of two.
 const MAX_PARTS: usize = 1 << 18;
-/// Maximum number of parts into which faces are divided for a density by curvature, beyond one part per face. Where a
-/// mesh bends, its faces are already small.
+/// Number of parts into which faces are divided for a density by curvature, beyond one part per face; approximate as
+/// [`MAX_PARTS`]. Where a mesh bends, its faces are already small.
 const MAX_BENT: usize = 1 << 15;
 /// Number of parts of a face, side by side, per largest distance between splats.
 const FINENESS: f64 = 4.0;
@@ -28,9 +29,11 @@ const CHOICES: usize = 2 * HALVINGS + 3;
 const BISECTIONS: usize = 30;
 /// Largest growth of the distance between splats per unit of distance from one part of the surface to another.
 const GRADE: f64 = 0.3;
-/// Number of neighbouring parts that limit a part's distance between splats by [`GRADE`].
+/// Number of nearest parts, including the part itself, that limit a part's distance between splats by [`GRADE`]. The
+/// curvature is averaged over the same parts.
 const NEIGHBOURS: usize = 16;
-/// Maximum number of passes over all parts in which distances are reduced until none exceeds [`GRADE`].
+/// Maximum number of passes over all parts in which distances between splats are reduced until none grows faster than
+/// [`GRADE`]. Faster growth that then remains is accepted.
 const SWEEPS: usize = 12;
 
 /// Sampling density of a mesh, as a distance between splats that varies over the mesh.
@@ -51,8 +54,9 @@ impl Density {
     }
 
     /// Computes a density from the variation of colours. The distance between splats is at most `coarsest`, and at
-    /// least half a texel. Colours vary by `variation` (RMS over surface and channels, linear light) inside the square
-    /// that a splat represents. Of all such densities, the result has close to the fewest splats.
+    /// least an eighth of that and half a texel. Within these limits, colours vary by at most `variation` (RMS over
+    /// surface and channels, linear light) inside the square that a splat represents. Of all such densities, the result
+    /// has close to the fewest splats.
     pub(crate) fn by_colors(geometry: &Geometry, coarsest: f64, variation: f64) -> Self {
         let parts = Parts::new(geometry, coarsest / FINENESS, MAX_PARTS);
         let each = map_each(
@@ -252,7 +256,8 @@ impl Neighbours {
         Self { of }
     }
 
-    /// Reduces the distances between splats until none grows faster than [`GRADE`] from a part to its neighbours.
+    /// Reduces the distances between splats until none grows faster than [`GRADE`] from a part to its neighbours, in at
+    /// most [`SWEEPS`] passes.
     fn graded(&self, mut spacing: Vec<f64>) -> Vec<f64> {
         for _ in 0..SWEEPS {
             let least = |part: usize| {

@@ -12,7 +12,8 @@ use surfel_math::basis::orthonormal;
 /// extent: half a pixel in an image of 1024². [`Detail::shape`] is computed from this limit.
 const RIM: f64 = 0.5 / 1024.0;
 /// Largest distance of the rim (edge) of any splat's disk from the curved surface, relative to the extent, on thin
-/// parts: a third of a pixel in an image of 1024². A disk that protrudes from a finger, for example, frays its outline.
+/// parts: a third of a pixel in an image of 1024². The rim may be farther away where splats are at the distance
+/// [`FINEST`]. A disk that protrudes from a finger, for example, frays its outline.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
 /// Smallest distance between splats on thin parts, relative to the distance on flat parts of the surface.
 const FINEST: f64 = 0.25;
@@ -41,10 +42,11 @@ const MAX_UNEVEN: f64 = 1e6;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
     /// Number of splats that the shape needs. With it, disks protrude from the curved surface by at most half a pixel
-    /// in an image of 1024², on average.
+    /// in an image of 1024², on average. At most 2,000,000, even if that isn't enough.
     pub shape: usize,
-    /// Number of splats that the colours need at an even density; 0 if the colours hardly vary. With it, colours vary
-    /// by 0.03 (RMS, linear light) inside the square that a splat represents. There are no more splats than texels.
+    /// Number of splats that the colours need at an even density; 0 if 5,000 splats suffice. With it, colours vary by
+    /// 0.03 (RMS, linear light) inside the square that a splat represents. At most 2,000,000, and no more than there
+    /// are texels (but at least 5,000), even if that isn't enough.
     pub colors: usize,
     /// Number of splats made, 5,000 to 2,000,000: the larger of [`Self::shape`] and [`Self::colors`], or fewer if
     /// splats are closer only where colours vary.
@@ -82,7 +84,8 @@ fn asked(rim: f64, squared_curvature: f64) -> f64 {
 
 /// Returns the number and the density of splats for [`super::MeshMethod::Adaptive`]; `count` evenly spread splats are
 /// the minimum. Splats are closer together, and more, where disks would protrude from the surface by more than a third
-/// of a pixel in an image of 1024².
+/// of a pixel in an image of 1024². The density stays even if that needs few more splats ([`FEW_MORE`]) or too many
+/// ([`MAX_UNEVEN`]).
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.
@@ -101,7 +104,7 @@ pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (u
 }
 
 /// Returns the squared curvature along each edge of each face: the rate at which the smooth normal turns, in radians
-/// per unit of length. Creases are ignored.
+/// per unit of length. Creases are ignored. 0 for faces without area.
 fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     let squared = |face: usize| {
         let (p, n) = (geometry.corners(face), &smooth.corner_normals[face]);
@@ -114,7 +117,8 @@ fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
 }
 
 /// Returns the number of evenly spread splats at which colours vary by [`VARIATION`] inside a splat's square; 0 if they
-/// vary less at the smallest number of splats.
+/// vary less at the smallest number of splats. The result is at most the number of texels or the largest number of
+/// splats ([`SPLATS`]), even if colours then vary more.
 fn colors(geometry: &Geometry, area: f64) -> usize {
     let places = stratified(&geometry.areas, PLACES, area, &NoProgress);
     let is_too_coarse = |splats: f64| {
@@ -144,6 +148,7 @@ fn texels(geometry: &Geometry) -> f64 {
 }
 
 /// Returns the variance of the colours in a square of side `side` around a place on a face, averaged over the channels.
+/// The part of the square beyond the face is ignored.
 fn variance(geometry: &Geometry, (face, b): (u32, [f64; 3]), side: f64) -> f64 {
     let face = face as usize;
     let (s, t) = orthonormal(geometry.normals[face]);

@@ -30,8 +30,8 @@ const MAX_IN_ROW: usize = 48;
 /// Smallest overlap of a pair of candidates that counts, relative to the pair's reach. Larger overlaps have weights
 /// above 4·10⁻¹¹.
 const LEAST: f32 = 0.05;
-/// Maximum number of grid levels, for candidates of different reach. Each level has half the cell size of the previous
-/// one.
+/// Number of the finest possible grid level, for candidates of different reach; level 0 is the coarsest. Each level has
+/// half the cell size of the previous one.
 const LEVELS: u16 = 12;
 /// Maximum number of grid cells along an axis. Cells farther out are merged, which costs only time.
 const MAX_CELLS: f64 = 65_000.0;
@@ -50,7 +50,7 @@ pub(crate) struct Candidate {
     pub(crate) position: DVec3,
     /// Index of the part of the surface that contains the candidate.
     pub(crate) part: u32,
-    /// Number of the candidate, unique and less than the number of candidates.
+    /// Unique index of the candidate, less than the number of candidates.
     pub(crate) number: u32,
 }
 
@@ -230,8 +230,9 @@ impl Thinning<'_> {
 }
 
 impl Block {
-    /// Finds all pairs of candidates that are closer than their reach, each pair once. `closest` is the distance,
-    /// relative to the reach, below which the weight doesn't grow.
+    /// Finds the pairs of candidates that are closer than their reach by more than [`LEAST`] and don't face away from
+    /// each other, each pair once. In crowded places, some pairs are missing ([`MAX_IN_ROW`]). `closest` is the
+    /// distance, relative to the reach, below which the weight doesn't grow.
     fn find_pairs(&mut self, closest: f32) {
         let finest = self.locals.iter().map(|c| c.level).max().unwrap_or(0);
         // This sort brings neighbours close together in memory.

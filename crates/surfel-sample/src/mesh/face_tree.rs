@@ -4,7 +4,8 @@ use super::geometry::Geometry;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Depth of the deepest possible level of the octree. Splats there are 2⁸ times as close as the root's.
+/// Depth of the deepest possible level of the octree; leaves there may have any number of triangles. Splats there are
+/// 2⁸ times as close as the root's.
 const DEEPEST: u32 = 8;
 
 /// Cube of the octree, with the triangles whose centroids it contains.
@@ -21,13 +22,14 @@ pub(crate) struct FaceTree {
     pub(crate) nodes: Vec<Node>,
     /// Indices of all triangles, sorted so that those of each node are consecutive.
     pub(crate) order: Vec<u32>,
-    /// Side of the root's cube, in object units.
+    /// Largest side of the mesh's bounding box, in object units, from which the distances between splats follow. The
+    /// root's cube, which bounds the triangles' centroids, is no larger.
     pub(crate) side: f64,
 }
 
 impl FaceTree {
-    /// Builds an octree by dividing cubes until each has at most `leaf_triangles` triangles. Every triangle is in
-    /// exactly one leaf.
+    /// Builds an octree by dividing cubes until each has at most `leaf_triangles` triangles or is at the depth
+    /// [`DEEPEST`]. Every triangle is in exactly one leaf.
     pub(crate) fn new(geometry: &Geometry, leaf_triangles: usize) -> Self {
         let count = geometry.areas.len();
         let centroid = |face: u32| geometry.corners(face as usize).iter().sum::<DVec3>() / 3.0;

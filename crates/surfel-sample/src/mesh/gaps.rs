@@ -20,10 +20,11 @@ const ROUNDS: usize = 4;
 const MAX_MOVED: usize = 64;
 /// Number of splats that may be moved per round even if it exceeds the fraction 1/[`MAX_MOVED`].
 const MIN_MOVED: usize = 16;
-/// Smallest number of splats of the cloud per tested place along an edge. The limit makes the tests take no longer than
-/// the splats.
+/// Smallest ratio of the number of splats to the number of places tested along all edges, for each of [`INSETS`]. The
+/// limit makes the tests take no longer than the splats.
 const SPLATS_PER_PLACE: f64 = 2.0;
-/// Distance between tested places along an edge, relative to the splats' median radius.
+/// Distance between tested places along an edge, relative to the splats' median radius; larger if [`SPLATS_PER_PLACE`]
+/// allows fewer places.
 const STEP: f64 = 0.2;
 /// Distances from an edge, toward the middle of the face, at which places are tested, relative to the splats' median
 /// radius.
@@ -32,8 +33,8 @@ const INSETS: [f64; 3] = [0.03, 0.3, 1.0];
 const APART: f64 = 0.5;
 /// Angles from a face's normal, in degrees, of the tilted directions from which a place must be covered.
 const TILTS: [f64; 2] = [25.0, 50.0];
-/// Numbers of splats nearest to a place that are tested for covering it: in the first pass, and in the second pass for
-/// places that the first leaves uncovered.
+/// Numbers of clipped splats nearest to a place that are tested for covering it: in the first pass, and in the second
+/// pass for places that the first leaves uncovered.
 const TESTED_SPLATS: [usize; 2] = [6, 32];
 /// Number of splats, consecutive in the order of a k-d tree, of which one may be moved: the one with the nearest
 /// neighbour.
@@ -95,8 +96,9 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
     places.iter().filter(move |place| cells.insert(cell(place))).copied()
 }
 
-/// Returns those of `places` that none of the given splats covers from all directions. For each place, the `asked`
-/// nearest splats are tested.
+/// Returns those of `places` that the splats with the indices `splats`, taken together, leave uncovered from at least
+/// one of the [`test_directions`]. For each place, only the `asked` nearest of these splats are tested. `tree` has the
+/// splats' centres, in the order of `splats`.
 fn uncovered(
     on: &Placed,
     kept: &[Option<Grown>],

@@ -35,7 +35,8 @@ pub(crate) struct Geometry<'a> {
     pub(crate) areas: Vec<f64>,
     /// Largest side of the mesh's bounding box, in object units.
     pub(crate) extent: f64,
-    /// Number of triangles with the corners and winding of another one. Their areas are set to zero.
+    /// Number of triangles with the corners and winding of an earlier one. Their areas and normals are set to zero. 0
+    /// if the mesh wasn't searched for them ([`MANIFOLD`]).
     pub(crate) repeated: usize,
 }
 
@@ -95,7 +96,7 @@ pub(crate) struct Smooth {
     pub(crate) feature_edges: usize,
     /// Edges at which splats end, once for each face: creases, open edges, and bends of more than 15°.
     pub(crate) borders: Vec<Border>,
-    /// Number of each face's smooth region; creases and open edges separate regions.
+    /// Smooth region of each face, as the lowest index of a face in it; creases and open edges separate regions.
     pub(crate) regions: Vec<u32>,
 }
 
@@ -128,8 +129,8 @@ impl<'a> Geometry<'a> {
         geometry
     }
 
-    /// Sets the area and normal of repeated triangles to zero. Such a triangle has the corners and winding of another
-    /// one.
+    /// Sets the area and normal of repeated triangles to zero. Such a triangle has the corners and winding of an
+    /// earlier one.
     fn drop_repeated(&mut self) {
         let key = |face: usize| {
             let corners = self.corners(face).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
@@ -192,9 +193,10 @@ impl<'a> Geometry<'a> {
 
     /// Computes smooth unit normals of all corners, the edges that are creases or open, and the regions between them.
     ///
-    /// The mesh's vertex normals are used if it has any. Otherwise normals are averaged over the faces at a vertex,
-    /// weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges of at most 40°, and across
-    /// steeper edges that aren't [`Creases`].
+    /// The mesh's vertex normals are used if it has any. If it has none, or where one is zero, normals are averaged
+    /// over the faces at a vertex, weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges
+    /// of at most 40°. If the mesh has no normals, it also includes faces across steeper edges that aren't creases by
+    /// [`Creases::divide`].
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -290,8 +292,8 @@ impl<'a> Geometry<'a> {
         self.normals[a.face()].dot(self.normals[b.face()])
     }
 
-    /// Returns unit normals of the vertices: the mesh's own, or the angle-weighted mean over all faces at the vertex's
-    /// position. Zero for vertices without faces.
+    /// Returns unit normals of the vertices: the mesh's own, or, where that is missing or zero, the angle-weighted mean
+    /// over all faces at the vertex's position. Zero for vertices without faces, and where the faces' normals cancel.
     pub(crate) fn vertex_normals(&self, weld: &[u32]) -> Vec<DVec3> {
         let mut sums = vec![DVec3::ZERO; weld.len()];
         for (face, t) in self.mesh.triangles.iter().enumerate() {
@@ -314,8 +316,9 @@ impl<'a> Geometry<'a> {
     }
 
     /// Applies the normal map to the smooth unit normal at barycentric coordinates `b` of a face. The map is averaged
-    /// over nine samples in a square of side `extent` (in object units), or sampled once if that is 0. The image's axes
-    /// follow the face's texture coordinates.
+    /// over nine samples in a square of side `extent` (in object units), or sampled once if that is 0. Samples beyond
+    /// the face are replaced by the one at `b`. The image's axes follow the face's texture coordinates. Returns
+    /// `smooth` if the face has no normal map, or no usable texture coordinates.
     pub(crate) fn mapped_normal(&self, face: usize, b: [f64; 3], smooth: DVec3, extent: f64) -> DVec3 {
         let (Some(map), Some(uvs)) = (self.mesh.material(face).normal_map, &self.mesh.uvs) else { return smooth };
         let Some((right, up)) = self.image_axes(face, smooth) else { return smooth };
@@ -342,7 +345,7 @@ impl<'a> Geometry<'a> {
     }
 
     /// Returns the right and up directions of the texture image on a face, as unit vectors perpendicular to a normal.
-    /// `None` if the texture coordinates have no area.
+    /// `None` if the texture coordinates are missing or have no area.
     fn image_axes(&self, face: usize, normal: DVec3) -> Option<(DVec3, DVec3)> {
         let uvs = self.mesh.uvs.as_ref()?;
         let [a, b, c] = self.corners(face);
@@ -378,9 +381,10 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// Returns the colour of a splat: the mean linear RGB and opacity around barycentric coordinates `b` of a face.
-    /// Nine samples in a square of side `extent` (in object units) are weighted by their opacity. Without a texture,
-    /// one sample is enough.
+    /// Returns the colour of a splat: the mean linear RGB and opacity around barycentric coordinates `b` of a face. The
+    /// colour is the mean of nine samples in a square of side `extent` (in object units), weighted by their opacity;
+    /// samples beyond the face are replaced by the one at `b`. The opacity is their mean only if the material blends,
+    /// else the one at `b`. Without a texture, the one sample at `b` is used.
     pub(crate) fn color_about(&self, face: usize, b: [f64; 3], extent: f64) -> [f32; 4] {
         let own = self.color(face, b);
         let material = self.mesh.material(face);

@@ -36,26 +36,28 @@ pub use vertices::points_from_mesh;
 /// Converts a mesh to splats by the method of the options.
 ///
 /// Colours come from the texture (times the vertex colours) or the vertex colours; alphas likewise. Origin, up axis and
-/// comments are copied, and the cloud's `interior_weight` is set. The cloud is declared oriented if the mesh is
-/// ([`is_oriented`]).
+/// comments are copied, and the cloud's `interior_weight` is set if it can be measured. The cloud is declared oriented
+/// if the mesh is ([`is_oriented`]).
 ///
 /// A splat lies in the plane of its triangle, which determines its visible side. If the shading normal differs, it
 /// comes from the mesh's own normals, or from angle-weighted normals that aren't averaged across creases. Lines clip a
 /// splat (rendering model §7) where its smooth region ends: at creases above 40°, at open edges, and where more than
-/// two triangles meet. A mesh without such edges has no clip columns.
+/// two triangles meet. An opaque mesh without such edges has no clip columns. On a partly transparent mesh, invisible
+/// splats are removed, and partly visible ones are divided or clipped, so that the number of splats may change. With
+/// [`MeshMethod::PerVertex`], splats are only removed.
 ///
 /// - [`MeshMethod::PerFace`]: the Steiner circumellipse of each triangle, clipped. Axes s and t are the principal
 ///   half-axes, with s × t outward. Without stored normals, the splats shade flat.
 /// - [`MeshMethod::PerVertex`]: [`points_from_mesh`], then radii from the local spacing as for points, unclipped, and
 ///   large enough to cover the triangles around a vertex. A splat is in the mean plane of these triangles.
-/// - [`MeshMethod::Count`]: exactly the given number of samples. Up to a million are blue noise (weighted sample
-///   elimination), more are stratified. Splats are also clipped at bends of 15° to 40° between triangles that are large
-///   enough for three splats each. Disks thus protrude from the surface by at most 0.15 of the distance between them.
-///   If lines leave little of a splat, it grows up to 2.2 times. In strips narrower than about a third of the distance
-///   between splats, a splat reaches over the edge, because few such strips have a splat. If no splat covers a place
-///   near an edge, viewed at up to 50° from its normal, a splat that its neighbours can replace is moved to the place.
-///   At most a sixteenth of all splats are moved, and none if there are more than a million or if radii are scaled
-///   down.
+/// - [`MeshMethod::Count`]: exactly the given number of samples. Up to a million samples are blue noise (weighted
+///   sample elimination), more are stratified. Splats are also clipped at bends of 15° to 40° between triangles that
+///   are large enough for three splats each. Disks thus protrude from the surface by at most 0.15 of the distance
+///   between them. If lines leave little of a splat, it grows up to 2.2 times. In strips narrower than about a third of
+///   the distance between splats, a splat reaches over the edge, because few such strips have a splat. If no splat
+///   covers a place near an edge, viewed at up to 50° from its normal, a splat that its neighbours can replace is moved
+///   to the place. At most a sixteenth of all splats are moved (or 64, if that is more), and none if there are more
+///   than a million or if radii are scaled down.
 /// - [`MeshMethod::Adaptive`]: the given number of samples if the mesh is nearly flat. On thin parts, samples are
 ///   closer together.
 /// - [`MeshMethod::Detail`]: the number of samples in [`Detail`]. Samples are closer where colours vary, if that needs
@@ -64,9 +66,9 @@ pub use vertices::points_from_mesh;
 /// Sources: C12 §5.1 (one ellipse per triangle); weighted sample elimination (Yuksel 2015); Z04 (clip lines).
 ///
 /// # Errors
-/// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] if no triangle has an area,
-/// [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million elements, and
-/// [`SampleError::Model`] for an invalid mesh.
+/// [`SampleError::Empty`] without vertices. [`SampleError::Empty`] without triangles and [`SampleError::NoArea`] if no
+/// triangle has an area, both unless the method is [`MeshMethod::PerVertex`]. [`SampleError::Option`] for options out
+/// of range, [`SampleError::TooMany`] above 268 million elements, and [`SampleError::Model`] for an invalid mesh.
 pub fn splats_from_mesh(
     mesh: &Mesh,
     options: &MeshOptions,
@@ -120,8 +122,8 @@ pub fn splats_from_mesh(
     finish(mesh, data, report, progress)
 }
 
-/// Adds the mesh's up axis, comments and orientation to the splats' data, validates the cloud, and measures its
-/// interior weight.
+/// Adds the mesh's up axis, comments and orientation to the splats' data, and the comment [`FLAT_PARTS`] or
+/// [`FINE_SPLATS`] if it applies. Validates the cloud, measures its interior weight, and completes the report.
 fn finish(
     mesh: &Mesh,
     data: CloudData,

@@ -17,7 +17,7 @@ use surfel_model::{
     Transition,
 };
 
-/// Maximum number of splats in one level of the octree.
+/// Maximum number of splats in one level of the octree; a level that needs more gets larger splats.
 const MAX_IN_LEVEL: f64 = 4e6;
 
 /// Largest mean number of splats per node in one level. This limit and the next two matter if triangles reach far
@@ -48,8 +48,8 @@ impl Default for OctreeOptions {
 
 /// Converts a mesh to an octree. Every node has splats for its part of the surface, at half the distance of its
 /// parent's; a leaf also has polygons. Edges shared by leaves get splats of their own, centred on the edge and as large
-/// as the finer leaf's splats. The finer leaf's splats within half a spacing of the edge are dropped. Creases above 40°
-/// get no edge splats.
+/// as the finer leaf's splats. The finer leaf's splats (both leaves', if equally fine) within half a spacing of the
+/// edge are dropped. Creases above 40° get no edge splats.
 ///
 /// The polygons of a mesh without normals get the shading normals of its splats: smooth except at creases above 40°.
 /// Colours come from textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a
@@ -175,7 +175,8 @@ fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// Measures the interior weight on the splats of leaves and of shared edges, and adds it to the octree's cloud.
+/// Measures the interior weight on the splats of leaves and of shared edges, and adds it to the octree's cloud if it
+/// could be measured. Also declares the cloud oriented if the mesh is.
 fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
     let finest: Vec<_> = leaves.chain(octree.transitions().iter().map(|t| t.splats.clone())).collect();

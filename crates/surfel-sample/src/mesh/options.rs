@@ -9,13 +9,15 @@ use surfel_model::Mesh;
 pub enum MeshMethod {
     /// One ellipse per triangle, through its three vertices (Bézier clipping paper 2012, §5.1).
     PerFace,
-    /// One splat per vertex, as for a point cloud; suitable for dense scans.
+    /// One splat per vertex, as for a point cloud; suitable for dense scans. Vertices at one position with similar
+    /// normals share a splat.
     PerVertex,
     /// A given number of samples, spread evenly over the surface.
     Count(usize),
     /// A given number of samples, spread evenly over a flat mesh. Where disks would protrude from a curved surface,
-    /// samples are closer together, so that the total is larger. Disks protrude by at most a third of a pixel in an
-    /// image of 1024².
+    /// samples are closer together, so that the total is larger. Disks then protrude by at most a third of a pixel in
+    /// an image of 1024², if splats a quarter as far apart as on flat parts suffice. If the total would reach a
+    /// million, samples stay evenly spread.
     Adaptive(usize),
     /// The number of samples that the mesh's shape and colours need ([`Detail`]).
     Detail,
@@ -40,20 +42,23 @@ pub struct MeshOptions {
 /// Report of a conversion of a mesh to splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshReport {
-    /// Method by which the mesh was converted.
+    /// Method by which the mesh was converted. For [`MeshMethod::Adaptive`] and [`MeshMethod::Detail`], it is
+    /// [`MeshMethod::Count`] with the number of samples that was chosen.
     pub method: MeshMethod,
-    /// Numbers of splats that shape and colours need; `None` unless the method is [`MeshMethod::Detail`].
+    /// Numbers of splats that shape and colours need; `None` unless the method in the options is
+    /// [`MeshMethod::Detail`].
     pub detail: Option<Detail>,
     /// Number of splats made.
     pub splats: usize,
     /// Number of triangles without area; they get no splats.
     pub degenerate: usize,
-    /// Number of triangles that repeat another one; they get no splats.
+    /// Number of triangles that repeat another one; they get no splats. 0 for [`MeshMethod::PerFace`], and for a mesh
+    /// whose area is too small, relative to its extent, for many triangles in one place.
     pub repeated: usize,
-    /// Number of mesh edges that are creases or open edges, at which splats end.
+    /// Number of mesh edges that are creases or open edges, at which splats end; 0 for [`MeshMethod::PerVertex`].
     pub feature_edges: usize,
-    /// True if the mesh consists of flat parts: at least nine in ten samples have the normal of their own triangle as
-    /// their smooth normal.
+    /// True if the mesh consists of flat parts: at least nine in ten samples have a smooth normal within 1° of their
+    /// own triangle's normal. Always false for [`MeshMethod::PerFace`] and [`MeshMethod::PerVertex`].
     pub flat: bool,
     /// Median of the splats' larger half-axes, in object units.
     pub median_radius: f64,
@@ -76,9 +81,10 @@ impl MeshOptions {
         Self { method, radius_scale: 1.0 }
     }
 
-    /// Returns the default options for a mesh. A dense mesh (above 50,000 vertices) with triangles of similar size and
-    /// no texture becomes one splat per vertex. So does a mesh without triangles or area. Any other mesh is sampled
-    /// about every 2 px in an image of 1024², by 20,000 to 500,000 samples, and more where the surface bends.
+    /// Returns the default options for a mesh. A dense mesh (above 50,000 vertices) without texture becomes one splat
+    /// per vertex if triangles with an edge longer than 1/64 of the mesh's extent cover less than 1 % of its area. So
+    /// does a mesh without triangles, without a finite area, or with indices of missing vertices. Any other mesh is
+    /// sampled about every 2 px in an image of 1024², by 20,000 to 500,000 samples, and more where the surface bends.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
         if mesh.triangles.is_empty() || mesh.triangles.iter().flatten().any(bad) {

@@ -7,7 +7,8 @@ use glam::DVec3;
 /// Maximum number of times that the sides of a face are halved to divide it into parts.
 const MAX_HALVINGS: f64 = 10.0;
 /// Corners of a face at which its four parts are, in order, if its sides are halved; `None` is the part in the middle.
-/// The order makes each part adjacent to the previous part or to the second one.
+/// The part in the middle is second, so that every part but the first is adjacent to the part before it or to the one
+/// in the middle.
 const CORNERS: [Option<usize>; 4] = [Some(0), None, Some(1), Some(2)];
 /// Index of the middle part in [`CORNERS`].
 const MIDDLE: usize = 1;
@@ -26,7 +27,7 @@ impl From<(u32, [f64; 3])> for Sample {
 }
 
 impl Sample {
-    /// Creates the sample at the position `place` on a face.
+    /// Creates the sample at the position `place` on a face, or at the face's first corner if the face has no area.
     pub(crate) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
         let [a, ..] = geometry.corners(face as usize);
         let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();
@@ -41,8 +42,8 @@ impl Sample {
     }
 }
 
-/// Division of faces into parts by repeated halving of their sides: 4ᵏ parts of equal area, similar to the face.
-/// Consecutive parts of a face form a connected area.
+/// Division of faces into parts by repeated halving of their sides: 4ᵏ parts of equal area, similar to the face. Parts
+/// of a face with neighbouring indices are close together, and mostly adjacent.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts {
     /// Index of the first part of each face, followed by the number of all parts.
@@ -51,7 +52,8 @@ pub(crate) struct Parts {
 
 impl Parts {
     /// Divides faces into parts with about half the area of a square of side `side`; infinity leaves every face whole.
-    /// There are at most about `most` more parts than faces.
+    /// For large meshes, `side` is enlarged, so that there are about `most` more parts than faces, and at most twice as
+    /// many because of rounding.
     pub(crate) fn new(geometry: &Geometry, side: f64, most: usize) -> Self {
         let side = side.max((2.0 * geometry.total_area() / most as f64).sqrt());
         let mut first = vec![0];

@@ -93,8 +93,9 @@ impl<'a> Scatter<'a> {
         self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, slender, random))
     }
 
-    /// Returns the results of `of` for `count` ascending place numbers, computed in parallel and in order. The
-    /// arguments of `of` are a number, the part that contains the place, and a random generator.
+    /// Returns the results of `of` for `count` places, in order; they are computed in parallel. `number` maps 0..count
+    /// to the places' numbers, which must ascend. The arguments of `of` are a place's number, the part that contains
+    /// the place, and a random generator.
     fn map<T: Clone + Default + Send>(
         &self,
         count: usize,

@@ -30,7 +30,8 @@ const REACH: f64 = 2.25;
 const FAR: f64 = 4.0;
 /// Maximum number of times that a partly visible disk is divided into four.
 const DIVISIONS: usize = 2;
-/// Number of disks that dividing may make, in addition to one per splat.
+/// Number of disks that dividing may make, in addition to one per splat. If dividing all partly visible disks would
+/// exceed it, none is divided further.
 const MAX_ADDED: usize = 100_000;
 /// Half of the usual distance between a disk and its neighbours, relative to the disk's radius. It is the offset of the
 /// four smaller disks along both axes, and half the side of the square over which a disk's colour is averaged.
@@ -72,8 +73,8 @@ struct Disk<'a> {
     along_t: [f64; 3],
 }
 
-/// Removes invisible splats, and clips others to the visible surface. `faces` are the triangles of the splats. Returns
-/// the new columns and the triangle of each new splat.
+/// Removes invisible splats, and divides partly visible ones or clips them to the visible surface. `faces` are the
+/// triangles of the splats. Returns the new columns and the triangle of each new splat.
 pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (CloudData, Vec<u32>) {
     if !geometry.mesh.is_see_through() {
         return (data, faces);
@@ -266,8 +267,8 @@ fn direction(k: usize) -> DVec2 {
     DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64)
 }
 
-/// Finds clip lines along the contour at which alpha falls below `level`, and searches from the opaque centre outward.
-/// `alpha` returns alpha at a point in (u, v).
+/// Finds up to four clip lines along the contour at which alpha falls below `level`, and searches from the opaque
+/// centre outward. The disk stays whole if there is no such contour. `alpha` returns alpha at a point in (u, v).
 fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> AlphaTest {
     let own = alpha(DVec2::ZERO);
     let crossing = |k: usize| {

@@ -40,15 +40,16 @@ struct LeafEdge {
     between: DVec3,
 }
 
-/// Edges shared by one pair of the octree's leaves, by their ends, and the splats centred on the edges.
+/// Edges shared by one pair of the octree's leaves, given by their ends, and the splats centred on these edges.
 #[derive(Default)]
 pub(crate) struct Shared {
     pub(crate) edges: Vec<[DVec3; 2]>,
     pub(crate) splats: Vec<EdgeSplat>,
 }
 
-/// Finds the edges shared by each pair of leaves, and makes splats on them. Pairs of leaf indices are in ascending
-/// order. `spacing_of` returns the distance between a leaf's splats.
+/// Finds the edges shared by each pair of leaves, and makes splats on them; creases above 40° are left out. The result
+/// is by pairs of leaf indices in ascending order. `spacing_of` returns the distance between a leaf's splats; the
+/// smaller of both leaves' distances is used, or a larger one if an edge would get too many splats ([`MAX_ON_EDGE`]).
 pub(crate) fn shared_edges(
     geometry: &Geometry,
     corner_normals: &[[DVec3; 3]],

@@ -9,19 +9,21 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
 
-/// Smallest cosine (60°) between the normals of two vertices at one position at which they become one point.
+/// Smallest cosine (60°) between the normals of two vertices at one position at which they become one point. Also the
+/// smallest cosine between the normals of a vertex (or its disk) and a face at which the face determines the disk.
 const AGREE: f64 = 0.5;
 /// Largest factor by which a disk grows to cover the triangles around its vertex. Larger disks of long triangles would
 /// reach over borders.
 const MAX_GROWN: f64 = 2.0;
 
 /// Converts the vertices of a mesh to points, with stored or angle-weighted normals, and with the colours of the mesh's
-/// texture and vertices. Vertices at the same position (texture seams) become one point if their normals agree within
-/// 60°. Vertices without triangles have normal zero (unknown). Vertices that an alpha mask cuts, or with alpha 0, are
-/// dropped.
+/// texture and vertices. A vertex at the same position as an earlier one (texture seams) adds a point only if its
+/// normal and the first vertex's are known and differ by more than 60°. Vertices without triangles have normal zero
+/// (unknown). Vertices that an alpha mask cuts, or with alpha 0, are dropped.
 ///
 /// # Errors
-/// [`SampleError::Empty`] without vertices, [`SampleError::Model`] for an invalid mesh.
+/// [`SampleError::Empty`] without vertices, [`SampleError::TooMany`] above 268 million vertices or triangles, and
+/// [`SampleError::Model`] for an invalid mesh.
 pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     Ok(vertices(mesh)?.points)
 }
@@ -138,7 +140,8 @@ pub(crate) fn splats(
 
 /// Enlarges disks that leave holes in the triangles around their vertex. Points alone don't show that large triangles
 /// next to small ones, or narrow faces, are surface. In every triangle, each disk reaches past the region nearest to
-/// its vertex, so that the triangle's three disks cover it.
+/// its vertex, so that the triangle's three disks cover it. Disks grow at most by the factor [`MAX_GROWN`], and not for
+/// triangles that face more than 60° away from them. Ellipses don't grow.
 fn cover_triangles(
     cloud: SplatCloud,
     geometry: &Geometry,

@@ -47,7 +47,7 @@ pub(crate) struct Border {
     pub conic: Conic,
     /// Index of the ridge that contains the piece.
     pub ridge: u32,
-    /// Number of the smooth region of the surface that the piece bounds.
+    /// Index of the smooth region that the piece bounds.
     pub region: u32,
     /// Unit normal of the triangle next to the piece, on the clipped surface's side.
     pub normal: DVec3,
@@ -225,6 +225,7 @@ struct Clipper {
     s: DVec3,
     t: DVec3,
     curve: Option<Conic>,
+    /// Coefficients a, b and c of each clip line so far: points (u, v) with a·u + b·v + c > 0 are visible.
     lines: Vec<[f64; 3]>,
     /// Edge (0 to 2) of the triangle along which the clip curve runs; `None` without a curve.
     curved_edge: Option<usize>,

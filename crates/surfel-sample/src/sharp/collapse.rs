@@ -106,8 +106,8 @@ struct Collapser<'a> {
     heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
-/// Collapses edges of `surface`, cheapest first, until a limit is reached. Returns the largest error of a collapse, in
-/// object units.
+/// Collapses edges of `surface`, cheapest first, until [`Limits::faces`] is reached or no collapse is possible within
+/// the limits. Returns the largest error of a collapse, in object units.
 pub(crate) fn collapse(
     surface: &mut Surface,
     limits: Limits,
@@ -180,8 +180,9 @@ impl Collapser<'_> {
         }
     }
 
-    /// Collapses edges, cheapest first, until none is left or the next error is above `dearest`. `left` is the number
-    /// of remaining triangles. Returns the largest squared error, and true if `dearest` was reached.
+    /// Collapses edges, cheapest first, until [`Limits::faces`] is reached, no edge is left, or the next error is above
+    /// `dearest`. `left` is the number of remaining triangles. Returns the largest squared error, and true if an error
+    /// above `dearest` ended the round.
     fn round(&mut self, dearest: f64, left: &mut usize, progress: &dyn Progress) -> (f64, bool) {
         let mut largest = 0.0f64;
         while *left > self.limits.faces {
@@ -242,8 +243,8 @@ impl Collapser<'_> {
         all
     }
 
-    /// Returns two vertices, the one with fewer triangles first. Its triangles are searched, because the vertex in the
-    /// middle of a fan may have thousands.
+    /// Returns two vertices, the one with fewer triangles first. Callers search the triangles of the first one only,
+    /// because the vertex in the middle of a fan may have thousands.
     fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
         if self.valences[a as usize] <= self.valences[b as usize] { (a, b) } else { (b, a) }
     }
@@ -299,7 +300,8 @@ impl Collapser<'_> {
     }
 
     /// Returns the ridge piece that results if `remove` is collapsed into `keep`: the ridge's next vertex after
-    /// `remove`, and the piece from `keep` to that vertex.
+    /// `remove`, and the piece from `keep` to that vertex. `None` if the edge is on no ridge, if the ridge ends at
+    /// `remove`, or if it is a loop of three pieces.
     fn merged(&self, keep: u32, remove: u32) -> Option<(u32, Piece)> {
         let first = self.piece(keep, remove)?;
         let beyond = self.neighbours(remove).into_iter().find(|o| *o != keep && self.piece(remove, *o).is_some())?;

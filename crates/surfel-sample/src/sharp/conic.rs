@@ -77,7 +77,8 @@ impl Conic {
         own.iter().zip(targets).map(|(a, b)| a.distance(*b)).sum::<f64>() / targets.len() as f64
     }
 
-    /// Returns the largest distance of the curve from its chord (the sagitta).
+    /// Returns the largest distance of the curve from its chord (the sagitta), sampled at seven points; 0 if both ends
+    /// coincide.
     pub(crate) fn sagitta(&self) -> f64 {
         let chord = (self.p3 - self.p1).normalize_or_zero();
         let off = |p: DVec3| (p - self.p1).reject_from_normalized(chord).length();
@@ -107,7 +108,7 @@ pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
 }
 
 /// Returns the largest distance between a polyline and the parabola between its ends that fits best by least squares.
-/// It is a quick estimate of the error of a fitted curve ([`fit`]).
+/// It is a quick estimate of the error of a fitted curve ([`fit`]); 0 for fewer than three points.
 pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
     if line.len() < 3 {
@@ -137,7 +138,8 @@ pub(crate) struct Fit {
 /// Fits a curve through the ends of a polyline (C12 §4). The fit starts with a parabola (w = 1) through the point I at
 /// which the polyline meets the plane that bisects its chord. The parabola's middle control point is P2 = 2I − M, where
 /// M is the middle of the chord (the paper's eq. 10 prints 2I + M). The fit then minimises the error of eq. 12 over P2
-/// and ln w.
+/// and ln w. P2 moves by at most the chord's length along each axis, and w stays in the range [`WEIGHT`]. A polyline of
+/// two points, a straight one, and one whose ends coincide get their chord.
 ///
 /// The fit is deterministic and bounded. The result is the best curve found, so it is never worse than the start.
 pub(crate) fn fit(line: &[DVec3]) -> Fit {
@@ -162,7 +164,7 @@ pub(crate) fn fit(line: &[DVec3]) -> Fit {
 }
 
 /// Returns the intersection of the polyline with the plane that bisects the line between its ends. Of several
-/// intersections, the one nearest to the middle of the polyline is returned.
+/// intersections, the one nearest to the middle of the polyline is returned; without any, the middle itself.
 fn bisector_point(line: &[DVec3]) -> DVec3 {
     let (a, b) = (line[0], line[line.len() - 1]);
     let (middle, normal) = (0.5 * (a + b), b - a);

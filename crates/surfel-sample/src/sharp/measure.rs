@@ -17,11 +17,13 @@ const SPLAT_SAMPLES: usize = 24;
 /// Errors of splats relative to their mesh; distances are in object units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SharpErrors {
-    /// Mean and largest distance from points on the visible parts of splats to the mesh.
+    /// Mean and largest distance from points on the visible parts of splats, up to 24 per splat, to the mesh.
     pub splats_to_mesh: [f64; 2],
-    /// Mean and largest distance from points on the mesh to the visible parts of splats.
+    /// Mean and largest distance from points on the mesh (the centroids of up to 40,000 triangles) to the visible parts
+    /// of splats. Distances are upper bounds where no splat covers the point.
     pub mesh_to_splats: [f64; 2],
-    /// Mean angle between a splat's normal and the normal of the nearest point of the mesh, in degrees.
+    /// Mean angle between a splat's normal and the normal of the nearest triangle, over the points of
+    /// [`Self::splats_to_mesh`], in degrees.
     pub normal_deg: f64,
 }
 
@@ -184,8 +186,8 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
 const HULL_CORNERS: usize = 8;
 
 /// Returns the corners of a polygon around the visible part of a splat: the square around its disk, clipped by its
-/// lines. Corners may repeat. A sliver's disk may be thousands of times as wide as its visible part, so that the
-/// squares of crossing slivers would all overlap.
+/// lines but not by its curve. Corners may repeat; all are the splat's centre if nothing is visible. A sliver's disk
+/// may be thousands of times as wide as its visible part, so that the squares of crossing slivers would all overlap.
 fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
     /// Tolerance for rounding when a line clips the square, relative to the line's coefficients.
     const SLACK: f64 = 1e-9;

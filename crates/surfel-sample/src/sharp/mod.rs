@@ -44,8 +44,8 @@ const STRAIGHT: f64 = 5e-5;
 const MIN_OVERLAP: f64 = 5e-6;
 
 /// Largest distance of a splat from the mesh, beyond the splat's own triangle, relative to the largest side of the
-/// mesh's bounding box. It is a quarter of a pixel in an image 1000 px wide. Splats that protrude farther would be
-/// visible past silhouettes, and are cut back.
+/// mesh's bounding box. It is a quarter of a pixel in an image 1000 px wide. Parts of splats that protrude farther
+/// would be visible past silhouettes, and are clipped.
 const STRAY: f64 = 2.5e-4;
 
 /// Largest distance of a splat from the mesh, relative to the splat's radius; the larger of this limit and [`STRAY`]
@@ -58,7 +58,8 @@ const STRAY_SHARE: f64 = 0.035;
 pub struct SharpOptions {
     /// Smallest dihedral angle of a crease between two faces, in degrees; 1 to 179, default 40.
     pub crease_angle_deg: f64,
-    /// Requested number of splats, as a maximum; `None` means one per triangle, unless `error` is given.
+    /// Number of splats, as a maximum, to which the mesh is simplified or refined; more remain if no further edge can
+    /// be collapsed. `None` means one per triangle, unless `error` is given.
     pub splats: Option<usize>,
     /// Largest distance between splats and mesh that simplification may cause, in object units; `None` means no limit.
     pub error: Option<f64>,
@@ -92,7 +93,7 @@ impl SharpOptions {
 /// Report of a conversion to clipped splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharpReport {
-    /// Number of splats made.
+    /// Number of splats made, before transparent ones are removed or divided.
     pub splats: usize,
     /// Number of splats clipped by a curve.
     pub with_curve: usize,
@@ -101,7 +102,7 @@ pub struct SharpReport {
     /// Number of splats cut back to about their triangle, because one curve and four lines couldn't clip all that is
     /// beyond ridges or protrudes from the surface.
     pub cut_back: usize,
-    /// Number of ridges (smooth chains of creases and open edges), and number of mesh edges in them.
+    /// Number of ridges (smooth chains of creases and open edges), and number of edges of the original mesh in them.
     pub ridges: [usize; 2],
     /// Mean distance between ridges and the curves that clip along them (C12 eq. 12), in object units: for the first
     /// estimate of the curves, and after fitting.
@@ -124,9 +125,10 @@ pub struct SharpReport {
 ///
 /// With [`SharpOptions::splats`] or [`SharpOptions::error`], the mesh is simplified first. If [`SharpOptions::splats`]
 /// is at least four times the number of triangles, the mesh is refined instead. Each triangle is then divided into
-/// four, repeatedly, while the total stays within the requested number. Colours are sampled at the splats' centres.
-/// Origin, up axis and comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is
-/// set.
+/// four, repeatedly, while the total stays within the requested number. Colours are sampled at the splats' centres. On
+/// a partly transparent mesh, invisible splats are removed, and partly visible ones are divided or clipped. Origin, up
+/// axis and comments are copied, and the cloud's `interior_weight` is set if it can be measured. The errors, the
+/// comment [`FLAT_PARTS`] and, for a watertight mesh, [`CLOSED_MESH`] are added as comments.
 ///
 /// Sources: C12 §4 and §5; edge collapse by quadrics (Garland and Heckbert 1997).
 ///
@@ -222,7 +224,7 @@ struct Sides {
     borders: Borders,
     /// Index of the border along each of the three edges of each triangle; `None` for edges on no ridge.
     own: Vec<[Option<usize>; 3]>,
-    /// Number of the smooth region of each triangle.
+    /// Index of the smooth region that contains each triangle.
     regions: Vec<u32>,
     /// Mean distance between ridges and the curves that clip along them (C12 eq. 12): for the first estimate, and after
     /// fitting.

@@ -48,10 +48,11 @@ const ONE_SIDED: f64 = 0.5;
 /// Distance from a plane, in point spacings, from which a patch counts fully for its side of the plane
 /// ([`Plane::side_of`]); nearer patches count less.
 const SIDE_SPACINGS: f64 = 0.5;
-/// Distance of a point from all planes, in point spacings, from which the point belongs to none of them.
+/// Distance of a point from its plane, in point spacings, from which the point belongs to no plane. The larger of this
+/// limit and [`FAR_RESIDUALS`] counts.
 const FAR_SPACINGS: f64 = 0.35;
-/// Distance of a point from all planes, in units of the cloud's median residual ([`PlaneFit::residual`]), from which
-/// the point belongs to none of them.
+/// Distance of a point from its plane, in units of the cloud's median residual ([`PlaneFit::residual`]), from which the
+/// point belongs to no plane ([`FAR_SPACINGS`]).
 const FAR_RESIDUALS: f64 = 4.0;
 
 /// Report of [`sharpen_points`].
@@ -66,7 +67,8 @@ pub struct SharpPointsReport {
 }
 
 /// Clips splats made of points (by [`crate::splats_from_points`]) along edges detected in the points. An edge is where
-/// planes meet at more than `crease_angle_deg` (1 to 179 degrees). Disks become ellipses of equal axes.
+/// planes meet that contain patches whose normals differ by more than `crease_angle_deg` (1 to 179 degrees). The
+/// planes' own normals, which are means, differ by at least 0.625 of that angle. Disks become ellipses of equal axes.
 ///
 /// Each plane is the mean of flat patches, weighted by nearness; patches form up to three clusters by normal. A point
 /// is assigned to the nearest plane, and its splat ends where that plane meets the others. Both sides of an edge use

@@ -22,7 +22,7 @@ pub(crate) enum Kind {
     Smooth,
     /// Vertex inside a ridge, which may move along the ridge.
     Ridge,
-    /// Fixed vertex, where ridges end, meet or turn sharply.
+    /// Fixed vertex, where ridges end, meet or turn sharply, or where a loop begins.
     Corner,
 }
 

@@ -48,7 +48,8 @@ impl<'a> Index<'a> {
     }
 
     /// Returns the number of splats that the line through `x` along `n` meets, and the sum of their weights there. Only
-    /// splats whose normals agree with `n` count.
+    /// splats count whose normals are within about 73° of `n`, and whose planes the line meets within their radius of
+    /// `x`.
     pub(crate) fn over(&self, x: DVec3, n: DVec3) -> (usize, f64) {
         let [a, b, c] = Self::key(x, self.side);
         let (mut count, mut sum) = (0, 0.0);
@@ -66,8 +67,8 @@ impl<'a> Index<'a> {
         (count, sum)
     }
 
-    /// Returns the weight of splat `i` where the line along `n` through `x` meets it; `None` if the line misses it.
-    /// Cramer's rule solves x + λn = p + us + vt.
+    /// Returns the weight of splat `i` where the line along `n` through `x` meets it; `None` if the line misses its
+    /// visible part, or if the splat doesn't count by [`Self::over`]. Cramer's rule solves x + λn = p + us + vt.
     fn weight(&self, i: usize, x: DVec3, n: DVec3) -> Option<f64> {
         let (s, t) = self.cloud.axes(i);
         let facing = s.cross(t).normalize().dot(n);

@@ -26,9 +26,9 @@ const MAX_PIXELS: u64 = 1 << 23;
 const SIZE: [u32; 2] = [768, 768];
 /// Default width and height, in pixels, of each image on a contact sheet (one image with several views).
 const SHEET_SIZE: [u32; 2] = [384, 384];
-/// Font height of the panel names on a contact sheet, as a fraction of an image's shorter side.
+/// Font height of the panel names on a contact sheet, as a fraction of an image's shorter side; at least 10 pixels.
 const SHEET_FONT: f64 = 0.045;
-/// Largest number of notes in an answer. Further notes are left out.
+/// Largest number of notes about one image in an answer. Further notes about the image are left out.
 const MAX_NOTES: usize = 16;
 
 /// Returns the descriptions of all tools, with the schemas of their arguments.

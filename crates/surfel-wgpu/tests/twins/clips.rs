@@ -106,7 +106,8 @@ fn random_clip(random: &mut Random, weight: f64) -> Vec<f32> {
     ))
 }
 
-/// Returns a clip and a point of the disk far enough from the curve that rounding doesn't move it across.
+/// Returns a clip and a point of the disk's bounding square, far enough from the curve and the lines that rounding
+/// doesn't move it across. The curve's weight is 10^-`reach` to 10^`reach`.
 fn clear_of_the_curve(random: &mut Random, reach: f64) -> Vec<f32> {
     loop {
         let weight = 10f64.powf(random.range(-reach, reach));

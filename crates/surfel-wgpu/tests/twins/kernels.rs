@@ -12,7 +12,8 @@ use surfel_math::{Real, V2, V3, basis, bounds, kernel, quantise};
 
 /// Formula that both the CPU and a GPU run.
 pub(crate) struct Kernel {
-    /// Name of the WGSL function, and after a slash the branch that the inputs select.
+    /// Name of the WGSL function. If a function has several kernels, the branch that the inputs select follows after a
+    /// slash.
     pub name: &'static str,
     /// Number of inputs: x0, x1 … in WGSL.
     pub inputs: usize,
@@ -33,8 +34,8 @@ pub(crate) struct Kernel {
     /// Generator of inputs at which rounding matters.
     pub adversarial: fn(&mut Random) -> Vec<f32>,
     /// Function that returns the size to which errors of an output group are relative, from the inputs and the group's
-    /// index. It is for sums that may cancel, and for results as uncertain as their inputs. `None`: the group's largest
-    /// output.
+    /// index. It is for sums that may cancel, and for results as uncertain as their inputs. Errors are relative to the
+    /// group's largest output if that is larger, or if this is `None`.
     pub scale: Option<fn(&[f64], usize) -> f64>,
 }
 

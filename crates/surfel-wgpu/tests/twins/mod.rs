@@ -31,7 +31,7 @@ struct Error {
 }
 
 /// Returns the largest error of the outputs `got` against the kernel's results in f64. Samples whose exact result is
-/// infinite or NaN are skipped.
+/// NaN or beyond f32's range are skipped.
 fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
     let mut worst = Error::default();
     for (i, (x, got)) in inputs.iter().zip(got.chunks_exact(kernel.outputs)).enumerate() {

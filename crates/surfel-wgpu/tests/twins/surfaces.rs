@@ -187,8 +187,8 @@ fn plane_terms(x: &[f64], _: usize) -> f64 {
     let g = depth::plane_gradient(p, n, &PERSPECTIVE);
     g.length() * (terms / steep)
 }
-/// Returns the size to which errors of a step are relative: its slope, by which the step multiplies the rounding error
-/// of its argument.
+/// Returns the size to which errors of a step are relative: the largest slope of any step, by which a step multiplies
+/// the rounding error of its argument.
 fn steep(_: &[f64], _: usize) -> f64 {
     1.5 / 0.04
 }

@@ -265,7 +265,7 @@ impl Cells {
 
     /// Interpolates in the Delaunay triangulation. If every point is lifted by its squared distance, the place's
     /// Delaunay triangle is the lowest of all triangles around it. The search starts from a distant triangle and
-    /// exchanges its corners for lower points.
+    /// exchanges its corners for lower points. `None` if a corner of the triangle isn't within `CELL_M` metres.
     pub(crate) fn triangulated(&self, x: f64, y: f64) -> Option<f64> {
         const FAR: f64 = 1e4;
         let near: Vec<[f64; 3]> = self.within(CELL_M, x, y).collect();

@@ -10,7 +10,8 @@ use std::ops::Range;
 
 /// Number of cells along the side of a node's cube, as a power of two: 2⁷ = 128.
 pub(super) const CELL_BITS: u32 = 7;
-/// Largest number of points of an octant that isn't divided further: a single node contains all of them.
+/// Largest number of points of an octant that isn't divided further: a single node contains all of them. Octants with
+/// more points also aren't divided where [`CELL_BITS`] or fewer bits per axis of the Morton codes remain.
 pub(super) const LEAF_POINTS: u64 = 40_000;
 /// Marker for a point that has no level yet.
 const NONE: u8 = u8::MAX;

@@ -26,7 +26,7 @@ use std::sync::Arc;
 /// node is decoded alone.
 const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
-/// Largest supported level of a node; the root has level 0.
+/// Largest supported level of a node; the root has level 0. Files with deeper nodes are refused.
 const MAX_LEVEL: u32 = super::octants::BITS;
 
 /// A node of the octree in a COPC file.
@@ -66,7 +66,8 @@ pub enum NodeColumns<'a> {
     /// All columns of the points.
     All,
     /// Only the columns that splats are made of: positions, colours, normals and extra bytes. The slice states for each
-    /// node, by index, which colours and normals are read. Columns that aren't read are zero.
+    /// node, by index, which colours and normals are read; nodes beyond its end get [`LevelValues::Without`]. Columns
+    /// that aren't read are zero.
     Splats(&'a [LevelValues]),
 }
 
@@ -102,8 +103,8 @@ pub type PointFilter<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 pub struct NodePoints {
     /// The points as a point cloud, with notes and coordinate reference system as for any loaded file.
     pub loaded: Loaded,
-    /// For each node, the number of points of this node and those before it. These are the ends of the nodes' ranges in
-    /// the cloud.
+    /// For each node that was read, in the requested order, the number of points of this node and those before it.
+    /// These are the ends of the nodes' ranges in the cloud.
     pub ends: Vec<usize>,
 }
 
@@ -233,8 +234,8 @@ impl Copc {
     }
 
     /// Reads points like [`Self::points_of`], filtered by `keeps`. Rejected points take memory only while their node is
-    /// decoded. If no point passes the filter, all points of the first node are returned. Row numbers are indices among
-    /// the returned points.
+    /// decoded. If no point of the first node with points passes the filter, all points of this node are returned. Row
+    /// numbers are indices among the returned points.
     ///
     /// # Errors
     /// Errors of [`Self::points_of`].

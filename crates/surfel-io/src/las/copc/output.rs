@@ -10,7 +10,7 @@ use ::laz::{LazVlr, LazVlrBuilder};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 
-/// A variable length record, which is copied from the input to the output.
+/// A variable length record of the output: either copied from the input, or made by Surfel.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Record {
     /// Reserved bytes, user ID and record ID, as in the file.

@@ -93,8 +93,8 @@ fn cube(layout: &Layout, grid: &Grid, frame: &Frame) -> Cube {
     Cube { center, half: 0.5 * side, spacing }
 }
 
-/// Counts the points of each octant from the root to the level of the parts. A shard counts points of other shards,
-/// too.
+/// Counts the points of each octant from the root to the level of the parts. The counts of a shard include the points
+/// of other shards, but may be too low above [`LEAF_POINTS`].
 fn counts(
     conversion: &Conversion<'_>,
     inputs: &[Input],
@@ -170,7 +170,9 @@ impl Builder<'_> {
         waiting + points <= self.conversion.task.limits.held_points
     }
 
-    /// Reads the points of an octant into memory. An octant with too many points is divided into its children instead.
+    /// Reads the points of an octant into memory. An octant with more than `most_points` points is divided into its
+    /// children instead, as long as the octree has finer levels for them. Returns an error for more than
+    /// `most_in_place` points that can't be divided.
     fn read_part<K: Copy + Eq + Hash>(&mut self, spills: &mut Spills<K>, octant: Octant) -> Result<(), Stop> {
         let limits = &self.conversion.task.limits;
         let bytes = octant.lists.points.iter().map(|list| list.bytes).sum::<u64>();

@@ -27,8 +27,8 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    /// Builds a grid over `count` points in a box. A cell gets about `cell_points` points if they are on a surface, and
-    /// the box has at most `most_cells` cells.
+    /// Builds a grid over `count` points in a box. A cell gets about `cell_points` points if they are on a surface. It
+    /// gets more if the box would have more than `most_cells` cells or than 2⁷ along an axis.
     pub(super) fn new(
         scale: DVec3,
         [low, high]: [[f64; 3]; 2],

@@ -15,9 +15,9 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use surfel_model::TableColumns;
 
-/// Maximum number of bytes of a variable length record that is copied.
+/// Maximum number of bytes of a variable length record that is copied. Inputs with a larger one are refused.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
-/// Maximum number of variable length records that are copied from an input.
+/// Maximum number of variable length records that are copied from an input. Inputs with more are refused.
 const MAX_RECORDS: usize = 256;
 
 /// Inputs that are written as one file, and the column names of the tables among them.
@@ -177,7 +177,7 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
 }
 
 /// Returns the number of whole steps (`scale`) from the offset `first` to the offset `other`, per axis. Returns an
-/// error if the difference isn't whole.
+/// error if the difference isn't whole to 1/1000 of a step, or is more than 2⁴⁰ steps.
 fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
     let steps = (other - first) / scale;
     let whole = steps.round();
@@ -258,8 +258,8 @@ fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Reads the variable length records that the output gets from an input. `raw` is the start of the input's header.
-/// Extended records become ordinary ones if they are short enough.
+/// Reads the variable length records that the output gets from an input: all but those that Surfel writes anew, such as
+/// LASzip's. `raw` is the start of the input's header. Extended records become ordinary ones if they are short enough.
 fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
     let u32_at = |at: usize| u32::from_le_bytes(field(raw, at));
     let start = u64::from(u32_at(96));

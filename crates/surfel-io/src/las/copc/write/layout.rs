@@ -14,7 +14,8 @@ pub(super) struct Layout {
     pub(super) template: Template,
     /// LASzip variable length record of the output, which describes the compression of its points.
     pub(super) laz: LazVlr,
-    /// Number of bytes of a sorted record: the standard's fields and the inputs' extra bytes.
+    /// Number of bytes of a sorted record: the standard's fields and the inputs' extra bytes, without those that Surfel
+    /// computes again.
     pub(super) sorted_bytes: usize,
     /// Components of the normal in the inputs' extra bytes; `None` if there are none. Of each component: byte offset in
     /// a record, number of the type in the LAS standard, factor, and number that is then added.

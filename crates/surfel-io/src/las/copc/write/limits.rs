@@ -18,7 +18,8 @@ pub(super) struct Limits {
     pub(super) cell_points: u64,
     /// Maximum number of grid cells.
     pub(super) most_cells: usize,
-    /// Maximum number of points of a part; a part whose points are all in one place may have more.
+    /// Maximum number of points of a part; a part whose points no subdivision separates may have more, up to
+    /// `most_in_place`.
     pub(super) most_points: u64,
     /// Maximum number of points of all parts in memory together; a single larger part is still built.
     pub(super) held_points: u64,
@@ -30,8 +31,9 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// Returns the limits that fit into `memory` bytes. Memory decides only how many parts are built at once, not the
-    /// output.
+    /// Returns the limits that fit into `memory` bytes; less than [`MIN_MEMORY`] gives the same limits as
+    /// [`MIN_MEMORY`]. Memory decides how many parts are built at once, and how many points may be in one place, but
+    /// not the output.
     pub(super) fn new(memory: u64) -> Self {
         let (cell_points, most_points) = (1_000_000, 1_000_000);
         let useful = cell_points * rayon::current_num_threads() as u64;

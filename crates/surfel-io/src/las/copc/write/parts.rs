@@ -185,7 +185,7 @@ impl LevelMeans<'_> {
     }
 
     /// Stores the mean colour and mean normal of `others`: the points that point `i` represents, including `i` itself.
-    /// Stores none for a point that represents only itself.
+    /// Withheld points don't count. Stores nothing if fewer than two points count: point `i` then has its own values.
     pub(super) fn add(&mut self, i: u32, others: impl Iterator<Item = u32>) {
         let own = glam::Vec3::from(self.normal(i));
         let (mut count, mut color, mut normal) = (0_u64, [0.0_f64; 3], glam::Vec3::ZERO);

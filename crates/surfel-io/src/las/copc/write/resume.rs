@@ -102,7 +102,8 @@ pub(super) fn folder_of(output: &Path) -> PathBuf {
 }
 
 impl ResumeFolder {
-    /// Opens an output's resume folder, or creates one that other users can't write to.
+    /// Opens an output's resume folder, or creates one that other users can't write to. Returns an error if the folder
+    /// is unsafe, in use by another run, or of another conversion.
     pub(super) fn open(output: &Path, manifest: &Manifest) -> Result<Self, IoError> {
         let folder = folder_of(output);
         let system = |source| IoError::System { path: folder.clone(), action: WRITE, source };
@@ -202,7 +203,8 @@ impl ResumeFolder {
         self.save(WRITTEN, &(bytes, report))
     }
 
-    /// Returns the report of an output that already exists, if this conversion wrote it.
+    /// Returns the report of an output that already exists, if this conversion wrote it, judging from its size; else
+    /// `None`.
     pub(super) fn report_of<T: DeserializeOwned>(&self, output: &Path) -> Result<Option<T>, IoError> {
         let written = self.load::<(u64, T)>(WRITTEN)?;
         let bytes = fs::metadata(output).map(|found| found.len()).ok();

@@ -16,7 +16,8 @@ use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::{Range, RangeInclusive};
 
-/// Maximum number of octants over which the inputs' bounds are spread, to estimate the number of points in each.
+/// Maximum number of octants for which numbers of points are estimated: those that the inputs' bounds overlap, summed
+/// over the inputs. If there would be more, octants of a coarser level are used.
 const MAX_OCTANTS: i64 = 1 << 22;
 
 /// Minimum and maximum corner, in units of the grid.
@@ -38,7 +39,8 @@ pub(super) struct ShardRange {
 }
 
 impl ShardRange {
-    /// Selects shard `index` of `count`; all shards have about the same number of points.
+    /// Selects shard `index` of `count`; all shards have about the same number of points, as far as points are spread
+    /// evenly over the inputs' bounds.
     pub(super) fn new([index, count]: [u32; 2], inputs: &[Input], grid: Grid, scale: DVec3) -> Self {
         let steps = |input: &Input| {
             let steps = |ends: [f64; 3]| (DVec3::from(ends) / scale).round().to_array().map(|v| v as i32);

@@ -106,7 +106,8 @@ pub(super) fn write(
     Ok(report)
 }
 
-/// Returns the report of an existing shard, if it was made from these inputs in their present state.
+/// Returns the report of an existing shard, if it was made from these inputs in their present state; else an error. The
+/// version of Surfel and the sizes of the inputs must match, and no input may be newer than the shard.
 pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result<CopcReport, IoError> {
     let found = Shard::open(output)?;
     let stated = |path: &Path| {

@@ -154,8 +154,10 @@ impl<'a> Sorter<'a> {
         Ok(kept.save(resume::SORTED, &SortedState { inputs, finest: grid.finest, points, margins, summary, notes })?)
     }
 
-    /// Adds a point record to its grid cell, and to the margins of the cells near it. Cells of other shards get
-    /// nothing. `position` is in steps of the coordinate scale, and `units` in grid units.
+    /// Adds a point record to its grid cell. If the conversion estimates splats and the point isn't withheld, also adds
+    /// the record to the margins of the cells near it. Cells of other shards get nothing. If a conversion of a whole
+    /// file gets more than `most_cells` cells, their side is doubled. `position` is in steps of the coordinate scale,
+    /// and `units` in grid units.
     fn add(&mut self, record: &[u8], position: [i32; 3], units: [i64; 3]) -> io::Result<()> {
         let Conversion { task, shard_range, .. } = self.conversion;
         let SortedPoints { grid, cells, summary, .. } = &mut self.sorted;
