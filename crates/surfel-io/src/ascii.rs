@@ -7,7 +7,7 @@ use crate::error::{Fault, Location, Problem};
 use std::io::{BufRead, Read};
 
 /// Iterator over the lines of a text. Each item is the line's number, from 1, and its bytes. Lines end at LF, CRLF or a
-/// CR alone.
+/// CR alone. A UTF-8 byte order mark at the start of the text is skipped.
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
@@ -43,11 +43,12 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Maximum length, in bytes, of a line that [`each_line`] reads. Files with longer lines are refused.
+/// Length in bytes, with its line feed, from which [`each_line`] refuses a line of a file. For this limit, a file whose
+/// lines all end in a CR alone is one line. Text in memory has no such limit.
 const MAX_LINE_BYTES: usize = 1 << 24;
 
 /// Passes each line of a text and its number, from 1, to `each`. Lines end as in [`Lines`]. Only part of a file is in
-/// memory at a time.
+/// memory at a time. Returns the first error of `each`, and an error for a line of [`MAX_LINE_BYTES`] or more.
 pub(crate) fn each_line(
     bytes: Bytes<'_>,
     mut each: impl FnMut(usize, &[u8]) -> Result<(), Fault>,
@@ -76,13 +77,13 @@ pub(crate) fn each_line(
     }
 }
 
-/// Returns the words of a line, separated by blanks.
+/// Returns the words of a line, which are separated by ASCII whitespace.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 
 /// Converts UTF-16 text with a byte order mark, as spreadsheets write it, to UTF-8. Returns `None` for text without
-/// this mark.
+/// this mark. Unpaired surrogates become U+FFFD.
 pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     let of: fn([u8; 2]) -> u16 = match bytes.first_chunk()? {
         [0xff, 0xfe] => u16::from_le_bytes,
@@ -95,8 +96,9 @@ pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     Some(text.into_bytes())
 }
 
-/// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`. Returns `None` if the word
-/// isn't a number.
+/// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`. Words that begin with
+/// `1.#q`, `1.#ind` or `1.#inf`, in upper or lower case, count as such numbers, whatever follows. Returns `None` for
+/// all other words.
 pub(crate) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| c_library_number(text))
@@ -111,7 +113,8 @@ pub(crate) fn number_f32(word: &[u8]) -> Option<f32> {
 fn c_library_number(text: &str) -> Option<f64> {
     let lower = text.to_ascii_lowercase();
     let magnitude = lower.trim_start_matches(['+', '-']);
-    if magnitude.starts_with("nan") || magnitude.starts_with("1.#q") || magnitude.starts_with("1.#ind") {
+    let is_nan = magnitude == "nan" || magnitude.starts_with("nan(") && magnitude.ends_with(')');
+    if is_nan || magnitude.starts_with("1.#q") || magnitude.starts_with("1.#ind") {
         return Some(f64::NAN);
     }
     magnitude.starts_with("1.#inf").then(|| if lower.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY })
@@ -144,7 +147,7 @@ mod tests {
         assert!(number(b"-nan(ind)").is_some_and(f64::is_nan));
         assert!(number(b"1.#QNAN").is_some_and(f64::is_nan));
         assert_eq!(number(b"-1.#INF"), Some(f64::NEG_INFINITY));
-        assert_eq!(number(b"1,5"), None);
+        assert!([&b"1,5"[..], b"nanometre", b"nan("].iter().all(|word| number(word).is_none()));
         // Halfway between two f32 values after rounding to f64: parsing as f64 first would round twice.
         assert_eq!(number_f32(b"1.00000017881393432617187499"), Some(1.000_000_1));
     }

@@ -106,8 +106,9 @@ impl Crs {
     }
 
     /// Returns advice for points whose x and y are degrees: either the system states this, or there is no system and
-    /// the numbers suggest it. `lo` and `hi` are the points' bounds, and `step` is the value that all coordinates are
-    /// multiples of. Extents of 5° or more give no note: files of local coordinates often claim to be in degrees.
+    /// the numbers suggest it. Returns `None` for other points, and for coordinates outside the range of degrees. `lo`
+    /// and `hi` are the points' bounds, and `step` is the value that all coordinates are multiples of. Extents of 5° or
+    /// more give no note: files of local coordinates often claim to be in degrees.
     #[cfg_attr(not(feature = "las"), allow(dead_code))]
     pub(crate) fn degrees_note(&self, (lo, hi): (DVec3, DVec3), step: Option<DVec3>) -> Option<String> {
         let extent = hi - lo;
@@ -131,8 +132,10 @@ impl Crs {
         ))
     }
 
-    /// Returns the system as GeoTIFF 1.1 keys for an image whose pixels are areas. A system given as WKT without an
-    /// EPSG code is converted to its parameters. If that fails, the WKT is stored as text, as Esri's programs do.
+    /// Returns the system as GeoTIFF 1.1 keys for an image whose pixels are areas. An EPSG code in WKT has priority,
+    /// then come the file's own keys. WKT alone without a code is converted to its parameters if the system is
+    /// projected. If that fails, the WKT is stored as text, as Esri's programs do. WKT of 60,000 bytes or more gives no
+    /// keys for the system.
     pub(crate) fn image_keys(&self) -> GeoKeys {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let stated = match (&self.wkt, &self.geotiff) {
@@ -198,9 +201,9 @@ impl Crs {
 
 /// WKT keywords of coordinate reference systems that contain another one, such as compound systems.
 const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"];
-/// WKT keywords of single coordinate reference systems, geographic or projected.
-const SYSTEMS: [&str; 8] =
-    ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
+/// WKT keywords of single coordinate reference systems: projected, geographic or geocentric.
+const SYSTEMS: [&str; 9] =
+    ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
 
 /// GeoTIFF key that states the kind of x and y: projected, geographic or geocentric.
 const MODEL_TYPE: u16 = 1024;
@@ -259,8 +262,8 @@ fn is_geographic_wkt(wkt: &str) -> bool {
     false
 }
 
-/// Returns GeoTIFF keys that store the WKT of a projected system as text, as Esri's programs do. Returns `None` for
-/// other systems, or if the WKT contains a bar (`|`), which would end the text.
+/// Returns GeoTIFF keys that store the WKT of a projected or compound system as text, as Esri's programs do. Returns
+/// `None` for other systems, or if the WKT contains a bar (`|`), which would end the text.
 fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
@@ -303,7 +306,8 @@ fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     code_of_wkt(wkt, &whole)
 }
 
-/// Returns the EPSG code of the outermost element of WKT whose keyword is one of `parts`.
+/// Returns the EPSG code of the outermost element of WKT whose keyword is one of `parts` and whose enclosing elements
+/// are all in [`COMPOUNDS`]. Returns `None` if there is no such code. Elements nested deeper than 64 end the search.
 fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
     let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
     let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));
@@ -429,6 +433,7 @@ mod tests {
         );
         assert_eq!(epsg_of_wkt(without), None);
         assert_eq!(epsg_of_wkt(r#"PROJCRS["x",BASEGEOGCRS["y",ID["EPSG",4326]],ID["EPSG",32631]]"#), Some(32_631));
+        assert_eq!(epsg_of_wkt(r#"GEOGRAPHICCRS["y",ENSEMBLE["e"],ID["EPSG",4979]]"#), Some(4979));
         assert_eq!(epsg_of_wkt(r#"LOCAL_CS["AUTHORITY[\"EPSG\",\"5\"]"]]]"#), None);
     }
 

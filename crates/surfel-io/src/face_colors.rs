@@ -7,9 +7,9 @@ use surfel_model::Mesh;
 /// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
-/// Replaces vertex colours by face colours: duplicates vertices so that each triangle has its face's colour. If the
-/// vertices have differing colours of their own, the mesh stays unchanged, and a note states this. A triangle without a
-/// face colour keeps its vertex colours.
+/// Replaces vertex colours by face colours: duplicates vertices so that each triangle has its face's colour. Vertices
+/// that no triangle uses are dropped. If the vertices have differing colours of their own, the mesh stays unchanged,
+/// and a note states this. A triangle without a face colour keeps its vertex colours.
 ///
 /// `of_triangle` is the face colour of each triangle; it may have fewer items than the mesh has triangles. A mesh with
 /// vertex indices out of range stays unchanged.
@@ -41,11 +41,6 @@ pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: 
             });
         }
     }
-    let indices: Vec<u32> = sources.iter().map(|(vertex, _)| *vertex).collect();
-    mesh.positions = mesh.positions.select(&indices);
-    let of = |i: &u32| *i as usize;
-    mesh.normals = mesh.normals.as_ref().map(|all| indices.iter().map(|i| all[of(i)]).collect());
-    mesh.uvs = mesh.uvs.as_ref().map(|all| indices.iter().map(|i| all[of(i)]).collect());
     let own = |vertex: usize| {
         let [r, g, b] = mesh.colors.as_ref().map_or([1.0; 3], |all| all[vertex]);
         [r, g, b, mesh.alphas.as_ref().map_or(1.0, |all| all[vertex])]
@@ -53,6 +48,7 @@ pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: 
     let color =
         |(vertex, number): &(u32, u32)| palette.get(*number as usize).copied().unwrap_or_else(|| own(*vertex as usize));
     let all: Vec<FaceColor> = sources.iter().map(color).collect();
+    mesh.select_vertices(&sources.iter().map(|(vertex, _)| *vertex).collect::<Vec<u32>>());
     mesh.colors = Some(all.iter().map(|c| [c[0], c[1], c[2]]).collect());
     mesh.alphas = all.iter().any(|c| c[3] < 1.0).then(|| all.iter().map(|c| c[3]).collect());
 }

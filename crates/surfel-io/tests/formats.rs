@@ -226,6 +226,12 @@ fn obj_materials_keep_their_textures() {
     // Kd multiplies.
     assert_eq!((two.colors.as_ref().unwrap()[0], two.colors.as_ref().unwrap()[3]), ([1.0; 3], [0.5; 3]));
     assert!(two.texture.is_none() && two.uvs.is_some());
+    // Faces before the first material are white.
+    let before = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nusemtl green\nf 1 3 2\n";
+    folder.write("a.mtl", "newmtl green\nKd 0 1 0\n");
+    let before = mesh(load_file(&folder.write("before.obj", before), &LoadOptions::default()).unwrap());
+    let colors = before.colors.as_ref().unwrap();
+    assert_eq!([0, 1].map(|t| colors[before.triangles[t][0] as usize]), [[1.0; 3], [0.0, 1.0, 0.0]]);
 }
 
 #[test]

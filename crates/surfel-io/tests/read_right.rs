@@ -324,6 +324,17 @@ fn ply_faces_show_their_colors() {
     let loaded = read(Format::Ply, text(["9 9 9", "9 9 9", "9 9 9", "8 9 9"]));
     assert_eq!(loaded.notes, ["ignored the colours of its faces: its vertices have colours of their own"]);
     assert_eq!(mesh(loaded).positions.len(), 4);
+    // Other properties follow their vertices, which are duplicated.
+    let lines = ["3 0 1 2 255 0 0", "3 0 2 3 0 0 255", "3 1 2 3 0 0 255"];
+    let text = file(["7", "8", "9", "10"], head("property float quality\n", &vertex, ""), lines);
+    let found = mesh(read(Format::Ply, text));
+    let quality = &found.vertex_extras.iter().find(|extra| extra.name == "quality").unwrap().values;
+    assert_eq!(quality.len(), found.positions.len());
+    for i in 0..found.positions.len() {
+        let same = (0..i).find(|j| found.positions.get(*j) == found.positions.get(i));
+        assert_eq!(same.map(|j| quality.get(j)), same.map(|_| quality.get(i)));
+    }
+    assert!((0..4).all(|i| (0..quality.len()).any(|j| quality.get(j) == f64::from(7 + i))));
     // Alphas of faces; if all are 0, they are ignored.
     let with_alpha = rgb("uchar", ["red", "green", "blue"]) + "property uchar alpha\n";
     for (alpha, expected) in [("51", Some(0.2)), ("0", None)] {

@@ -84,6 +84,14 @@ impl Renderer {
                 advice: "leave out the samples, or those planes: their values have no mean",
             });
         }
+        if planes.alpha || planes.median_depth || planes.distortion {
+            return Err(RenderError::Unsupported {
+                backend: "reference",
+                feature: "a plane of trained Gaussians (alpha, median_depth, distortion)",
+                found_where: "is asked for of an image averaged from samples".into(),
+                advice: "leave out the samples, or those planes",
+            });
+        }
         // Colours are averaged before they are encoded.
         let of_samples = planes.with_margin(false).with_color(planes.shows_color()).with_rgba8(false);
         let mut fine = Frame::default();

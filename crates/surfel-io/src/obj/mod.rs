@@ -23,7 +23,7 @@ use surfel_model::PointCloud;
 /// Index that marks a missing texture coordinate or normal of a face's corner.
 const NONE: u32 = u32::MAX;
 
-/// True if `head` starts with a keyword of OBJ.
+/// True if the first word of `head`, except comments, is a keyword of OBJ.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let mut lines = Lines::new(head).filter_map(|(_, line)| words(line).next()).filter(|w| !w.starts_with(b"#"));
     let keywords: [&[u8]; 9] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"mtllib", b"usemtl", b"s"];
@@ -37,7 +37,7 @@ struct Obj {
     /// Colours of the vertices as the file states them; NaN for a vertex without one. Shorter than `positions` if the
     /// last vertices have no colours.
     printed_colors: Vec<[f64; 3]>,
-    /// Colours of the vertices in linear RGB.
+    /// Colours of the vertices in linear RGB; empty if the file has none.
     colors: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
@@ -108,6 +108,10 @@ impl Obj {
             b"f" => self.face(words)?,
             b"usemtl" => {
                 let name = rest_of(line, keyword);
+                if self.names.is_empty() && !self.faces.is_empty() {
+                    // Faces before the first material are white. Their index 0 is that of a material without name.
+                    self.names.insert(String::new(), 0);
+                }
                 let next = u32::try_from(self.names.len()).unwrap_or(NONE);
                 self.material = *self.names.entry(name).or_insert(next);
             }
@@ -270,7 +274,7 @@ impl Obj {
         context.parts(parts, &materials, &textures)
     }
 
-    /// Assigns a copy of the material without textures to each face that has a corner without texture coordinate.
+    /// Gives each textured face that has a corner without texture coordinate a copy of its material, without textures.
     fn assign_untextured_materials(&mut self, materials: &mut Vec<Material>) {
         let mut plain: HashMap<u32, u32> = HashMap::new();
         let mut rest = self.corners.as_mut_slice();

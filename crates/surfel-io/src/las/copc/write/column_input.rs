@@ -1,4 +1,5 @@
-//! Conversion of point files in columns (PLY, PCD, NPY, NPZ, E57, PTX and text) to LAS records.
+//! Conversion of point files in columns (PLY, PCD, NPY, NPZ, E57, PTX, COLMAP points, text, and rows without a header)
+//! to LAS records.
 //!
 //! Coordinates become whole numbers of steps from an offset. The step is a power of two and, like the offset, the same
 //! for all inputs. The step is the coarsest one that loses nothing. Where coordinates have finer digits, the step is
@@ -7,12 +8,13 @@
 
 use super::extra_bytes::description;
 use super::inputs::{Stop, invalid};
+use super::standard_fields::StandardField;
 use crate::color::nearest_16_bit;
 use crate::column_file::ColumnFile;
 use crate::column_roles::ROUNDED_ONE;
 use crate::columns::{f32_is_enough, rounding_note};
 use crate::crs::Crs;
-use crate::error::{IoError, Problem};
+use crate::error::{IoError, Problem, quote};
 use crate::format::Format;
 use crate::las::Sink;
 use crate::las::copc::output::Record;
@@ -31,27 +33,36 @@ use surfel_model::TableColumns;
 /// Maximum number of steps between the offset and the farthest point, as a power of two.
 const STEP_BITS: i32 = 30;
 
-/// Minimum and maximum of a column's finite values; `whole` is true if every value is an integer.
+/// Minimum and maximum of a column's finite values.
 #[derive(Clone, Copy, Debug)]
-struct Range {
-    least: f64,
-    most: f64,
-    whole: bool,
+pub(super) struct Range {
+    pub(super) least: f64,
+    pub(super) most: f64,
+    /// True if every value is an integer.
+    pub(super) whole: bool,
+    /// True if every value is finite.
+    pub(super) all_finite: bool,
 }
 
 impl Range {
-    fn add(&mut self, value: f64) {
+    /// Returns the range of no value: the minimum is +∞ and the maximum −∞.
+    pub(super) fn none() -> Self {
+        Self { least: f64::INFINITY, most: f64::NEG_INFINITY, whole: true, all_finite: true }
+    }
+
+    pub(super) fn add(&mut self, value: f64) {
         if value.is_finite() {
             (self.least, self.most) = (self.least.min(value), self.most.max(value));
             self.whole &= value.fract() == 0.0;
         } else {
-            self.whole = false;
+            (self.whole, self.all_finite) = (false, false);
         }
     }
 
     fn join(&mut self, other: &Self) {
         (self.least, self.most) = (self.least.min(other.least), self.most.max(other.most));
         self.whole &= other.whole;
+        self.all_finite &= other.all_finite;
     }
 }
 
@@ -70,7 +81,7 @@ struct Measured {
 
 impl Measured {
     fn none(columns: usize) -> Self {
-        let none = Range { least: f64::INFINITY, most: f64::NEG_INFINITY, whole: true };
+        let none = Range::none();
         Self { count: 0, position: [none; 3], finest: i32::MAX, columns: vec![none; columns] }
     }
 
@@ -112,6 +123,13 @@ struct Extra {
     kind: u8,
 }
 
+/// Standard field of a record, and the column that fills it.
+#[derive(Clone, Copy, Debug)]
+struct Filled {
+    column: usize,
+    field: StandardField,
+}
+
 /// Encoding of a file's colours, with the indices of the colour columns.
 #[derive(Clone, Copy, Debug)]
 enum Colors {
@@ -133,7 +151,10 @@ pub(super) struct ColumnInput {
     color_note: Option<String>,
     /// Note that coordinates were rounded before conversion, if they are 32-bit floats far from the origin.
     rounding_note: Option<String>,
-    intensity: Option<usize>,
+    /// Standard fields of a record, such as the classification, that columns of the same name fill.
+    filled: Vec<Filled>,
+    /// Notes about columns that are named like a standard field that can't store their values.
+    renaming_notes: Vec<String>,
     extra: Vec<Extra>,
     names: Vec<String>,
     scale: f64,
@@ -143,8 +164,8 @@ pub(super) struct ColumnInput {
 }
 
 impl ColumnInput {
-    /// Opens a point file in columns and measures its values; returns `None` for other formats. Packed data is unpacked
-    /// to a temporary file in `folder`.
+    /// Opens a point file in columns and measures its values; returns `None` for other files. Text and compressed data
+    /// are unpacked to a temporary file in `folder`.
     pub(super) fn open(
         path: &Path,
         folder: &Path,
@@ -162,7 +183,8 @@ impl ColumnInput {
             colors: None,
             color_note: None,
             rounding_note: None,
-            intensity: None,
+            filled: Vec::new(),
+            renaming_notes: Vec::new(),
             extra,
             names,
             scale,
@@ -226,11 +248,8 @@ impl ColumnInput {
             let is_in = |set: Option<[usize; 3]>| set.is_some_and(|set| set.contains(&i));
             roles.position.contains(&i) || is_in(roles.color) || is_in(roles.normal) || packed == Some(i)
         };
-        let is_intensity = |i: &usize| {
-            let Range { least, most, whole } = ranges[*i];
-            !used(*i) && file.names[*i].eq_ignore_ascii_case("intensity") && whole && least >= 0.0 && most <= 65_535.0
-        };
-        self.intensity = (0..file.names.len()).find(is_intensity);
+        self.filled = fillings(&file.names, ranges, used);
+        self.renaming_notes.clear();
         let mut at = POINT_BYTES[usize::from(self.format())];
         let (mut extra, mut names) = (Vec::new(), Vec::new());
         let mut add = |column: usize, name: String, kind: u8| {
@@ -246,10 +265,19 @@ impl ColumnInput {
         };
         for (i, name) in file.names.iter().enumerate() {
             let name: String = name.chars().filter(char::is_ascii_graphic).take(31).collect();
-            if used(i) || self.intensity == Some(i) || is_own(&name) {
+            if used(i) || self.filled.iter().any(|filled| filled.column == i) || is_own(&name) {
                 continue;
             }
-            let name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
+            let mut name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
+            if StandardField::is_reserved(&name) {
+                let renamed = format!("{}_2", name.chars().take(29).collect::<String>());
+                self.renaming_notes.push(format!(
+                    "its column {} can't be the field of that name in LAS, and is {} in the COPC file",
+                    quote(&name),
+                    quote(&renamed)
+                ));
+                name = renamed;
+            }
             let kind = match kind(i) {
                 NumberType::U8 => 1,
                 NumberType::I8 => 2,
@@ -293,7 +321,8 @@ impl ColumnInput {
         let crs = &self.file.crs;
         let unsaid = || format!("left out its system, {}: COPC takes well-known text alone", crs.words());
         let is_unsaid = *crs != Crs::default() && self.wkt().is_none();
-        let notes = self.file.notes.iter().chain(&self.color_note).chain(&self.rounding_note).cloned();
+        let notes = self.file.notes.iter().chain(&self.color_note).chain(&self.rounding_note);
+        let notes = notes.chain(&self.renaming_notes).cloned();
         Header {
             minor: 4,
             software: String::new(),
@@ -389,9 +418,6 @@ impl ColumnInput {
             let mut put = |at: usize, bytes: &[u8]| record[at..at + bytes.len()].copy_from_slice(bytes);
             let steps = ((at - self.offset) * per_unit).round();
             steps.to_array().iter().enumerate().for_each(|(k, v)| put(4 * k, &(*v as i32).to_le_bytes()));
-            if let Some(i) = self.intensity {
-                put(12, &(numbers[i][row] as u16).to_le_bytes());
-            }
             // Return 1 of 1.
             put(14, &[0x11]);
             if let Some(colors) = self.colors {
@@ -413,9 +439,30 @@ impl ColumnInput {
                     _ => put(*at, &value.to_le_bytes()),
                 }
             }
+            for Filled { column, field } in &self.filled {
+                field.put(record, numbers[*column][row]);
+            }
         }
         records
     }
+}
+
+/// Returns the columns that fill standard fields of a record, each field at most once. `used` is true for columns that
+/// are stored otherwise.
+fn fillings(names: &[String], ranges: &[Range], used: impl Fn(usize) -> bool) -> Vec<Filled> {
+    let mut filled: Vec<Filled> = Vec::new();
+    for (column, (name, range)) in names.iter().zip(ranges).enumerate().filter(|(column, _)| !used(*column)) {
+        if let Some(field) = StandardField::for_column(name, range)
+            && filled.iter().all(|other| other.field != field)
+        {
+            filled.push(Filled { column, field });
+        }
+    }
+    // A return number says nothing without the number of returns.
+    if filled.iter().filter(|filled| filled.field.is_of_returns()).count() == 1 {
+        filled.retain(|filled| !filled.field.is_of_returns());
+    }
+    filled
 }
 
 /// Returns a row's colours as sRGB-encoded 16-bit levels (0–65535).

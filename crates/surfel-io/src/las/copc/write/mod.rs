@@ -23,6 +23,7 @@ mod resume;
 mod shard_range;
 mod shards;
 mod sort;
+mod standard_fields;
 
 use crate::atomic::Temporary;
 use crate::error::{IoError, Problem};
@@ -58,7 +59,7 @@ pub struct CopcReport {
 pub struct CopcOptions {
     /// True if an existing output is replaced.
     pub overwrite: bool,
-    /// Approximate memory to use, in bytes; at least [`MIN_MEMORY`].
+    /// Approximate memory to use, in bytes. Less than [`MIN_MEMORY`] counts as [`MIN_MEMORY`].
     pub memory: u64,
     /// True if progress is saved in the folder `OUTPUT.resume`, and an interrupted conversion of the same inputs
     /// continues from there. The folder is removed once the output exists. An existing shard of the same inputs isn't
@@ -73,12 +74,13 @@ pub struct CopcOptions {
 /// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all fields of its record. Point
 /// formats 0 to 5 become 6 or 7; waveforms are dropped. Inputs must agree in coordinate scale, fields of the converted
 /// point format, extra bytes and coordinate reference system, and their offsets must differ by whole steps. Points of
-/// E57, PLY, PCD, NPY, NPZ, PTX and text become records whose step is a power of two, the same for all inputs.
+/// E57, PLY, PCD, NPY, NPZ, PTX, COLMAP, text and rows without a header become records. The step of their coordinates
+/// is a power of two, the same for all these inputs.
 ///
-/// Each point gets, as extra bytes, the mean colour of the points that it represents at its level. With `prepare`, each
-/// point also gets its radius, its normal and the mean normal. `prepare` runs for several parts of the cloud in
-/// parallel, each with the points around it. The output is deterministic, whatever the number of threads. `progress`
-/// receives a stage's name, the amount done and the total.
+/// If the points have colours, each gets, as extra bytes, the mean colour of the points that it represents at its
+/// level. With `prepare`, each point also gets its radius, the mean normal and, unless the inputs have normals, its own
+/// normal. `prepare` runs for several parts of the cloud in parallel, each with the points around it. The output is
+/// deterministic, whatever the number of threads. `progress` receives a stage's name, the amount done and the total.
 ///
 /// With [`CopcOptions::shard`] the output is one shard. Passing all shards as `inputs` merges them. The merged file
 /// doesn't depend on the number of shards. It equals a file written without shards if the bounds in the inputs' headers

@@ -228,6 +228,54 @@ fn points_of_every_format_are_the_same_whatever_fits_into_memory() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// Values of an attribute of the points, in the order of their attribute `row`.
+fn values(points: &PointCloud, name: &str) -> Vec<f64> {
+    let column = |name: &str| &points.extras.iter().find(|e| e.name == name).unwrap_or_else(|| panic!("{name}")).values;
+    let (rows, values) = (column("row"), column(name));
+    let mut sorted: Vec<(u64, f64)> = (0..points.len()).map(|i| (rows.get(i) as u64, values.get(i))).collect();
+    sorted.sort_by_key(|(row, _)| *row);
+    sorted.into_iter().map(|(_, value)| value).collect()
+}
+
+#[test]
+fn columns_named_like_fields_of_las_fill_them_or_are_renamed() {
+    let folder = folder("fields");
+    let text = |class: &dyn Fn(u32) -> f64| {
+        let row = |i: u32| {
+            let [x, y] = [i % 30, i / 30];
+            let time = 1000.25 + f64::from(i);
+            format!("{x} {y} 0 {i} {} {} {} {time} 1\n", class(i), 1 + i % 2, 2)
+        };
+        let rows: String = (0..900).map(row).collect();
+        format!("x y z row Classification return_number number_of_returns gps_time withheld\n{rows}")
+    };
+    let input = folder.join("a.txt");
+    let points_of = |class: &dyn Fn(u32) -> f64| {
+        std::fs::write(&input, text(class)).unwrap();
+        let (bytes, notes) = written(&input, LARGE).unwrap();
+        let extra = Header::read(&mut std::io::Cursor::new(&bytes), bytes.len() as u64).unwrap().extra;
+        (loaded(&bytes), notes, extra.into_iter().map(|extra| extra.name).collect::<Vec<_>>())
+    };
+    let (points, notes, extra) = points_of(&|i| f64::from(i % 3));
+    assert_eq!(points.len(), 900, "{notes:?}");
+    // A name of the standard among the extra bytes would make other programs refuse the file.
+    assert_eq!(extra, ["row", "withheld_2"]);
+    assert!(notes.len() == 1 && notes[0].contains("'withheld'") && notes[0].contains("withheld_2"), "{notes:?}");
+    let expected = |value: &dyn Fn(u32) -> f64| (0..900).map(value).collect::<Vec<f64>>();
+    assert_eq!(values(&points, "classification"), expected(&|i| f64::from(i % 3)));
+    assert_eq!(values(&points, "return_number"), expected(&|i| f64::from(1 + i % 2)));
+    assert_eq!(values(&points, "number_of_returns"), expected(&|_| 2.0));
+    assert_eq!(values(&points, "gps_time"), expected(&|i| 1000.25 + f64::from(i)));
+    assert_eq!(values(&points, "withheld_2"), expected(&|_| 1.0));
+    // Classes beyond 255 don't fit.
+    let (points, notes, extra) = points_of(&|i| f64::from(i));
+    assert_eq!(extra, ["row", "Classification_2", "withheld_2"]);
+    assert!(notes.iter().any(|note| note.contains("Classification_2")), "{notes:?}");
+    assert_eq!(values(&points, "Classification_2"), expected(&f64::from));
+    assert!(values(&points, "classification").iter().all(|class| *class == 0.0));
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 #[test]
 fn inputs_share_their_steps() {
     let (folder, rows) = (folder("inputs"), rows(30_000));
