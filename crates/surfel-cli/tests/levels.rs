@@ -120,7 +120,7 @@ fn points_that_do_not_fit_into_memory_are_refused_with_what_to_do() {
     folder.run("render in.las --size 16x16 -o a.png --memory 2M").code(0);
     for (command, expected) in [
         ("render in.las --memory 256K", "surfel convert"),
-        ("render in.las --memory 100K --max-points 1024", "0.0 GB of memory at 1"),
+        ("render in.las --memory 100K --max-points 1024", " kB of memory at 1"),
         ("render out.copc.laz --memory 100K", "at most 930 points (--max-points)"),
         ("render out.copc.laz --memory 100K --all-levels", "at most 930 points (--max-points)"),
         ("render in.xyz --memory 256", "has 6 points to draw"),

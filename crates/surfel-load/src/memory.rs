@@ -140,12 +140,16 @@ pub(crate) fn check(
         Remedy::Fewer => fewer,
         Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),
     };
-    let gigabytes = |bytes: u64| format!("{:.1} GB", gigabytes(bytes));
+    let size = |bytes: u64| match bytes {
+        0..1_000_000 => format!("{:.0} kB", bytes as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.0} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", gigabytes(bytes)),
+    };
     let problem = format!(
         "has {points} points to draw, which take some {} of memory at {point_bytes} bytes each, and {} may be used: \
          {remedy}, or allow more (`memory`)",
-        gigabytes(needed),
-        gigabytes(budget),
+        size(needed),
+        size(budget),
     );
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })
 }

@@ -48,11 +48,15 @@ pub(crate) fn check_not_degrees(source: &Source, is_stated: bool) -> Result<(), 
         _ => return Ok(()),
     };
     let middle = 0.5 * (lo + hi);
-    let from = if crs.is_some() { "" } else { " --filters.reprojection.in_srs=EPSG:4326" };
+    // The option doesn't overrule a system that the file states.
+    let (from, otherwise) = match crs {
+        Some(_) => ("", ""),
+        None => (" --filters.reprojection.in_srs=EPSG:4326", "; or give `crs` if it is projected"),
+    };
     let out = Crs::utm_at(middle.x, middle.y);
     let problem = format!(
         "its x and y are degrees ({why}), expected lengths: project it first, as by pdal translate IN OUT \
-         reprojection{from} --filters.reprojection.out_srs=EPSG:{out}; or give `crs` if it is projected"
+         reprojection{from} --filters.reprojection.out_srs=EPSG:{out}{otherwise}"
     );
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
