@@ -71,7 +71,7 @@ pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.r
 /// Names of the functions in [`WGSL`], sorted, as reported by naga.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
 
-/// Byte offsets of the structs in buffers, and the shaders' constants.
+/// Sizes of the shaders' structs and offsets of their fields, in bytes, and the shaders' constants.
 pub mod layout {
     include!(concat!(env!("OUT_DIR"), "/layout.rs"));
 }

@@ -185,8 +185,9 @@ fn cargo(root: &Path) -> Command {
     command
 }
 
-/// Returns a command that runs cargo for tests. In a fresh checkout, it disables incremental compilation, whose files
-/// take up to half as long again to write and speed up only later builds.
+/// Returns a command that runs cargo for tests. If Surfel's packages have no incremental files yet, the command
+/// disables incremental compilation, unless `CARGO_INCREMENTAL` is set. Writing these files lengthens the build by up
+/// to half, and they speed up only later builds.
 fn cargo_for_tests(root: &Path) -> Command {
     let mut command = cargo(root);
     let kept = std::fs::read_dir(python::target(root).join("debug").join("incremental"));

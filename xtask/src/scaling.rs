@@ -61,8 +61,8 @@ impl Shape {
     }
 }
 
-/// Shortest CPU times of a shape at its four sizes, and its peak memory. For short runs, the times are means of several
-/// runs.
+/// CPU times of a shape at its four sizes, and its peak memory. Each time is the shortest of `--runs` runs, or, if that
+/// is below [`SHORT_S`], the mean of [`SHORT_RUNS`] further runs.
 struct Row {
     shape: Shape,
     seconds: [f64; 4],

@@ -77,8 +77,9 @@ pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
 }
 
 /// Applies the options for eye, target, up direction, projection and size to a camera. `own_near` is true if neither
-/// options nor files state a near plane. A camera that changes then gets a near plane fitted to the scene, and with a
-/// new eye or target also the scene's up axis.
+/// options nor files state a near plane. In this case, a camera that the options change gets near and far planes that
+/// are fitted to the scene ([`refit_depth`]). A new eye or target without an option for the up direction then also sets
+/// this direction to the scene's up axis. A camera source with `fits_depth` is always fitted.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {

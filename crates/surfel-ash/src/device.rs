@@ -120,7 +120,8 @@ impl Device {
         Self::wrap(instance, candidate, raw, queue, &vk::PhysicalDeviceFeatures::default(), false)
     }
 
-    /// Creates the value for a logical device, and its memory allocator. If that fails, an own device is destroyed.
+    /// Wraps a logical device, and creates its memory allocator. If that fails and `is_own` is true, the logical device
+    /// is destroyed; otherwise its owner keeps it.
     fn wrap(
         instance: Arc<Instance>,
         candidate: &Candidate,

@@ -27,7 +27,7 @@ pub struct Planes {
 }
 
 impl Planes {
-    /// Returns a view of all planes, for writing.
+    /// Borrows all planes as a view, from which an image file can be written.
     pub fn view(&self) -> PlanesView<'_> {
         PlanesView {
             width: self.width,

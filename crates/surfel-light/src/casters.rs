@@ -77,7 +77,7 @@ impl Sphere {
     }
 }
 
-/// Returns the number of splats or vertices of an object.
+/// Returns the number of splats or vertices by which an object counts for the sphere; 0 for octrees and Gaussians.
 fn count(object: &Object) -> usize {
     match &object.geometry {
         Geometry::Splats(cloud) => cloud.len(),

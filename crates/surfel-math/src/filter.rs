@@ -198,7 +198,8 @@ pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f6
     (s, t)
 }
 
-/// Returns [`adjust_axes`], and the map from their (u, v) to the splat's own, which clips need.
+/// Returns the half-axes of [`adjust_axes`], and the map from coordinates (u, v) along them to those along the splat's
+/// own half-axes, in which clips are given.
 pub fn adjust_axes_turned(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>, Turn<f64>) {
     let (s, t) = (splat.s, splat.t);
     // Right singular vectors of [s t]: the angle that makes the turned pair orthogonal.

@@ -373,6 +373,7 @@ mod tests {
         }
 
         /// Writes the condition in a random way, with the parentheses that precedence needs and occasionally others.
+        /// `strength` is the precedence of the surrounding operator: 0 for `or` or none, 1 for `and`, 2 for `not`.
         fn write(&mut self, tree: &Tree, strength: usize) -> String {
             let space = [" ", "  ", "\t"][self.below(3)];
             let (own, text) = match tree {

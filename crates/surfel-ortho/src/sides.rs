@@ -141,9 +141,9 @@ impl EdgeLocator {
         all
     }
 
-    /// Returns, for each point, the probability that the point is beneath another surface. Probabilities up to
-    /// [`BENEATH`] are returned as 0. So is the probability of a point without nearby points, on its own surface, that
-    /// are almost certainly beneath another one ([`WELL_BENEATH`]).
+    /// Returns, for each point, the probability that it is beneath another surface; 0 if that is at most [`BENEATH`].
+    /// It is also 0 unless the point itself or one near it, at nearly the same height, exceeds [`WELL_BENEATH`] and is
+    /// enclosed by the upper points.
     fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;

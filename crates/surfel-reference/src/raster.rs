@@ -115,7 +115,8 @@ impl<'a> DepthLimits<'a> {
         self.beyond.is_none_or(|b| z > b[at]) && self.up_to.is_none_or(|u| z <= u[at])
     }
 
-    /// True if a fragment's attributes are summed: it is at most ε behind the pixel's polygon, or there is no polygon.
+    /// True if the pixel's polygon doesn't hide a fragment at depth `z`: the fragment is at most ε behind it, or there
+    /// is no polygon. `at` is the pixel's index.
     pub(crate) fn reach_polygon(&self, at: usize, z: f64, epsilon: f64) -> bool {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }

@@ -35,8 +35,9 @@ impl Threshold {
         Self { depth, writer_depth: depth, epsilon: splat.epsilon, ..Self::NONE }
     }
 
-    /// Returns the threshold that a fragment would set in a pixel with this threshold. A fragment on the other side of
-    /// the surface limits the depth instead.
+    /// Returns the threshold that a splat's fragment at depth `z` sets in a pixel with this threshold. If the fragment
+    /// is on the side that the pixel doesn't show, the returned depth is the limit of the sheet between both sides
+    /// instead of z + ε.
     pub(crate) fn by(&self, splat: &ScreenSplat, z: f64) -> Self {
         let own = Self::of(splat, z);
         if self.shows(splat.facing) {

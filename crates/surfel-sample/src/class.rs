@@ -21,8 +21,8 @@
 //! A *grid step* is the unit of the coordinates of [`SortedPoints`](crate::sorted::SortedPoints). A *cell* is a point's
 //! Voronoi cell in its tangent plane ([`Cell`](crate::cell::Cell)).
 
-/// Density radius of a splat, relative to the spacing: the square root of the surface area per point. Neighbouring
-/// splats of this radius blend without holes.
+/// Radius at which neighbouring splats blend without holes (the density radius), in units of the spacing. The spacing
+/// is the square root of the surface area per point.
 pub const DENSITY: f64 = 1.65;
 /// Radius that covers a point's Voronoi cell, relative to the distance of the cell's farthest corner. The margin makes
 /// up for curvature and tilted neighbours. The weight at a corner, where three or more splats meet, rises from exp(−2)

@@ -145,7 +145,8 @@ mod tests {
         1.5 * (4.0 * PI / count as f64).sqrt()
     }
 
-    /// Returns two opposite sides of a unit cube for each of the axes, with `side` × `side` points each.
+    /// Returns the points, with their outward normals, of the two opposite sides across each of `axes` of a box of size
+    /// 1×1×`thickness` around the origin. Each side has `side` × `side` points.
     fn sides(axes: &[usize], side: usize, thickness: f64) -> Vec<(DVec3, DVec3)> {
         let at = |i: usize| (i as f64 + 0.5) / side as f64 - 0.5;
         let mut splats = Vec::new();

@@ -10,7 +10,8 @@ use surfel_render::RenderError;
 /// Name of the entry point that places splats.
 const ENTRY: &str = "place_splats";
 
-/// Buffer of the application from which splats are placed, and its layout.
+/// Buffer of the application with the positions (and normals and colours) that [`Renderer::place_splats`] gives to an
+/// object's splats, and its layout.
 #[derive(Clone, Copy, Debug)]
 pub struct HostSplats<'a> {
     /// Buffer on the renderer's device, with the usage `STORAGE`.

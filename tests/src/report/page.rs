@@ -8,8 +8,8 @@ use surfel_io::{PlanesView, PngOptions, write_png};
 use surfel_metrics::{CompareOptions, Image, compare};
 use surfel_render::Frame;
 
-/// Returns a self-contained page with the results of backends by scene. Failures come first; otherwise scenes are in
-/// order.
+/// Returns a self-contained HTML page with the results of all backends (`entries`) for each scene of `truths`. Scenes
+/// that failed come first, then expected failures, then the others, each in the order of `truths`.
 ///
 /// # Errors
 /// [`io::Error`] if an image can't be encoded.

@@ -209,7 +209,8 @@ fn octree_that_is_resident_shows_what_its_chosen_parts_do() {
     assert_eq!(kinds, [2, 2]);
 }
 
-/// An octree's splats end at the edges of its mesh as its polygons do, in every node.
+/// The splats of a cube's octree cover the same pixels as its polygons, up to one pixel at the outline, since clips cut
+/// them at the cube's edges.
 #[test]
 fn octree_of_a_cube_ends_at_its_edges() {
     let octree = octree_from_mesh(&cube(), &OctreeOptions::default(), &NoProgress).unwrap();

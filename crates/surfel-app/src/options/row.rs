@@ -309,7 +309,7 @@ impl Row {
         Self { help, more, ..self }
     }
 
-    /// Sets the task and the commands of the option.
+    /// Sets the group under which help lists the option, and the commands that have the option.
     #[must_use]
     pub const fn of(self, group: Group, commands: Commands) -> Self {
         Self { group, commands, ..self }

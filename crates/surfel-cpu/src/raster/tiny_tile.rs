@@ -51,8 +51,8 @@ struct Pair<'a> {
 pub(crate) struct TinyScratch<'a> {
     /// Depth threshold min(z + ε) per pixel, of the splats so far; −∞ in pixels outside the drawn region.
     thresholds: Vec<f32>,
-    /// Weighted sums per pixel, consecutive for each pixel: of three attributes and 1, or of six attributes, 1 and
-    /// depth.
+    /// Sums per pixel, consecutive for each pixel, in one of two layouts. With 4 numbers: weighted colour or weighted
+    /// normal, then the weight. With 8: weighted colour, weighted normal, weight and weighted depth.
     sums: Aligned,
     /// Number of fragments added to each pixel; empty if they aren't counted.
     counts: Vec<f32>,

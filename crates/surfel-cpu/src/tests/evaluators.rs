@@ -50,9 +50,9 @@ const ROUNDING: f64 = 1.0 / (1u32 << 24) as f64;
 /// Number of roundings, of half an ulp each, from a centre and half-axes to w or to a coordinate (u, v).
 const STEPS: f64 = 16.0;
 
-/// A splat whose depth varies by `extent`, as a fraction of its distance, from centre to rim, and by `steepness` per
-/// pixel along its slope. The half-axis across the slope has the length `across_px` in pixels, or that of the other
-/// half-axis.
+/// A splat whose depth varies, as fractions of its distance, by `extent` from centre to rim and by `steepness` per
+/// pixel along its slope. `across_px` is the length in pixels of the half-axis across the slope; `None` if both
+/// half-axes are equally long.
 #[derive(Clone, Copy, Debug)]
 struct Tilted {
     extent: f64,

@@ -220,10 +220,10 @@ impl NearPlaneSetup<'_> {
         })
     }
 
-    /// Writes a splat's forms and depth range to a new record. They are relative to the middle of the pixel box, where
-    /// rounding to f32 has the least effect. `z` is the depth of the splat's centre, `extent` half the depth range of
-    /// its disk, and `flags` are those of the record's side and object. Returns the record, and the footprint about the
-    /// middle of the box.
+    /// Writes a new record of a splat: its footprint and depth as linear forms of the pixel offset from the middle of
+    /// the pixel box, where rounding to f32 has the least effect, and its depth range (reciprocal in perspective). `z`
+    /// is the depth of the splat's centre, `extent` is half the depth range of its disk, and `flags` has the side that
+    /// is seen and the object's index. Returns the record, and the footprint about the middle of the box.
     fn forms_words(
         &self,
         forms: &NearPlaneForms,

@@ -103,7 +103,8 @@ pub struct UploadedScene {
     pub storage: Storage,
     /// Segments, in upload order.
     pub segments: Vec<Segment>,
-    /// Words of the shaders' `texels`, at least one.
+    /// Content of the shaders' buffer `texels`: the linear values of the 256 sRGB bytes, then the textures of all
+    /// meshes. A single word if there are no textures, since a buffer can't be empty.
     pub texels: Vec<u32>,
     /// Bounds of the scene for shadow maps, with all splats where they were uploaded; `None` if no light casts shadows.
     pub(crate) uploaded_shadows: Option<ShadowScene>,

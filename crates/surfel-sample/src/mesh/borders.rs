@@ -310,8 +310,8 @@ impl Segment {
     }
 
     /// Returns the ends of the part of the segment that is inside the unit disk and, by more than [`SLACK`], on the
-    /// visible side of the lines; `None` if there is none. Lines that face the segment, as on the other side of a
-    /// narrow strip, may touch it.
+    /// visible side of the lines; `None` if there is none. The margin is 0 for lines that face the segment, such as the
+    /// other border of a narrow strip, which may touch it.
     fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
         let along = self.b - self.a;
         let (square, half) = (along.length_squared(), self.a.dot(along));

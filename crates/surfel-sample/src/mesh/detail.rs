@@ -82,10 +82,9 @@ fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
-/// Returns the number and the density of splats for [`super::MeshMethod::Adaptive`]; `count` evenly spread splats are
-/// the minimum. Splats are closer together, and more, where disks would protrude from the surface by more than a third
-/// of a pixel in an image of 1024². The density stays even if that needs few more splats ([`FEW_MORE`]) or too many
-/// ([`MAX_UNEVEN`]).
+/// Returns the number and the density of splats for [`super::MeshMethod::Adaptive`]. Where disks would protrude from
+/// the surface by more than a third of a pixel in an image of 1024², splats are denser. If that would add only few
+/// splats ([`FEW_MORE`]) or need too many ([`MAX_UNEVEN`]), the result is instead `count` splats of uniform density.
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.

@@ -191,7 +191,8 @@ impl<'a> Geometry<'a> {
         a.cross(b).length().atan2(a.dot(b))
     }
 
-    /// Computes smooth unit normals of all corners, the edges that are creases or open, and the regions between them.
+    /// Computes smooth unit normals of all corners; the edges at which splats end (creases, open edges, and bends of
+    /// more than 15°); and the regions that creases and open edges separate.
     ///
     /// The mesh's vertex normals are used if it has any. If it has none, or where one is zero, normals are averaged
     /// over the faces at a vertex, weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges

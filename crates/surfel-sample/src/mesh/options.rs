@@ -52,8 +52,8 @@ pub struct MeshReport {
     pub splats: usize,
     /// Number of triangles without area; they get no splats.
     pub degenerate: usize,
-    /// Number of triangles that repeat another one; they get no splats. 0 for [`MeshMethod::PerFace`], and for a mesh
-    /// whose area is too small, relative to its extent, for many triangles in one place.
+    /// Number of triangles that repeat another one; they get no splats. 0 for a mesh whose area is too small, relative
+    /// to its extent, for many triangles in one place.
     pub repeated: usize,
     /// Number of mesh edges that are creases or open edges, at which splats end; 0 for [`MeshMethod::PerVertex`].
     pub feature_edges: usize,

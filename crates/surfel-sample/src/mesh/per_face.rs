@@ -35,7 +35,7 @@ pub(crate) fn splats(
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
     let geometry = Geometry::new(mesh);
-    report.degenerate = geometry.degenerate();
+    (report.degenerate, report.repeated) = (geometry.degenerate(), geometry.repeated);
     let faces: Vec<usize> = (0..geometry.areas.len()).filter(|f| geometry.areas[*f] > 0.0).collect();
     if faces.is_empty() {
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });

@@ -404,7 +404,8 @@ impl Collapser<'_> {
         })
     }
 
-    /// Performs a collapse, offers the changed edges again, and returns the number of removed triangles.
+    /// Performs a collapse, puts the edges whose costs it changed into the queue again, and returns the number of
+    /// removed triangles.
     fn apply(&mut self, c: &Candidate) -> usize {
         if let Some((beyond, piece)) = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove)) {
             self.surface.pieces.remove(&edge(c.keep, c.remove));

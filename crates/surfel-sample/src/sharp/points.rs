@@ -35,7 +35,7 @@ const BOW: f64 = 0.02;
 /// Largest angle between the normals of a flat patch and of the plane to which the patch is assigned, as a fraction of
 /// the crease angle. Planes whose normals differ by no more don't form an edge.
 const SAME_SHARE: f64 = 0.625;
-/// Smallest ratio of the angle between two planes to the spread of the normals on either side ([`Plane::spread`]) at
+/// Smallest ratio of the angle between two planes to the larger of their spreads of normals ([`Plane::spread`]) at
 /// which the planes meet in an edge. The ratio is 3.5 for two halves of an even bend, and less for two caps of a
 /// sphere. It is 9 for an edge of 45° between faces with 5° of noise.
 const JUMP: f64 = 6.0;

@@ -11,7 +11,7 @@ pub(super) const ROWS: &[Row] = &[
     splat(Row::text("splats", "N|auto", |o, text| put(&mut o.render.splats.convert.splats, values::splat_count(text))))
         .help(
             "Spread this many splats evenly over a mesh, or auto: as many as its shape and texture need.",
-            "With --sharp, the largest number of splats.",
+            "With --sharp, the target number of splats.",
         )
         .python(r#"int | Literal["auto"]"#)
         .scene("convert.splats")
