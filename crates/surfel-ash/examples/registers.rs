@@ -162,13 +162,15 @@ impl Drop for Compiler {
 
 /// Returns the value of a statistic as text.
 fn value_of(one: &vk::PipelineExecutableStatisticKHR<'_>) -> String {
-    // SAFETY: `format` states which field of the union is set.
-    unsafe {
-        match one.format {
-            vk::PipelineExecutableStatisticFormatKHR::BOOL32 => one.value.b32.to_string(),
-            vk::PipelineExecutableStatisticFormatKHR::INT64 => one.value.i64.to_string(),
-            vk::PipelineExecutableStatisticFormatKHR::UINT64 => one.value.u64.to_string(),
-            _ => one.value.f64.to_string(),
-        }
+    use vk::PipelineExecutableStatisticFormatKHR as Format;
+    match one.format {
+        // SAFETY: the format states that this field of the union is set.
+        Format::BOOL32 => unsafe { one.value.b32 }.to_string(),
+        // SAFETY: as above.
+        Format::INT64 => unsafe { one.value.i64 }.to_string(),
+        // SAFETY: as above.
+        Format::UINT64 => unsafe { one.value.u64 }.to_string(),
+        // SAFETY: as above; the fourth format is the last.
+        _ => unsafe { one.value.f64 }.to_string(),
     }
 }
