@@ -211,13 +211,14 @@ impl ColumnFile {
         let options = LoadOptions { columns: columns.cloned(), ..LoadOptions::default() };
         let mut context = context(&options);
         let mut out = Unnamed::new(folder);
-        // Only the reader of E57 files returns a viewpoint and a coordinate reference system.
+        // Only E57 files have a viewpoint here, and only E57 and PLY files a coordinate reference system.
         let (mut viewpoint, mut crs) = (None, Crs::default());
         let mut float_colors = FloatColors::Linear;
         let (columns, mut roles) = match format {
             Format::Ply => {
                 let Some(vertices) = ply::points::Vertices::of(bytes)? else { return Ok(None) };
                 float_colors = vertices.float_colors();
+                crs = vertices.crs();
                 let is_unpacked = vertices.unpack(bytes, &mut out)?;
                 vertices.columns(if is_unpacked { out.written()? } else { bytes }, is_unpacked)?
             }

@@ -7,6 +7,7 @@ use super::encoding::PlyEncoding;
 use super::header::{self, ElementDef, Header, Kind, ScalarType};
 use crate::ascii::{each_line, words};
 use crate::bytes::Bytes;
+use crate::crs::Crs;
 use crate::error::{Fault, Location, Problem, quote, unwritable};
 use crate::point_columns::{Named, Roles};
 use crate::strided::{NumberType, Strided};
@@ -87,6 +88,11 @@ impl Vertices {
     /// Returns the encoding of colours that are stored as floats.
     pub(crate) fn float_colors(&self) -> FloatColors {
         FloatColors::of_comments(&self.header.comments)
+    }
+
+    /// Returns the coordinate reference system that comments of the file state ([`Crs::of_comments`]).
+    pub(crate) fn crs(&self) -> Crs {
+        Crs::of_comments(&self.header.comments).unwrap_or_default()
     }
 
     fn cut(&self, bytes: Bytes<'_>, whole: u64) -> Problem {

@@ -228,6 +228,20 @@ fn points_of_every_format_are_the_same_whatever_fits_into_memory() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+#[test]
+fn system_that_comments_of_a_ply_file_state_is_written() {
+    let (folder, rows) = (folder("system"), rows(500));
+    let text = String::from_utf8(ply(&rows, "ascii")).unwrap();
+    let input = folder.join("a.ply");
+    let wkt = r#"PROJCS["WGS 84 / UTM zone 32N",AUTHORITY["EPSG","32632"]]"#;
+    std::fs::write(&input, text.replacen("element", &format!("comment crs_wkt {wkt}\nelement"), 1)).unwrap();
+    let stated = crate::load(&input, &LoadOptions::default()).unwrap().content;
+    let Content::Points(stated) = stated else { panic!("no points") };
+    let (bytes, _) = written(&input, LARGE).unwrap();
+    assert!(loaded(&bytes).comments.iter().any(|comment| comment.contains(wkt)), "{:?}", stated.comments);
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// Values of an attribute of the points, in the order of their attribute `row`.
 fn values(points: &PointCloud, name: &str) -> Vec<f64> {
     let column = |name: &str| &points.extras.iter().find(|e| e.name == name).unwrap_or_else(|| panic!("{name}")).values;
