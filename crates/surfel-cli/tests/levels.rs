@@ -382,8 +382,8 @@ fn killed_conversion_goes_on_with_resume_and_leaves_nothing_without() {
 }
 
 #[test]
-fn shares_of_a_conversion_are_put_together() {
-    let folder = Folder::new("levels-shares");
+fn shards_of_a_conversion_are_put_together() {
+    let folder = Folder::new("levels-shards");
     for east in 0..3 {
         folder.write(&format!("{east}.las"), las_at(150, east));
     }

@@ -173,4 +173,4 @@ pub use surfel_images::{Planes, PlanesView, read_image, read_image_bytes};
 pub(crate) use surfel_images::{color, texture};
 #[cfg(feature = "npy")]
 pub use surfel_images::{save_npz, write_npz};
-pub use words::counted;
+pub use words::{byte_size, counted};

@@ -1,4 +1,4 @@
-//! Formatting of counts in messages.
+//! Formatting of counts and sizes in messages.
 
 /// Formats a count with its noun, given in plural: `1 point`, `2 points`.
 pub fn counted(count: u64, plural: &str) -> String {
@@ -9,9 +9,24 @@ pub fn counted(count: u64, plural: &str) -> String {
     }
 }
 
+/// Formats a number of bytes in decimal units: `402 kB` and `20 MB`, rounded up, or `1.5 GB`.
+pub fn byte_size(bytes: u64) -> String {
+    match bytes {
+        0..1_000_000 => format!("{} kB", bytes.div_ceil(1_000)),
+        1_000_000..1_000_000_000 => format!("{} MB", bytes.div_ceil(1_000_000)),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sizes_have_the_unit_that_shows_them() {
+        let sizes = [0, 1, 402_000, 1_000_001, 999_999_999, 1_540_000_000];
+        assert_eq!(sizes.map(byte_size), ["0 kB", "1 kB", "402 kB", "2 MB", "1000 MB", "1.5 GB"]);
+    }
 
     #[test]
     fn one_thing_is_singular() {

@@ -1,13 +1,14 @@
 //! Cache of point files with levels of detail, which images share.
 
 use crate::levels;
-use crate::memory::{self, default_budget};
+use crate::memory::default_budget;
 use crate::{Error, LoadOptions};
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use surfel_io::atomic::Temporary;
+use surfel_io::byte_size;
 use surfel_io::copc::{FileState, MIN_MEMORY, NodeCache};
 use surfel_sample::Progress;
 
@@ -123,10 +124,10 @@ impl LevelStore {
         Ok(converted.as_ref().map(|Converted { file, .. }| {
             let written_bytes = std::fs::metadata(file.path()).map_or(0, |metadata| metadata.len());
             let note = format!(
-                "all its points don't fit into the {:.1} GB that may be used, so they were written by levels first, to \
-                 a temporary file of {:.1} GB: surfel convert FILE -o FILE.copc.laz keeps it",
-                memory::gigabytes(budget),
-                memory::gigabytes(written_bytes),
+                "all its points don't fit into the {} that may be used, so they were written by levels first, to a \
+                 temporary file of {}: surfel convert FILE -o FILE.copc.laz keeps it",
+                byte_size(budget),
+                byte_size(written_bytes),
             );
             (file.clone(), note)
         }))

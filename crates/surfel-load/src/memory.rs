@@ -2,7 +2,7 @@
 
 use crate::Error;
 use std::path::Path;
-use surfel_io::PointCount;
+use surfel_io::{PointCount, byte_size};
 use surfel_model::PointCloud;
 
 /// Peak memory, in bytes per point, for points without normals and radii, from reading to drawing. It includes reading,
@@ -106,10 +106,6 @@ pub(crate) fn prepared_bytes(points: &PointCloud) -> u64 {
     known + extra_bytes + if points.colors.is_some() { COLOR_BYTES } else { 0 }
 }
 
-pub(crate) fn gigabytes(bytes: u64) -> f64 {
-    bytes as f64 / 1e9
-}
-
 /// Suggestion in the error message for points that won't fit into memory.
 #[derive(Clone, Copy)]
 pub(crate) enum Remedy {
@@ -140,16 +136,11 @@ pub(crate) fn check(
         Remedy::Fewer => fewer,
         Remedy::Points => format!("{fewer}, or write them as LAZ, which can be drawn by levels"),
     };
-    let size = |bytes: u64| match bytes {
-        0..1_000_000 => format!("{:.0} kB", bytes as f64 / 1e3),
-        1_000_000..1_000_000_000 => format!("{:.0} MB", bytes as f64 / 1e6),
-        _ => format!("{:.1} GB", gigabytes(bytes)),
-    };
     let problem = format!(
         "has {points} points to draw, which take some {} of memory at {point_bytes} bytes each, and {} may be used: \
          {remedy}, or allow more (`memory`)",
-        size(needed),
-        size(budget),
+        byte_size(needed),
+        byte_size(budget),
     );
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })
 }

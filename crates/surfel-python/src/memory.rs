@@ -6,7 +6,7 @@ use pyo3::types::PyBytes;
 use std::fmt::Display;
 use std::io::ErrorKind;
 use surfel_app::request::SplatOptions;
-use surfel_io::IoError;
+use surfel_io::{IoError, byte_size};
 use surfel_load::Error;
 use surfel_load::memory::default_budget;
 use surfel_model::SplatCount;
@@ -40,11 +40,11 @@ pub(crate) fn check(what: &str, bytes: u64, threads: usize, budget: Option<u64>)
     let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
     let kept_free = room_bytes(threads);
     let problem = if bytes > budget {
-        format!("{} are needed, and {} may be used, or more by --memory", amount(bytes), amount(budget))
+        format!("{} are needed, and {} may be used, or more by --memory", byte_size(bytes), byte_size(budget))
     } else if is_free(bytes.saturating_add(kept_free)) {
         return Ok(());
     } else {
-        let (needed, kept_free) = (amount(bytes), amount(kept_free));
+        let (needed, kept_free) = (byte_size(bytes), byte_size(kept_free));
         format!("{needed} are needed, beside {kept_free} of free address space, and the system has less")
     };
     let source = std::io::Error::new(ErrorKind::OutOfMemory, problem);
@@ -67,14 +67,6 @@ fn count(threads: usize) -> usize {
 /// True if the system can allocate `bytes` bytes.
 fn is_free(bytes: u64) -> bool {
     usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
-}
-
-fn amount(bytes: u64) -> String {
-    if bytes < 1_000_000_000 {
-        format!("{} MB", bytes.div_ceil(1_000_000))
-    } else {
-        format!("{:.1} GB", bytes as f64 / 1e9)
-    }
 }
 
 /// Returns an error unless there is memory for `threads` stacks of `stack` bytes; 0 threads stand for one per core.

@@ -61,8 +61,8 @@ impl Renderer {
     ///
     /// # Errors
     /// Errors of [`surfel_render::Renderer::render_into`]. Also [`RenderError::Model`] for more samples than an image
-    /// may have ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label`
-    /// and `position`, whose values can't be averaged.
+    /// may have ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label`,
+    /// `position`, `alpha`, `median_depth` and `distortion`, which aren't averaged.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,
@@ -76,20 +76,19 @@ impl Renderer {
         // Nodes of an octree are selected for the image's pixels, not for the samples.
         let lod_error_px = (settings.lod_error_px * f64::from(samples)).min(MAX_LOD_ERROR_PX);
         let settings = settings.with_prefilter_radius_px(0.0).with_edge_aa(EdgeAa::Off).with_lod_error_px(lod_error_px);
-        if planes.index || planes.label || planes.position {
+        let refused = [
+            (planes.index || planes.label || planes.position, "a plane of what is nearest (index, label, position)"),
+            (
+                planes.alpha || planes.median_depth || planes.distortion,
+                "a plane of trained Gaussians (alpha, median_depth, distortion)",
+            ),
+        ];
+        if let Some((_, feature)) = refused.into_iter().find(|(is_asked, _)| *is_asked) {
             return Err(RenderError::Unsupported {
                 backend: "reference",
-                feature: "a plane of what is nearest (index, label, position)",
+                feature,
                 found_where: "is asked for of an image averaged from samples".into(),
-                advice: "leave out the samples, or those planes: their values have no mean",
-            });
-        }
-        if planes.alpha || planes.median_depth || planes.distortion {
-            return Err(RenderError::Unsupported {
-                backend: "reference",
-                feature: "a plane of trained Gaussians (alpha, median_depth, distortion)",
-                found_where: "is asked for of an image averaged from samples".into(),
-                advice: "leave out the samples, or those planes",
+                advice: "leave out the samples, or those planes: their values aren't averaged",
             });
         }
         // Colours are averaged before they are encoded.

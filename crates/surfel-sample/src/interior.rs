@@ -36,9 +36,9 @@ struct Probe {
 /// Computes the interior weight: Σw inside the cloud's own surface at cutoff 2, as defined in rendering model §5
 /// (coverage).
 ///
-/// Of the n splats, m = min(n, 4096) are probed: k = ⌊i·n/m⌋ for i < m. The interior weight is the lower median of
-/// their sums. The sum for splat k adds the weights of all splats j (also k) at the point p_k + ½s_k + ½t_k. The point
-/// is projected onto splat j along the normal of splat k. Here p is a splat's centre, and s and t are its half-axes.
+/// The weight is the lower median of m = min(n, 4096) sums, one for each splat k = ⌊i·n/m⌋, i < m, of the n splats. The
+/// sum for splat k adds the weights of all splats j (also k) at the point p_k + ½s_k + ½t_k. The point is projected
+/// onto splat j along the normal of splat k. Here p is a splat's centre, and s and t are its half-axes.
 /// Splat j counts if both normals agree within 60°, and if the projection moves the point by at most the larger
 /// half-axis of splat k. Clips are ignored. The weight is dimensionless. Returns `None` for an empty cloud, for balls,
 /// and if the median isn't positive and finite.
@@ -146,15 +146,15 @@ struct ProbeBounds {
     /// Largest [`Probe::reach`] of the probes.
     reach: f64,
     /// Length, in object units, by which tests are widened for rounding, also of the coordinates themselves.
-    /// [`Splat::hair`] is added to it.
-    hair: f64,
+    /// [`Splat::tolerance`] is added to it.
+    tolerance: f64,
 }
 
 impl ProbeBounds {
     /// Creates the bounds of probes between the corners `low` and `high` whose reaches are at most `reach`.
     fn new((low, high): (DVec3, DVec3), reach: f64) -> Self {
-        let hair = 1e-9 * reach + 1e-14 * low.abs().max(high.abs()).max_element();
-        Self { middle: 0.5 * (low + high), half: 0.5 * (high - low), reach, hair }
+        let tolerance = 1e-9 * reach + 1e-14 * low.abs().max(high.abs()).max_element();
+        Self { middle: 0.5 * (low + high), half: 0.5 * (high - low), reach, tolerance }
     }
 }
 
@@ -251,8 +251,8 @@ struct Splat {
     /// Unit directions of both half-axes, and the splat's extent along each: the largest distance from its centre.
     sides: [(DVec3, f64); 2],
     /// Length, in object units, by which tests are widened for rounding, also of the coordinates themselves.
-    /// [`ProbeBounds::hair`] is added to it.
-    hair: f64,
+    /// [`ProbeBounds::tolerance`] is added to it.
+    tolerance: f64,
 }
 
 /// Axes of a splat, by which a point in its plane is converted to (u, v), its coordinates in units of the half-axes.
@@ -283,8 +283,8 @@ impl Splat {
             let side = surfel_math::basis::unit(axis);
             (side, s.dot(side).hypot(t.dot(side)))
         });
-        let hair = 1e-9 * radius + 1e-14 * center.abs().max_element();
-        Self { center, radius, normal, axes, sides, hair }
+        let tolerance = 1e-9 * radius + 1e-14 * center.abs().max_element();
+        Self { center, radius, normal, axes, sides, tolerance }
     }
 
     /// True if the line of a probe within these bounds may meet the splat; false only if none can.
@@ -294,21 +294,21 @@ impl Splat {
     /// sliver; a test by the splat's bounding ball would accept all probes of a fan.
     #[inline(always)]
     fn may_meet(&self, bounds: &ProbeBounds) -> bool {
-        let hair = self.hair + bounds.hair;
+        let tolerance = self.tolerance + bounds.tolerance;
         let middle = bounds.middle - self.center;
         let beyond = (middle.abs() - bounds.half).max(DVec3::ZERO);
-        if beyond.length_squared() > (self.radius + bounds.reach + hair).powi(2) {
+        if beyond.length_squared() > (self.radius + bounds.reach + tolerance).powi(2) {
             return false;
         }
         // Distance of the bounds' middle from the centre along a direction, and the bounds' half-extent.
         let ends = |n: DVec3| (middle.dot(n).abs(), bounds.half.dot(n.abs()));
         let (height, thickness) = ends(self.normal);
-        let aside = 3f64.sqrt() * (height + thickness).min(bounds.reach) + hair;
+        let aside = 3f64.sqrt() * (height + thickness).min(bounds.reach) + tolerance;
         let is_near = |(side, length): &(DVec3, f64)| {
             let (along, reach) = ends(*side);
             along - reach <= length + aside
         };
-        height - thickness <= bounds.reach + hair && self.sides.iter().all(is_near)
+        height - thickness <= bounds.reach + tolerance && self.sides.iter().all(is_near)
     }
 
     /// Returns the splat's weight where the probe's line meets its plane. It is 0 if the line misses the splat, if it

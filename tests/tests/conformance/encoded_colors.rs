@@ -88,3 +88,23 @@ fn averaged_samples_are_encoded_after_they_are_averaged() {
     let want: Vec<_> = plain.color().iter().copied().map(encode_rgba8).collect();
     assert!(encoded.rgba8() == want && encoded.color().is_empty());
 }
+
+#[test]
+fn planes_without_a_mean_are_refused_of_averaged_samples() {
+    let case = scenes::thin_shell();
+    let mut renderer = surfel_reference::Renderer::new(Default::default()).unwrap();
+    let resident = renderer.upload(&case.scene).unwrap();
+    for planes in [
+        Planes::COLOR.with_index(true),
+        Planes::COLOR.with_label(true),
+        Planes::COLOR.with_position(true),
+        Planes::COLOR.with_alpha(true),
+        Planes::COLOR.with_median_depth(true),
+        Planes::COLOR.with_distortion(true),
+    ] {
+        let mut frame = Frame::default();
+        let refused =
+            renderer.render_supersampled(&resident, &case.view(), &case.settings, planes, 2, &mut frame).unwrap_err();
+        assert!(refused.to_string().contains("averaged from samples"), "{planes:?}: {refused}");
+    }
+}

@@ -85,6 +85,18 @@ mod tests {
     use crate::mesh::random::Random;
 
     #[test]
+    fn repeated_triangles_are_counted() {
+        let mesh = Mesh {
+            positions: Column3::from_f32(vec![glam::Vec3::ZERO, glam::Vec3::X, glam::Vec3::Y]),
+            triangles: vec![[0, 1, 2]; 20],
+            ..Mesh::default()
+        };
+        let options = crate::MeshOptions { method: crate::MeshMethod::PerFace, radius_scale: 1.0 };
+        let (cloud, report) = crate::splats_from_mesh(&mesh, &options, &crate::NoProgress).unwrap();
+        assert_eq!((cloud.len(), report.repeated, report.degenerate), (1, 19, 0));
+    }
+
+    #[test]
     fn steiner_ellipse_of_a_right_triangle_exact() {
         // The Steiner circumellipse of (0,0) (1,0) (0,1): x² + xy + y² − x − y = 0. About its centroid the form is
         // [1 ½; ½ 1] = 1/3, so the half-axes are √(1/3 / ½) along (1, −1) and √(1/3 / 3/2) along (1, 1).

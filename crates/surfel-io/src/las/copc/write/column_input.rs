@@ -9,6 +9,7 @@
 use super::extra_bytes::description;
 use super::inputs::{Stop, invalid};
 use super::standard_fields::StandardField;
+use super::value_range::ValueRange;
 use crate::color::nearest_16_bit;
 use crate::column_file::ColumnFile;
 use crate::column_roles::ROUNDED_ONE;
@@ -33,55 +34,22 @@ use surfel_model::TableColumns;
 /// Maximum number of steps between the offset and the farthest point, as a power of two.
 const STEP_BITS: i32 = 30;
 
-/// Minimum and maximum of a column's finite values.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Range {
-    pub(super) least: f64,
-    pub(super) most: f64,
-    /// True if every value is an integer.
-    pub(super) whole: bool,
-    /// True if every value is finite.
-    pub(super) all_finite: bool,
-}
-
-impl Range {
-    /// Returns the range of no value: the minimum is +∞ and the maximum −∞.
-    pub(super) fn none() -> Self {
-        Self { least: f64::INFINITY, most: f64::NEG_INFINITY, whole: true, all_finite: true }
-    }
-
-    pub(super) fn add(&mut self, value: f64) {
-        if value.is_finite() {
-            (self.least, self.most) = (self.least.min(value), self.most.max(value));
-            self.whole &= value.fract() == 0.0;
-        } else {
-            (self.whole, self.all_finite) = (false, false);
-        }
-    }
-
-    fn join(&mut self, other: &Self) {
-        (self.least, self.most) = (self.least.min(other.least), self.most.max(other.most));
-        self.whole &= other.whole;
-        self.all_finite &= other.all_finite;
-    }
-}
-
 /// Statistics of all points of a file, which decide the record layout and the coordinate steps.
 #[derive(Clone, Debug)]
 struct Measured {
     /// Number of points with finite coordinates.
     count: u64,
-    /// Range of x, y and z over the points with finite coordinates.
-    position: [Range; 3],
+    /// ValueRange of x, y and z over the points with finite coordinates.
+    position: [ValueRange; 3],
     /// Exponent of the last significant bit of all coordinates, as [`last_bit`] returns it; `i32::MAX` if all are 0.
     finest: i32,
-    /// Range of each column over all points.
-    columns: Vec<Range>,
+    /// ValueRange of each column over all points.
+    columns: Vec<ValueRange>,
 }
 
 impl Measured {
     fn none(columns: usize) -> Self {
-        let none = Range::none();
+        let none = ValueRange::none();
         Self { count: 0, position: [none; 3], finest: i32::MAX, columns: vec![none; columns] }
     }
 
@@ -198,7 +166,7 @@ impl ColumnInput {
     pub(super) fn agree(inputs: &mut [&mut Self]) {
         let mut all = Measured::none(0);
         // Value ranges by column name, wherever in its file the column is.
-        let mut by_name: BTreeMap<String, Range> = BTreeMap::new();
+        let mut by_name: BTreeMap<String, ValueRange> = BTreeMap::new();
         for input in inputs.iter() {
             all = all.join(&input.measured);
             for (name, range) in input.file.names.iter().zip(&input.measured.columns) {
@@ -213,13 +181,13 @@ impl ColumnInput {
             input.rounding_note = if are_rounded { rounding_note(low_of, high_of) } else { None };
             (input.scale, input.offset) = (scale, offset);
             input.rounds = !input.file.is_typed() && f32_is_enough(low, high);
-            let ranges: Vec<Range> = input.file.names.iter().map(|name| by_name[name]).collect();
+            let ranges: Vec<ValueRange> = input.file.names.iter().map(|name| by_name[name]).collect();
             input.lay_out(&ranges);
         }
     }
 
     /// Assigns columns to the fields of a record by the value ranges over all inputs.
-    fn lay_out(&mut self, ranges: &[Range]) {
+    fn lay_out(&mut self, ranges: &[ValueRange]) {
         let file = self.file.clone();
         let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
         let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(ranges[*i].most));
@@ -449,7 +417,7 @@ impl ColumnInput {
 
 /// Returns the columns that fill standard fields of a record, each field at most once. `used` is true for columns that
 /// are stored otherwise.
-fn fillings(names: &[String], ranges: &[Range], used: impl Fn(usize) -> bool) -> Vec<Filled> {
+fn fillings(names: &[String], ranges: &[ValueRange], used: impl Fn(usize) -> bool) -> Vec<Filled> {
     let mut filled: Vec<Filled> = Vec::new();
     for (column, (name, range)) in names.iter().zip(ranges).enumerate().filter(|(column, _)| !used(*column)) {
         if let Some(field) = StandardField::for_column(name, range)

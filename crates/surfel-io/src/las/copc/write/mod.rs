@@ -24,6 +24,7 @@ mod shard_range;
 mod shards;
 mod sort;
 mod standard_fields;
+mod value_range;
 
 use crate::atomic::Temporary;
 use crate::error::{IoError, Problem};

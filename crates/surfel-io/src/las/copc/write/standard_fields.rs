@@ -1,6 +1,6 @@
 //! Standard fields of LAS point records that columns of the same name fill, and names that extra bytes can't have.
 
-use super::column_input::Range;
+use super::value_range::ValueRange;
 
 /// Step of scan angles in point formats 6 to 10, in degrees (LAS 1.4 R15, table 15).
 const ANGLE_STEP_DEG: f64 = 0.006;
@@ -66,7 +66,7 @@ fn is_same(a: &str, b: &str) -> bool {
 
 impl StandardField {
     /// Returns the standard field that a column fills: the one of its name, if the field can store all of its values.
-    pub(super) fn for_column(name: &str, range: &Range) -> Option<Self> {
+    pub(super) fn for_column(name: &str, range: &ValueRange) -> Option<Self> {
         FIELDS.into_iter().find(|field| is_same(field.name, name)).filter(|field| field.can_store(range))
     }
 
@@ -81,7 +81,7 @@ impl StandardField {
     }
 
     /// True if the field can store all values of a column: exactly, except that scan angles are rounded to their step.
-    fn can_store(&self, range: &Range) -> bool {
+    fn can_store(&self, range: &ValueRange) -> bool {
         let is_whole_up_to = |most: f64| range.whole && range.least >= 0.0 && range.most <= most;
         match self.encoding {
             Encoding::Bits { count, .. } => is_whole_up_to(f64::from((1_u16 << count) - 1)),
@@ -112,8 +112,8 @@ impl StandardField {
 mod tests {
     use super::*;
 
-    fn range(values: &[f64]) -> Range {
-        let mut range = Range::none();
+    fn range(values: &[f64]) -> ValueRange {
+        let mut range = ValueRange::none();
         values.iter().for_each(|value| range.add(*value));
         range
     }

@@ -274,7 +274,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn shares_put_together_are_the_file_whatever_their_number() {
+fn shards_put_together_are_the_file_whatever_their_number() {
     let folder = folder_of_test("shards");
     let inputs = tiles(&folder, 12, 50_000);
     let make = |output: &Path, shard: Option<[u32; 2]>, prepare: Prepare<'_>| {
@@ -309,7 +309,7 @@ fn shares_put_together_are_the_file_whatever_their_number() {
 }
 
 #[test]
-fn shares_of_points_in_all_of_a_cube_are_put_together() {
+fn shards_of_points_in_all_of_a_cube_are_put_together() {
     let folder = folder_of_test("cube");
     let mut next = random(13);
     let mut point = |i: u64| match i {
@@ -349,7 +349,7 @@ fn shares_of_points_in_all_of_a_cube_are_put_together() {
 }
 
 #[test]
-fn share_that_is_there_is_left_as_it_is_if_it_is_of_these_inputs() {
+fn shard_of_the_same_inputs_is_left_as_it_is() {
     let folder = folder_of_test("done");
     let inputs = tiles(&folder, 3, 3_000);
     let path = folder.join("a.shard");
@@ -498,6 +498,34 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
         assert!(after.first().is_some_and(|made| *made >= parts) && after.last() == Some(&0), "{after:?} of {parts}");
         assert!(after.iter().any(|made| (1..parts).contains(made)), "{after:?} of {parts}");
     }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn progress_of_a_resumed_shard_ends_at_its_total() {
+    let folder = folder_of_test("progress");
+    let inputs = tiles(&folder, 12, 20_000);
+    let output = folder.join("last.shard");
+    // The last shard needs only some inputs. By these limits, the state is saved after each input.
+    let options = CopcOptions { shard: Some([2, 3]), resume: true, ..CopcOptions::default() };
+    let sorted = std::cell::Cell::new((0, 0));
+    let run = |interrupts: bool| {
+        let progress = |name: &'static str, done: u64, all: u64| {
+            if name == "sorting points" {
+                assert!(done <= all, "{done} of {all}");
+                assert!(!interrupts || 2 * done < all, "interrupted");
+                sorted.set((done, all));
+            }
+        };
+        let run = || save(&inputs, &output, &options, None, &progress, TILE_LIMITS);
+        std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
+    };
+    assert!(run(true).is_err());
+    let (done, all) = sorted.get();
+    assert!(0 < done && done < all, "{done} of {all}");
+    run(false).unwrap().unwrap();
+    let (done, all) = sorted.get();
+    assert_eq!(done, all);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
