@@ -67,6 +67,12 @@ impl ExtraField {
     }
 }
 
+/// Suffix in a file of the name of extra bytes that would otherwise have the name of a field of LAS, which other
+/// programs refuse. The description of these extra bytes is [`RENAMED`], and Surfel reads their name without the suffix.
+pub(super) const RENAMED_SUFFIX: &str = "_2";
+/// Description of extra bytes whose name has the suffix [`RENAMED_SUFFIX`]; at most 32 bytes.
+pub(super) const RENAMED: &str = "column without the suffix _2";
+
 /// Number of bytes of a point record by point format, without extra bytes.
 pub(super) const POINT_BYTES: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
@@ -270,7 +276,9 @@ impl Header {
         let mut at = 0;
         for record in data.chunks_exact(192) {
             let (kind, options) = (record[2], record[3]);
-            let name = one_line(&record[4..36]);
+            let stored = one_line(&record[4..36]);
+            let own = stored.strip_suffix(RENAMED_SUFFIX).filter(|_| one_line(&record[160..192]) == RENAMED);
+            let name = own.unwrap_or(&stored).to_owned();
             // Types 11 to 30 are pairs and triples of types 1 to 10. Type 0 is a number of bytes given by the options.
             let (kind, parts) = match kind {
                 1..=30 => ((kind - 1) % 10 + 1, usize::from((kind - 1) / 10 + 1)),

@@ -20,7 +20,7 @@ use crate::format::Format;
 use crate::las::Sink;
 use crate::las::copc::output::Record;
 use crate::las::copc::{LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
-use crate::las::header::{ExtraField, Header, POINT_BYTES};
+use crate::las::header::{ExtraField, Header, POINT_BYTES, RENAMED};
 use crate::ply::colors::{ColorScale, ColorType};
 use crate::strided::{NumberType, Strided, block_rows, read_rows};
 use crate::words::counted;
@@ -236,15 +236,13 @@ impl ColumnInput {
             if used(i) || self.filled.iter().any(|filled| filled.column == i) || is_own(&name) {
                 continue;
             }
-            let mut name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
-            if StandardField::is_reserved(&name) {
-                let renamed = format!("{}_2", name.chars().take(29).collect::<String>());
+            let name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
+            if let Some(stored) = StandardField::renamed(&name) {
                 self.renaming_notes.push(format!(
-                    "its column {} can't be the field of that name in LAS, and is {} in the COPC file",
+                    "its column {} can't be the field of that name in LAS, and is called {} in the COPC file",
                     quote(&name),
-                    quote(&renamed)
+                    quote(&stored)
                 ));
-                name = renamed;
             }
             let kind = match kind(i) {
                 NumberType::U8 => 1,
@@ -325,7 +323,10 @@ impl ColumnInput {
     /// Returns the variable length records that describe the extra bytes and the coordinate reference system.
     pub(super) fn records(&self) -> Vec<Record> {
         let described = self.extra.iter().zip(&self.names);
-        let described = described.flat_map(|(e, name)| description(name, e.kind, "", false));
+        let described = described.flat_map(|(extra, name)| match StandardField::renamed(name) {
+            Some(stored) => description(&stored, extra.kind, RENAMED, false),
+            None => description(name, extra.kind, "", false),
+        });
         let described: Vec<u8> = described.collect();
         let described = (!described.is_empty()).then(|| Record::new("LASF_Spec", 4, described));
         let wkt = self.wkt().map(|wkt| Record::new("LASF_Projection", 2112, [wkt.as_bytes(), &[0]].concat()));

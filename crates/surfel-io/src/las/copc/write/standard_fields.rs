@@ -1,6 +1,7 @@
 //! Standard fields of LAS point records that columns of the same name fill, and names that extra bytes can't have.
 
 use super::value_range::ValueRange;
+use crate::las::header::RENAMED_SUFFIX;
 
 /// Step of scan angles in point formats 6 to 10, in degrees (LAS 1.4 R15, table 15).
 const ANGLE_STEP_DEG: f64 = 0.006;
@@ -70,9 +71,13 @@ impl StandardField {
         FIELDS.into_iter().find(|field| is_same(field.name, name)).filter(|field| field.can_store(range))
     }
 
-    /// True if a column of this name can't be stored in extra bytes of the same name.
-    pub(super) fn is_reserved(name: &str) -> bool {
-        FIELDS.iter().map(|field| field.name).chain(RESERVED).any(|reserved| is_same(reserved, name))
+    /// Returns the name in a file of extra bytes for a column that has the name of a field, with [`RENAMED_SUFFIX`];
+    /// `None` if the column can have its own name.
+    pub(super) fn renamed(name: &str) -> Option<String> {
+        let is_reserved = FIELDS.iter().map(|field| field.name).chain(RESERVED).any(|field| is_same(field, name));
+        // Names have at most 31 bytes.
+        let shortened = || name.chars().take(31 - RENAMED_SUFFIX.len()).collect::<String>();
+        is_reserved.then(|| shortened() + RENAMED_SUFFIX)
     }
 
     /// True if the field is the return number or the number of returns. A file has both or none.
@@ -128,8 +133,9 @@ mod tests {
         assert!(fills("return_number", &[1.0, 15.0]) && !fills("return_number", &[16.0]));
         assert!(fills("scan_angle", &[-20.5, 20.0]) && !fills("scan_angle", &[181.0]));
         assert!(!fills("gps_time", &[f64::NAN]) && !fills("withheld", &[1.0]) && !fills("class", &[1.0]));
-        assert!(StandardField::is_reserved("withheld") && StandardField::is_reserved("Red"));
-        assert!(!StandardField::is_reserved("class") && !StandardField::is_reserved("label"));
+        let renamed = ["withheld", "Red", "class", "label"].map(StandardField::renamed);
+        assert_eq!(renamed.each_ref().map(Option::as_deref), [Some("withheld_2"), Some("Red_2"), None, None]);
+        assert_eq!(StandardField::renamed(&format!("{}gps_time", "_".repeat(23))).unwrap().len(), 31);
     }
 
     #[test]

@@ -251,6 +251,22 @@ fn values(points: &PointCloud, name: &str) -> Vec<f64> {
     sorted.into_iter().map(|(_, value)| value).collect()
 }
 
+/// Returns the names of extra bytes as a LAS file stores them, without those that Surfel adds.
+fn stored_names(bytes: &[u8]) -> Vec<String> {
+    // The first record of extra bytes begins with this user name and the number 4. Its data follows a head of 54 bytes,
+    // whose size is at byte 20.
+    let head = [&[0, 0], &b"LASF_Spec"[..], &[0; 7], &[4, 0]].concat();
+    let at = bytes.windows(head.len()).position(|window| window == head).unwrap();
+    let size = usize::from(u16::from_le_bytes([bytes[at + 20], bytes[at + 21]]));
+    let names = bytes[at + 54..at + 54 + size]
+        .chunks_exact(192)
+        .map(|record| String::from_utf8_lossy(&record[4..36]).trim_end_matches('\0').to_owned());
+    let is_own = |name: &String| {
+        [RADIUS].iter().chain(&NORMALS).chain(&LEVEL_COLORS).chain(&LEVEL_NORMALS).any(|own| own == name)
+    };
+    names.filter(|name| !is_own(name)).collect()
+}
+
 #[test]
 fn columns_named_like_fields_of_las_fill_them_or_are_renamed() {
     let folder = folder("fields");
@@ -267,27 +283,25 @@ fn columns_named_like_fields_of_las_fill_them_or_are_renamed() {
     let points_of = |class: &dyn Fn(u32) -> f64| {
         std::fs::write(&input, text(class)).unwrap();
         let (bytes, notes) = written(&input, LARGE).unwrap();
-        let extra = Header::read(&mut std::io::Cursor::new(&bytes), bytes.len() as u64).unwrap().extra;
-        (loaded(&bytes), notes, extra.into_iter().map(|extra| extra.name).collect::<Vec<_>>())
+        (loaded(&bytes), notes, stored_names(&bytes))
     };
-    let (points, notes, extra) = points_of(&|i| f64::from(i % 3));
+    let (points, notes, stored) = points_of(&|i| f64::from(i % 3));
     assert_eq!(points.len(), 900, "{notes:?}");
-    // A name of the standard among the extra bytes would make other programs refuse the file.
-    assert_eq!(extra, ["row", "withheld_2"]);
+    // A name of the standard among the extra bytes would make other programs refuse the file. Surfel reads such a
+    // column under its own name.
+    assert_eq!(stored, ["row", "withheld_2"]);
     assert!(notes.len() == 1 && notes[0].contains("'withheld'") && notes[0].contains("withheld_2"), "{notes:?}");
     let expected = |value: &dyn Fn(u32) -> f64| (0..900).map(value).collect::<Vec<f64>>();
     assert_eq!(values(&points, "classification"), expected(&|i| f64::from(i % 3)));
     assert_eq!(values(&points, "return_number"), expected(&|i| f64::from(1 + i % 2)));
     assert_eq!(values(&points, "number_of_returns"), expected(&|_| 2.0));
     assert_eq!(values(&points, "gps_time"), expected(&|i| 1000.25 + f64::from(i)));
-    assert_eq!(values(&points, "withheld_2"), expected(&|_| 1.0));
+    assert_eq!(values(&points, "withheld"), expected(&|_| 1.0));
     // Classes beyond 255 don't fit.
-    let (points, notes, extra) = points_of(&|i| f64::from(i));
-    assert_eq!(extra, ["row", "Classification_2", "withheld_2"]);
+    let (points, notes, stored) = points_of(&|i| f64::from(i));
+    assert_eq!(stored, ["row", "Classification_2", "withheld_2"]);
     assert!(notes.iter().any(|note| note.contains("Classification_2")), "{notes:?}");
-    assert_eq!(values(&points, "Classification_2"), expected(&f64::from));
-    // A field that is 0 in all points isn't loaded as an attribute.
-    assert!(points.extras.iter().all(|extra| extra.name != "classification"));
+    assert_eq!(values(&points, "Classification"), expected(&f64::from));
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
