@@ -154,7 +154,7 @@ mod tests {
         let checked = |points, budget| check(Path::new("a.laz"), points, 300, Some(budget), Remedy::Levels);
         assert!(checked(1_000_000, 300_000_000).is_ok());
         let error = checked(1_000_001, 300_000_000).unwrap_err().to_string();
-        assert!(error.contains("0.3 GB") && error.contains("surfel convert") && error.contains("`memory`"), "{error}");
+        assert!(error.contains("300 MB") && error.contains("surfel convert") && error.contains("`memory`"), "{error}");
         assert!(checked(u64::MAX, u64::MAX).is_ok());
     }
 

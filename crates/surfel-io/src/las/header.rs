@@ -67,8 +67,9 @@ impl ExtraField {
     }
 }
 
-/// Suffix in a file of the name of extra bytes that would otherwise have the name of a field of LAS, which other
-/// programs refuse. The description of these extra bytes is [`RENAMED`], and Surfel reads their name without the suffix.
+/// Suffix of a name that extra bytes have in a file if their column has the name of a field of LAS. Other programs
+/// refuse extra bytes of such a name. The description of these extra bytes is [`RENAMED`], and Surfel reads their name
+/// without the suffix.
 pub(super) const RENAMED_SUFFIX: &str = "_2";
 /// Description of extra bytes whose name has the suffix [`RENAMED_SUFFIX`]; at most 32 bytes.
 pub(super) const RENAMED: &str = "column without the suffix _2";

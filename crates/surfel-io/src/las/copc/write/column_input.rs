@@ -239,7 +239,7 @@ impl ColumnInput {
             let name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
             if let Some(stored) = StandardField::renamed(&name) {
                 self.renaming_notes.push(format!(
-                    "its column {} can't be the field of that name in LAS, and is called {} in the COPC file",
+                    "the field of LAS with the name of its column {} can't store it, so other programs read it as {}",
                     quote(&name),
                     quote(&stored)
                 ));
