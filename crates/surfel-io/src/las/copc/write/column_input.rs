@@ -39,11 +39,11 @@ const STEP_BITS: i32 = 30;
 struct Measured {
     /// Number of points with finite coordinates.
     count: u64,
-    /// ValueRange of x, y and z over the points with finite coordinates.
+    /// Ranges of x, y and z over the points with finite coordinates.
     position: [ValueRange; 3],
     /// Exponent of the last significant bit of all coordinates, as [`last_bit`] returns it; `i32::MAX` if all are 0.
     finest: i32,
-    /// ValueRange of each column over all points.
+    /// Range of each column over all points.
     columns: Vec<ValueRange>,
 }
 
@@ -55,7 +55,7 @@ impl Measured {
 
     /// Returns the minimum and the maximum corner of the points' bounds.
     fn ends(&self) -> [DVec3; 2] {
-        [0, 1].map(|end| DVec3::from(self.position.map(|r| if end == 0 { r.least } else { r.most })))
+        [0, 1].map(|end| DVec3::from(self.position.map(|r| if end == 0 { r.min } else { r.max })))
     }
 
     fn join(mut self, other: &Self) -> Self {
@@ -190,7 +190,7 @@ impl ColumnInput {
     fn lay_out(&mut self, ranges: &[ValueRange]) {
         let file = self.file.clone();
         let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
-        let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(ranges[*i].most));
+        let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(ranges[*i].max));
         let whole = |set: [usize; 3]| set.iter().all(|i| ranges[*i].whole);
         let kinds = |set: [usize; 3]| ColorType::of(set.map(kind));
         (self.colors, self.color_note) = (None, None);
@@ -239,7 +239,7 @@ impl ColumnInput {
             let name = if name.is_empty() { format!("column_{}", i + 1) } else { name };
             if let Some(stored) = StandardField::renamed(&name) {
                 self.renaming_notes.push(format!(
-                    "the field of LAS with the name of its column {} can't store it, so other programs read it as {}",
+                    "its column {} doesn't fit the LAS field of that name, so other programs find it as {}",
                     quote(&name),
                     quote(&stored)
                 ));
@@ -255,7 +255,7 @@ impl ColumnInput {
                 NumberType::I64 => 8,
                 NumberType::F16 | NumberType::F32 => 9,
                 // Printed numbers become f32, as they do where the whole file is read at once.
-                NumberType::F64 if file.is_text() && ranges[i].most < f64::from(1 << 24) => 9,
+                NumberType::F64 if file.is_text() && ranges[i].max < f64::from(1 << 24) => 9,
                 NumberType::F64 => 10,
             };
             add(i, name, kind);
@@ -313,7 +313,7 @@ impl ColumnInput {
     pub(super) fn raw_header(&self) -> Vec<u8> {
         let mut raw = vec![0; 375];
         for (k, range) in self.measured.position.iter().enumerate() {
-            for (at, end) in [(179, range.most), (187, range.least)] {
+            for (at, end) in [(179, range.max), (187, range.min)] {
                 raw[at + 16 * k..at + 16 * k + 8].copy_from_slice(&end.to_le_bytes());
             }
         }

@@ -87,11 +87,11 @@ impl StandardField {
 
     /// True if the field can store all values of a column: exactly, except that scan angles are rounded to their step.
     fn can_store(&self, range: &ValueRange) -> bool {
-        let is_whole_up_to = |most: f64| range.whole && range.least >= 0.0 && range.most <= most;
+        let is_whole_up_to = |most: f64| range.whole && range.min >= 0.0 && range.max <= most;
         match self.encoding {
             Encoding::Bits { count, .. } => is_whole_up_to(f64::from((1_u16 << count) - 1)),
             Encoding::U16 => is_whole_up_to(f64::from(u16::MAX)),
-            Encoding::Angle => range.all_finite && range.least >= -180.0 && range.most <= 180.0,
+            Encoding::Angle => range.all_finite && range.min >= -180.0 && range.max <= 180.0,
             Encoding::F64 => range.all_finite,
         }
     }

@@ -3,8 +3,8 @@
 /// Minimum and maximum of a column's finite values.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ValueRange {
-    pub(super) least: f64,
-    pub(super) most: f64,
+    pub(super) min: f64,
+    pub(super) max: f64,
     /// True if every value is an integer.
     pub(super) whole: bool,
     /// True if every value is finite.
@@ -14,20 +14,22 @@ pub(super) struct ValueRange {
 impl ValueRange {
     /// Returns the range of no values: the minimum is +∞ and the maximum −∞.
     pub(super) fn none() -> Self {
-        Self { least: f64::INFINITY, most: f64::NEG_INFINITY, whole: true, all_finite: true }
+        Self { min: f64::INFINITY, max: f64::NEG_INFINITY, whole: true, all_finite: true }
     }
 
+    /// Extends the range by a value.
     pub(super) fn add(&mut self, value: f64) {
         if value.is_finite() {
-            (self.least, self.most) = (self.least.min(value), self.most.max(value));
+            (self.min, self.max) = (self.min.min(value), self.max.max(value));
             self.whole &= value.fract() == 0.0;
         } else {
             (self.whole, self.all_finite) = (false, false);
         }
     }
 
+    /// Extends the range by all values of another one.
     pub(super) fn join(&mut self, other: &Self) {
-        (self.least, self.most) = (self.least.min(other.least), self.most.max(other.most));
+        (self.min, self.max) = (self.min.min(other.min), self.max.max(other.max));
         self.whole &= other.whole;
         self.all_finite &= other.all_finite;
     }
