@@ -2,9 +2,10 @@
 // cell. If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in
 // their order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
 
-// Number of edge pixels in the workgroup's cell, and a copy of this number for uniform control flow.
-var<workgroup> counted_edges: atomic<u32>;
-var<workgroup> edges_of_cell: u32;
+// Number of pixels of the workgroup's cell for which a condition holds, and a copy of this number for uniform control
+// flow.
+var<workgroup> counted_pixels: atomic<u32>;
+var<workgroup> pixels_of_cell: u32;
 
 // True if the surface of a neighbour of a pixel lies farther than the depth at which the pixel's nearest surface ends.
 // `own` is the pixel's z + ε and ε, see `edge_threshold_of`.
@@ -46,21 +47,21 @@ fn edge_at(own: vec2u) -> EdgePixel {
     return EdgePixel(is_edge, select(0.0, reversed_depth(threshold.x), is_edge));
 }
 
-// True if any pixel of the workgroup's cell is an edge pixel; `is_edge` is that of invocation i. All invocations of the
-// workgroup have to call it.
-fn cell_has_edges(i: u32, is_edge: bool) -> bool {
+// True if a condition holds for any pixel of the workgroup's cell; `holds` is that of invocation i. All invocations of
+// the workgroup have to call it.
+fn holds_in_cell(i: u32, holds: bool) -> bool {
     if i == 0u {
-        atomicStore(&counted_edges, 0u);
+        atomicStore(&counted_pixels, 0u);
     }
     workgroupBarrier();
-    if is_edge {
-        atomicAdd(&counted_edges, 1u);
+    if holds {
+        atomicAdd(&counted_pixels, 1u);
     }
     workgroupBarrier();
     if i == 0u {
-        edges_of_cell = atomicLoad(&counted_edges);
+        pixels_of_cell = atomicLoad(&counted_pixels);
     }
-    return workgroupUniformLoad(&edges_of_cell) > 0u;
+    return workgroupUniformLoad(&pixels_of_cell) > 0u;
 }
 
 // Blends the colour of the edge pixel `own` over what lies behind it: the surface of the given sums, or the background.
@@ -85,7 +86,7 @@ fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
 
 // Draws what lies behind the edge pixels of a cell (column, row), and blends their colours over it, unless the cell is
 // dense.
-fn draw_edges(cell: vec2u, i: u32, drawn: CellPass) {
+fn draw_edges(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
     if range.y - range.x > DENSE_PAIRS {
         return;
@@ -93,7 +94,7 @@ fn draw_edges(cell: vec2u, i: u32, drawn: CellPass) {
     let corner = cell * CELL_SIDE;
     let own = corner + pixel_in_cell(i);
     let edge = edge_at(own);
-    if !cell_has_edges(i, edge.is_edge) {
+    if !holds_in_cell(i, edge.is_edge) {
         return;
     }
     clear_cell(i);
@@ -101,47 +102,47 @@ fn draw_edges(cell: vec2u, i: u32, drawn: CellPass) {
     let limit = find_limit(range, corner, i, drawn);
     let sums = sum_pixel(range, corner, i, limit, drawn);
     if edge.is_edge {
-        blend_edge(own, sums, drawn.full);
+        blend_edge(own, sums, has(drawn, DRAW_FULL));
     }
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_edges(cell.xy, i, CellPass(true, false, false, false, true, false));
+    draw_edges(cell.xy, i, DRAW_SURFACE | DRAW_BEHIND);
 }
 
 // Draws the edge pixels of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_edges(cell.xy, i, CellPass(true, true, false, false, true, false));
+    draw_edges(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_BEHIND);
 }
 
 // Draws the edge pixels of an image with clipped splats, with or without shadows and `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_edges(cell.xy, i, CellPass(true, true, false, false, true, true));
+    draw_edges(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_BEHIND | DRAW_CLIPPED);
 }
 
 // Finds the depth thresholds of parts of dense cells, among the fragments behind the nearest surface of edge pixels.
 // `cell_part_edges` then sums these fragments. The two entry points after it do the same in frames with clipped splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true, false));
+    find_part_thresholds(workgroup_number(group), i, DRAW_SURFACE | DRAW_BEHIND);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, true, false));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE | DRAW_BEHIND);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, false, true, true));
+    find_part_thresholds(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_BEHIND | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, true, false, false, true, true));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_BEHIND | DRAW_CLIPPED);
 }
 
 // Blends the edge pixels of a dense cell (column, row) over what lies behind them, from the sums of the cell's parts.
@@ -149,7 +150,7 @@ fn combine_edges(cell: vec2u, i: u32, full: bool) {
     let range = pairs_of(cell);
     let own = cell * CELL_SIDE + pixel_in_cell(i);
     if range.y - range.x > DENSE_PAIRS && edge_at(own).is_edge {
-        blend_edge(own, sums_of_parts(range, i, CellPass(true, full, false, false, true, false)), full);
+        blend_edge(own, sums_of_parts(range, i, DRAW_SURFACE | select(0u, DRAW_FULL, full) | DRAW_BEHIND), full);
     }
 }
 

@@ -36,23 +36,26 @@ var<workgroup> pixel_bits: array<atomic<u32>, 768>;
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
 // By invocation, if the sides of oriented splats are separated: in the first loop the nearness of back-facing splats as
 // the bits of a reversed depth, afterwards the side that each pixel shows (RECORD_FRONT, RECORD_BACK or 0). In the edge
-// pass: the bits of the reversed depth of each pixel's nearest surface, or 0.
+// pass: the bits of the reversed depth of each pixel's nearest surface, or 0. In a layer: those of the last layer's
+// threshold.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
-// What a pass draws. All fields are compile-time constants of its entry point.
-struct CellPass {
-    // True to sum normals and depths.
-    surface: bool,
-    // True to shade with all effects (see `shade`).
-    full: bool,
-    // True to separate the sides of oriented splats.
-    sided: bool,
-    // True to find the splat that defines each pixel's threshold, and to sum coverage.
-    edges: bool,
-    // True to draw only fragments behind the depths in `sides`.
-    behind: bool,
-    // True if records may have clips.
-    clipped: bool,
+// Flags of what a pass draws, compile-time constants of its entry point. DRAW_SURFACE: sum normals and depths.
+// DRAW_FULL: shade with all effects (see `shade`). DRAW_SIDED: separate the sides of oriented splats. DRAW_EDGES: find
+// the splat that defines each pixel's threshold, and sum coverage. DRAW_BEHIND: draw only fragments behind the depths
+// in `sides`. DRAW_CLIPPED: records may have clips. DRAW_LAYERS: draw a layer of transparent splats, of which only
+// fragments behind the depths in `sides` and before the opaque surface; without this flag only opaque splats are drawn.
+const DRAW_SURFACE: u32 = 1u;
+const DRAW_FULL: u32 = 2u;
+const DRAW_SIDED: u32 = 4u;
+const DRAW_EDGES: u32 = 8u;
+const DRAW_BEHIND: u32 = 16u;
+const DRAW_CLIPPED: u32 = 32u;
+const DRAW_LAYERS: u32 = 64u;
+
+// True if what a pass draws includes any of the flags DRAW_….
+fn has(drawn: u32, flags: u32) -> bool {
+    return (drawn & flags) != 0u;
 }
 
 // Returns a part of record r of the batch.
@@ -122,8 +125,9 @@ fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
 
 // Copies a batch, the records of `count` pairs from index `first` on, into workgroup memory. Two invocations copy a
 // record. `visible` is true for the unfiltered footprints of the first loop, false for the filtered ones of the second.
-// `attributes` is true to copy normals and coverage in the second loop.
-fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, attributes: bool) {
+// If `is_lit`, colours are those that `cell_light` wrote, and weights are multiplied by alpha, for the last layer. The
+// boxes of records that the pass doesn't draw are empty.
+fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, drawn: u32, is_lit: bool) {
     let r = i / 2u;
     if r >= count {
         return;
@@ -131,19 +135,30 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
     let record = pairs_in[first + r].record;
     if i % 2u == 0u {
         let boxes = cell_records[part_at(8u, record)];
-        let box = box_in_cell(corner, select(boxes.zw, boxes.xy, visible));
+        var more = cell_records[part_at(3u, record)];
+        var box = box_in_cell(corner, select(boxes.zw, boxes.xy, visible));
+        if ((more.w & RECORD_LAYERED) != 0u) != has(drawn, DRAW_LAYERS) {
+            box = 0u;
+        }
+        if is_lit {
+            more.z = bitcast<u32>(bitcast<f32>(more.z) * bitcast<f32>(cell_records[part_at(7u, record)].w));
+        }
         staged_boxes[r] = box;
         if box != 0u && (box & IS_SMALL) == 0u {
             mark_blocks(box, r, bits_at);
         }
         staged[r] = cell_records[part_at(0u, record)];
         staged[BATCH + r] = cell_records[part_at(2u, record)];
-        staged[2u * BATCH + r] = cell_records[part_at(3u, record)];
+        staged[2u * BATCH + r] = more;
     } else {
         staged[3u * BATCH + r] = cell_records[part_at(select(4u, 1u, visible), record)];
         staged[4u * BATCH + r] = cell_records[part_at(5u, record)];
-        staged[5u * BATCH + r] = cell_records[part_at(6u, record)];
-        if !visible && attributes {
+        var colors = cell_records[part_at(6u, record)];
+        if is_lit {
+            colors = vec4u(cell_records[part_at(RECORD_PLACE, record)].yzw, colors.w);
+        }
+        staged[5u * BATCH + r] = colors;
+        if !visible && has(drawn, DRAW_SURFACE | DRAW_EDGES) {
             staged[6u * BATCH + r] = cell_records[part_at(7u, record)];
         }
     }
@@ -160,6 +175,8 @@ struct CellRecord {
     scale: f32,
     epsilon: f32,
     weight_scale: f32,
+    // Factor of the coverage in an A-buffer.
+    coverage_scale: f32,
     flags: u32,
     uv: vec4f,
     w: vec2f,
@@ -169,13 +186,19 @@ struct CellRecord {
 }
 
 // Returns record r of the batch whose first pair has the index `batch`.
-fn staged_record(batch: u32, r: u32, drawn: CellPass) -> CellRecord {
+fn staged_record(batch: u32, r: u32, drawn: u32) -> CellRecord {
     let anchor = staged_part(0u, r);
     let plane = bitcast<vec4f>(staged_part(1u, r));
     let more = staged_part(2u, r);
     let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
+    var weight_scale = bitcast<f32>(more.z);
+    var coverage_scale = 1.0;
+    if has(drawn, DRAW_LAYERS) && frame.has_abuffer != 0u && scale_is_coverage() {
+        coverage_scale = weight_scale;
+        weight_scale = 1.0;
+    }
     var clipped = ABSENT;
-    if drawn.clipped && (more.w & RECORD_CLIPPED) != 0u {
+    if has(drawn, DRAW_CLIPPED) && (more.w & RECORD_CLIPPED) != 0u {
         clipped = pairs_in[batch + r].record;
     }
     return CellRecord(
@@ -184,7 +207,8 @@ fn staged_record(batch: u32, r: u32, drawn: CellPass) -> CellRecord {
         vec4f(plane.xy, bitcast<vec2f>(more.xy)),
         plane.z,
         plane.w,
-        bitcast<f32>(more.z),
+        weight_scale,
+        coverage_scale,
         more.w,
         bitcast<vec4f>(staged_part(3u, r)),
         w_and_anchor.xy,
@@ -205,8 +229,10 @@ struct CellSums {
     surface: vec4f,
     material: vec4f,
     fragments: f32,
-    // Sum of coverage, only for edges.
+    // Sum of coverage, only for edges. In a layer the sum of w·alpha.
     coverage: f32,
+    // In a layer of an A-buffer, its coverage.
+    layer_coverage: f32,
     // Depth and record of the nearest fragment. They are only found if the plane of nearest splats is requested; +∞ and
     // 0 otherwise.
     nearest_z: f32,
@@ -366,9 +392,17 @@ struct CellLimit {
     writer: vec2f,
 }
 
-// True if a depth lies behind the nearest surface of the pixel of invocation `at`, whose reversed depth is in `sides`.
-fn is_behind(at: u32, z: f32) -> bool {
-    return reversed_depth(z) < bitcast<f32>(atomicLoad(&sides[at]));
+// True if a pass draws fragments at depth z in the pixel of invocation `at`. In the edge pass these lie behind the
+// pixel's nearest surface, and in a layer behind the layers before it and not behind the opaque surface.
+fn draws_depth(at: u32, pixel: vec2i, z: f32, drawn: u32) -> bool {
+    if !has(drawn, DRAW_BEHIND | DRAW_LAYERS) {
+        return true;
+    }
+    let depth = reversed_depth(z);
+    if bitcast<f32>(atomicLoad(&sides[at])) <= depth {
+        return false;
+    }
+    return !has(drawn, DRAW_LAYERS) || opaque_depth_at(pixel) <= depth;
 }
 
 // Adds the contribution of record r of the batch whose first pair has the index `first` to the sums of a pixel, that of
@@ -379,7 +413,7 @@ fn add_contribution(
     pixel: vec2i,
     i: u32,
     limit: CellLimit,
-    drawn: CellPass,
+    drawn: u32,
     sums: ptr<function, CellSums>,
 ) {
     let record = staged_record(first, r, drawn);
@@ -387,22 +421,26 @@ fn add_contribution(
     if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
         return;
     }
-    if drawn.behind && !is_behind(i, c.z) {
+    if !draws_depth(i, pixel, c.z, drawn) {
         return;
     }
     (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
-    if drawn.surface {
+    if has(drawn, DRAW_SURFACE) {
         let normal = bitcast<vec3f>(staged_part(6u, r).xyz);
         (*sums).surface += vec4f(normal, c.z * frame.per_depth_unit) * c.weight;
     }
-    if drawn.edges {
+    if has(drawn, DRAW_EDGES | DRAW_LAYERS) {
         (*sums).coverage += bitcast<f32>(staged_part(6u, r).w) * c.weight;
+    }
+    if has(drawn, DRAW_LAYERS) {
+        let object = record.flags >> RECORD_OBJECT;
+        (*sums).layer_coverage += c.weight * record.coverage_scale * objects[object].coverage;
     }
     if frame.has_materials != 0u {
         (*sums).material += objects[record.flags >> RECORD_OBJECT].material * c.weight;
     }
     (*sums).fragments += 1.0;
-    if frame.nearest_at != ABSENT && !drawn.behind && c.z < (*sums).nearest_z {
+    if frame.nearest_at != ABSENT && !has(drawn, DRAW_BEHIND) && c.z < (*sums).nearest_z {
         (*sums).nearest_z = c.z;
         (*sums).nearest = pairs_in[first + r].record;
     }
@@ -410,7 +448,7 @@ fn add_contribution(
 
 // Raises the maxima of the pixels of a small splat, record r of the batch whose first pair has the index `batch`.
 // `corner` is the first pixel of the cell. Two invocations share the splat's rows: `half` is 0 or 1.
-fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -420,10 +458,11 @@ fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPas
     let record = staged_record(batch, r, drawn);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
-            let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
+            let pixel = vec2i(corner + vec2u(x, y));
+            let z = visible_depth_of(record, pixel);
             let at = invocation_of(x, y);
-            if z > 0.0 && (!drawn.behind || is_behind(at, z)) {
-                raise(at, maxima_of(record, z, drawn.sided), drawn.sided);
+            if z > 0.0 && draws_depth(at, pixel, z, drawn) {
+                raise(at, maxima_of(record, z, has(drawn, DRAW_SIDED)), has(drawn, DRAW_SIDED));
             }
         }
     }
@@ -434,7 +473,7 @@ fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPas
 //
 // Whatever the order of execution, splats that define the final threshold have their bits set. Bits of other splats
 // depend on the order, and change no result: the pixel finds that those splats don't define its threshold.
-fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -448,7 +487,7 @@ fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellP
             if z > 0.0 {
                 let at = invocation_of(x, y);
                 var is_raised = true;
-                if !drawn.sided {
+                if !has(drawn, DRAW_SIDED) {
                     let threshold = bitcast<u32>(reversed_depth(z + record.epsilon));
                     is_raised = atomicMax(&thresholds[at], threshold) <= threshold;
                 }
@@ -461,7 +500,7 @@ fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellP
 }
 
 // Sets the bit of a small splat at the pixels that it contributes to. Parameters are those of `raise_thresholds`.
-fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -474,11 +513,12 @@ fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: CellPass) {
             let at = invocation_of(x, y);
             let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
             var shown = true;
-            if drawn.sided {
+            if has(drawn, DRAW_SIDED) {
                 shown = shows_side(atomicLoad(&sides[at]), record.flags);
             }
-            let c = contribution_of(record, vec2i(corner + vec2u(x, y)));
-            if shown && is_within(threshold, c) && (!drawn.behind || is_behind(at, c.z)) {
+            let pixel = vec2i(corner + vec2u(x, y));
+            let c = contribution_of(record, pixel);
+            if shown && is_within(threshold, c) && draws_depth(at, pixel, c.z, drawn) {
                 atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
             }
         }
@@ -499,8 +539,8 @@ fn clear_cell(i: u32) {
 
 // Runs the first loop: returns the limit of the pixel of invocation i among the pairs whose indices are in `range`, and
 // stores it in `thresholds` and `sides`. All bits of records are clear before and after.
-fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
-    let sided = drawn.sided;
+fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
+    let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -515,7 +555,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        stage(first, count, corner, i, bits_at, true, false);
+        stage(first, count, corner, i, bits_at, true, drawn, false);
         workgroupBarrier();
         if i / 2u < count {
             raise_thresholds(first, i / 2u, i % 2u, corner, drawn);
@@ -528,7 +568,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit
                 if staged_box_holds(r, in_cell) {
                     let record = staged_record(first, r, drawn);
                     let z = visible_depth_of(record, pixel);
-                    if z > 0.0 && (!drawn.behind || is_behind(i, z)) {
+                    if z > 0.0 && draws_depth(i, pixel, z, drawn) {
                         maxima = greatest(maxima, maxima_of(record, z, sided));
                     }
                 }
@@ -601,8 +641,8 @@ fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
 
 // Runs the first loop like `find_limit`, and also finds the splat that defines the threshold. Of several such splats it
 // is the first, because a pixel visits candidates in order.
-fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
-    let sided = drawn.sided;
+fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
+    let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -613,7 +653,7 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        stage(first, count, corner, i, bits_at, true, false);
+        stage(first, count, corner, i, bits_at, true, drawn, false);
         workgroupBarrier();
         if i / 2u < count {
             mark_raised_pixels(first, i / 2u, i % 2u, corner, drawn);
@@ -664,8 +704,8 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -
 }
 
 // Returns the limit of the pixel of invocation i, with its writer if the pass needs it.
-fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
-    if drawn.edges {
+fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
+    if has(drawn, DRAW_EDGES) {
         return find_limit_and_writer(range, corner, i, drawn);
     }
     return find_limit(range, corner, i, drawn);
@@ -674,12 +714,18 @@ fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
 // Returns the sums of a pixel without fragments.
 fn no_cell_sums() -> CellSums {
     let none = vec4f(0.0, 0.0, 0.0, 0.0);
-    return CellSums(none, none, none, 0.0, 0.0, frame.empty_depth, 0u);
+    return CellSums(none, none, none, 0.0, 0.0, 0.0, frame.empty_depth, 0u);
 }
 
 // Runs the second loop: returns the sums of the pixel of invocation i up to its limit, among the pairs whose indices
 // are in `range`.
-fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellPass) -> CellSums {
+fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: u32) -> CellSums {
+    return sum_lit_pixel(range, corner, i, limit, drawn, false);
+}
+
+// Runs the second loop like `sum_pixel`. If `is_lit`, it sums the colours of splats that were lit one by one, for the
+// last layer.
+fn sum_lit_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: u32, is_lit: bool) -> CellSums {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -689,7 +735,7 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellP
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        stage(first, count, corner, i, bits_at, false, drawn.surface || drawn.edges);
+        stage(first, count, corner, i, bits_at, false, drawn, is_lit);
         workgroupBarrier();
         if i / 2u < count {
             mark_pixels(first, i / 2u, i % 2u, corner, drawn);
@@ -721,9 +767,9 @@ fn pairs_of(cell: vec2u) -> vec2u {
 }
 
 // Draws a cell (column, row), unless it is dense and sides aren't separated: dense cells are drawn in parts.
-fn draw_cell(cell: vec2u, i: u32, drawn: CellPass) {
+fn draw_cell(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
-    if !drawn.sided && range.y - range.x > DENSE_PAIRS {
+    if !has(drawn, DRAW_SIDED) && range.y - range.x > DENSE_PAIRS {
         return;
     }
     let corner = cell * CELL_SIDE;
@@ -735,7 +781,7 @@ fn draw_cell(cell: vec2u, i: u32, drawn: CellPass) {
 
 // Divides the sums of the pixel `own` of the targets by Σw, lights it, and writes its planes. `writer` is the z + ε and
 // the ε of the splat that defines its depth threshold.
-fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) {
+fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: u32) {
     if own.x >= frame.size_px.x || own.y >= frame.size_px.y {
         return;
     }
@@ -744,7 +790,7 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) 
     if frame.surfaces_at != ABSENT {
         write_surface(own, point);
     }
-    if drawn.edges {
+    if has(drawn, DRAW_EDGES) {
         write_edge_data(own, writer, sums.coverage, point.is_there);
     }
     let shaded = own - frame.shade_origin_px;
@@ -756,7 +802,7 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) 
     if frame.color_at != ABSENT {
         var color = frame.background;
         if point.is_there {
-            color = vec4f(color_of(position_at(pixel, point.z), point, drawn.full), 1.0);
+            color = vec4f(color_of(position_at(pixel, point.z), point, has(drawn, DRAW_FULL)), 1.0);
         }
         write_color(at, color);
     }
@@ -765,14 +811,21 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) 
         planes[frame.fragments_at + at] = sums.fragments;
     }
     if frame.nearest_at != ABSENT {
-        var found = vec2f(0.0, 0.0);
         if point.is_there {
-            let place = cell_records[part_at(RECORD_PLACE, sums.nearest)].x;
-            found = vec2f(f32(place / CELL_WORKGROUP + 1u), f32(place % CELL_WORKGROUP));
+            write_nearest(at, sums.nearest);
+        } else {
+            planes[frame.nearest_at + 2u * at] = 0.0;
+            planes[frame.nearest_at + 2u * at + 1u] = 0.0;
         }
-        planes[frame.nearest_at + 2u * at] = found.x;
-        planes[frame.nearest_at + 2u * at + 1u] = found.y;
     }
+}
+
+// Writes the place of the nearest splat, whose record has the index `record`, to the plane of nearest splats. `at` is
+// the pixel's number in the shaded region, row by row.
+fn write_nearest(at: u32, record: u32) {
+    let place = cell_records[part_at(RECORD_PLACE, record)].x;
+    planes[frame.nearest_at + 2u * at] = f32(place / CELL_WORKGROUP + 1u);
+    planes[frame.nearest_at + 2u * at + 1u] = f32(place % CELL_WORKGROUP);
 }
 
 // Writes the normal and depth of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for the
@@ -788,31 +841,31 @@ fn write_surface(own: vec2u, point: Point) {
 // Draws cells of an image that needs neither normals nor depths, for planes or shading. Sums colours and weights alone.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(false, false, false, false, false, false));
+    draw_cell(cell.xy, i, 0u);
 }
 
 // Draws cells of an image that needs normals or depths, for planes or shading.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, false, false, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE);
 }
 
 // Draws cells of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, false, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL);
 }
 
 // Draws cells whose pixels show one side of oriented splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, true, false, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_SIDED);
 }
 
 // Draws cells whose pixels show one side of oriented splats, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, false, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED);
 }
 
 // Draws cells in frames with clipped splats. This entry point and the next three differ in whether pixels show one side
@@ -820,44 +873,44 @@ fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(loc
 // points above do, shadows included.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, false, false, true));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, false, false, true));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, true, false, true));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, true, false, true));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES | DRAW_CLIPPED);
 }
 
 // Draws cells of images with antialiased edges, in frames without clipped splats. This entry point and the next three
 // differ in whether pixels show one side of oriented splats (sided), and in shadows or the shader `toon` (shadowed).
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, false, true, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, false, true, true, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_SIDED | DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, CellPass(true, true, true, true, false, false));
+    draw_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES);
 }
 
 // Largest number of pairs of a cell that isn't dense. Dense cells are drawn in parts, each by its own workgroup, so
@@ -936,26 +989,26 @@ fn corner_of_cell(cell: u32) -> vec2u {
 
 // Finds the depth thresholds of the pixels of part `number`, among the part's pairs alone. The entry points below call
 // it for frames without antialiased edges or with them (edged), and with clipped splats (clipped).
-fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
+fn find_part_thresholds(number: u32, i: u32, drawn: u32) {
     let part = part_of(number);
     if part.range.x == part.range.y {
         return;
     }
     var nearest = 0.0;
-    if drawn.behind {
+    if has(drawn, DRAW_BEHIND) {
         let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
-        if !cell_has_edges(i, edge.is_edge) {
+        if !holds_in_cell(i, edge.is_edge) {
             return;
         }
         nearest = edge.nearest;
     }
     clear_cell(i);
-    if drawn.behind {
+    if has(drawn, DRAW_BEHIND) {
         atomicStore(&sides[i], bitcast<u32>(nearest));
     }
     let limit = limit_by(part.range, corner_of_cell(part.cell), i, drawn);
     put_part_f32(number, 0u, i, limit.threshold);
-    if drawn.edges {
+    if has(drawn, DRAW_EDGES) {
         put_part_f32(number, 1u, i, limit.writer.x);
         put_part_f32(number, 2u, i, limit.writer.y);
     }
@@ -963,28 +1016,28 @@ fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, false, false, false));
+    find_part_thresholds(workgroup_number(group), i, 0u);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edged_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, true, false, false));
+    find_part_thresholds(workgroup_number(group), i, DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+    find_part_thresholds(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_edged_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    find_part_thresholds(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
+    find_part_thresholds(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES | DRAW_CLIPPED);
 }
 
 // Sums the contributions of part `number` to its pixels, up to the smallest depth threshold of all parts of its cell.
 // The entry points below call it for images without normals and depths (colors) or with them (surfaces), with
 // antialiased edges (edged), and with clipped splats (clipped).
-fn sum_part(number: u32, i: u32, drawn: CellPass) {
+fn sum_part(number: u32, i: u32, drawn: u32) {
     let part = part_of(number);
     if part.range.x == part.range.y {
         return;
@@ -995,16 +1048,16 @@ fn sum_part(number: u32, i: u32, drawn: CellPass) {
         threshold = max(threshold, bitcast<f32>(cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]));
     }
     var nearest = 0.0;
-    if drawn.behind {
+    if has(drawn, DRAW_BEHIND) {
         let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
-        if !cell_has_edges(i, edge.is_edge) {
+        if !holds_in_cell(i, edge.is_edge) {
             return;
         }
         nearest = edge.nearest;
     }
     clear_cell(i);
     workgroupBarrier();
-    if drawn.behind {
+    if has(drawn, DRAW_BEHIND) {
         atomicStore(&sides[i], bitcast<u32>(nearest));
     }
     atomicStore(&thresholds[i], bitcast<u32>(threshold));
@@ -1023,31 +1076,31 @@ fn sum_part(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_colors(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(false, false, false, false, false, false));
+    sum_part(workgroup_number(group), i, 0u);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, false, false));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, false, false, true, false, false));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE | DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_clipped_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, CellPass(true, true, false, true, false, true));
+    sum_part(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES | DRAW_CLIPPED);
 }
 
 // Returns the sums, over all parts of a dense cell with the pairs `range`, of the pixel of invocation i.
-fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
+fn sums_of_parts(range: vec2u, i: u32, drawn: u32) -> CellSums {
     var sums = no_cell_sums();
     for (var k = 0u; k < parts_of(range); k++) {
         let part = part_number(range, k);
@@ -1057,10 +1110,10 @@ fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
             sums.material[c] += part_f32(part, 11u + c, i);
         }
         sums.fragments += part_f32(part, 15u, i);
-        if drawn.edges {
+        if has(drawn, DRAW_EDGES) {
             sums.coverage += part_f32(part, 16u, i);
         }
-        if frame.nearest_at != ABSENT && !drawn.behind {
+        if frame.nearest_at != ABSENT && !has(drawn, DRAW_BEHIND) {
             let z = part_f32(part, 17u, i);
             if z < sums.nearest_z {
                 sums.nearest_z = z;
@@ -1072,14 +1125,14 @@ fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
 }
 
 // Draws a dense cell (column, row) from the sums of its parts. Does nothing for other cells.
-fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
+fn combine_cell(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
     if range.y - range.x <= DENSE_PAIRS {
         return;
     }
     var threshold = 0.0;
     var writer = vec2f(0.0, 0.0);
-    if drawn.edges {
+    if has(drawn, DRAW_EDGES) {
         for (var k = 0u; k < parts_of(range); k++) {
             let part = part_number(range, k);
             let own = part_f32(part, 0u, i);
@@ -1094,23 +1147,23 @@ fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, false, false, false, false, false));
+    combine_cell(cell.xy, i, DRAW_SURFACE);
 }
 
 // Draws dense cells from their parts, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, true, false, false, false, false));
+    combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL);
 }
 
 // Draws dense cells from their parts, in an image with antialiased edges. The next entry point does so in an image with
 // shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, false, false, true, false, false));
+    combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_EDGES);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, CellPass(true, true, false, true, false, false));
+    combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES);
 }

@@ -104,7 +104,7 @@ fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) ->
 }
 
 // Draws the samples of the active cell with this number, and writes their means to the colours of its sampled pixels.
-fn draw_samples(number: u32, i: u32, drawn: CellPass) {
+fn draw_samples(number: u32, i: u32, drawn: u32) {
     if number >= frame.cell_active_room {
         return;
     }
@@ -122,7 +122,7 @@ fn draw_samples(number: u32, i: u32, drawn: CellPass) {
     let point = point_of(sums.color, sums.surface, sums.material);
     var color = frame.background;
     if point.is_there {
-        let shown = color_of(position_at(vec2i(at), point.z), point, drawn.full);
+        let shown = color_of(position_at(vec2i(at), point.z), point, has(drawn, DRAW_FULL));
         let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
         color = vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0);
     }
@@ -151,31 +151,31 @@ fn draw_samples(number: u32, i: u32, drawn: CellPass) {
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, false, false, false, false, false));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false, false));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, false, true, false, false, false));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_SIDED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false, false));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED);
 }
 
 // Draws the samples of an image with clipped splats, with or without shadows and `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false, true));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false, true));
+    draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_CLIPPED);
 }

@@ -20,7 +20,9 @@ const CELL_ROW: u32 = 32768u;
 // Number of elements that a workgroup scans or sorts.
 const CELL_BLOCK: u32 = 2048u;
 // Size of a record in parts of type vec4u. RECORD_PLACE is the number of the part that follows if the plane of nearest
-// splats is requested: its first word is the splat's group times CELL_WORKGROUP, plus the splat's index in the group.
+// splats is requested, or if the last layer is lit splat by splat. Its first word is the splat's group times
+// CELL_WORKGROUP, plus the splat's index in the group. The others are the view position of the splat's centre, which
+// `cell_light` replaces by the colour of the lit splat.
 const RECORD_PARTS: u32 = 9u;
 const RECORD_PLACE: u32 = 9u;
 // Number of the part of a record at which its clips begin in a frame with clipped splats, and number of parts of a
@@ -60,6 +62,9 @@ struct CellCounters {
     pairs: atomic<u32>,
     // Number of active cells of a tile of samples.
     active_cells: atomic<u32>,
+    // Largest number of layers of transparent splats that a cell draws. It is frame.layer_count + 1 if more layers than
+    // that many may lie behind those of an A-buffer.
+    layers: atomic<u32>,
 }
 
 // CellCounters for passes that only read them.
@@ -67,6 +72,7 @@ struct CellCounts {
     records: u32,
     pairs: u32,
     active_cells: u32,
+    layers: u32,
 }
 
 // A record and a cell that it may touch. A buffer of pairs begins with a header of one element per cell, whose fields
@@ -95,8 +101,8 @@ struct CellRound {
 @group(1) @binding(42) var<storage, read_write> cell_counters: array<CellCounters>;
 // Chunks of the segment that may touch the tile.
 @group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
-// Records of splats that reach the near plane, which the host has set up, one after another: RECORD_PARTS elements
-// each, in a frame with clipped splats followed by the two clips.
+// Records of splats that reach the near plane, which the host has set up, one after another: the parts of a record, the
+// part RECORD_PLACE included, and in a frame with clipped splats the two clips.
 @group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
 @group(1) @binding(45) var<uniform> cell_round: CellRound;
 // Numbers to scan. Counts of digits are stored digit by digit, and for each digit block by block.
@@ -174,6 +180,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
         atomicStore(&cell_counters[frame.cell_part].records, 0u);
         atomicStore(&cell_counters[frame.cell_part].pairs, 0u);
         atomicStore(&cell_counters[frame.cell_part].active_cells, 0u);
+        atomicStore(&cell_counters[frame.cell_part].layers, 0u);
     }
     if cell < frame.cell_header {
         pairs_out[cell] = CellPair(0u, 0u);
@@ -242,10 +249,11 @@ var<workgroup> group_first_record: u32;
 // Number of pairs of the workgroup's group.
 var<workgroup> group_pairs: atomic<u32>;
 
-// Writes a group's records without gaps and counts its pairs. Invocation i of the workgroup passes one record. Records
-// without pairs are left out. All invocations of the workgroup have to call it, with `may_be_there` false if they have
-// no record. Returns the index of the invocation's record, or ABSENT if it wasn't written.
-fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) -> u32 {
+// Writes a group's records without gaps and counts its pairs. Invocation i of the workgroup passes one record and the
+// view position of its splat's centre. Records without pairs are left out. All invocations of the workgroup have to call
+// it, with `may_be_there` false if they have no record. Returns the index of the invocation's record, or ABSENT if it
+// wasn't written.
+fn write_group(group: u32, i: u32, record: Record, center: vec3f, may_be_there: bool) -> u32 {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
     }
@@ -287,8 +295,8 @@ fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) -> u32 {
         cell_records_out[part_at(6u, at)] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
         cell_records_out[part_at(7u, at)] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
         cell_records_out[part_at(8u, at)] = boxes;
-        if frame.nearest_at != ABSENT {
-            cell_records_out[part_at(RECORD_PLACE, at)] = vec4u(group * CELL_WORKGROUP + i, 0u, 0u, 0u);
+        if frame.nearest_at != ABSENT || frame.has_remaining_layer != 0u {
+            cell_records_out[part_at(RECORD_PLACE, at)] = vec4u(group * CELL_WORKGROUP + i, bitcast<vec3u>(center));
         }
         return at;
     }
@@ -359,7 +367,8 @@ fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
     if found.group == ABSENT {
         return;
     }
-    _ = write_group(found.group, i, found.splat.record, found.splat.is_there);
+    let record = found.splat.record;
+    _ = write_group(found.group, i, record, center_of(record), found.splat.is_there);
 }
 
 // Sets up the splats of a chunk in a frame with clipped splats, and writes their clips.
@@ -372,7 +381,7 @@ fn cell_clipped_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invoca
     var record = found.splat.record;
     let is_clipped = segment.clip_at != ABSENT;
     record.flags |= select(0u, RECORD_CLIPPED, is_clipped);
-    let at = write_group(found.group, i, record, found.splat.is_there);
+    let at = write_group(found.group, i, record, center_of(record), found.splat.is_there);
     if is_clipped && at != ABSENT {
         let clips = clips_of(found.own, found.splat.footprints);
         write_clip(at, CLIP_PART, clips.visible);
@@ -406,35 +415,38 @@ fn near_record(at: u32) -> Record {
 fn copy_near_record(number: u32, i: u32, parts: u32) -> u32 {
     let index = number * CELL_WORKGROUP + i;
     var record: Record;
+    var center = vec3f(0.0, 0.0, 0.0);
     var is_there = index < arrayLength(&near_records) / parts;
     if is_there {
         record = near_record(parts * index);
+        center = bitcast<vec3f>(near_records[parts * index + RECORD_PLACE].yzw);
         is_there = record.visible_box.y != 0u || record.filtered_box.y != 0u;
     }
-    return write_group(frame.cell_chunk_count + number, i, record, is_there);
+    return write_group(frame.cell_chunk_count + number, i, record, center, is_there);
 }
 
 // Copies the records of splats that reach the near plane, which the host has set up, into groups after those of chunks.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
-    if number * CELL_WORKGROUP >= arrayLength(&near_records) / RECORD_PARTS {
+    let parts = RECORD_PARTS + 1u;
+    if number * CELL_WORKGROUP >= arrayLength(&near_records) / parts {
         return;
     }
-    _ = copy_near_record(number, i, RECORD_PARTS);
+    _ = copy_near_record(number, i, parts);
 }
 
 // Copies the records of splats that reach the near plane with their clips, in a frame with clipped splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
-    let parts = RECORD_PARTS + 2u * CLIP_PARTS;
+    let parts = CLIP_PART + 2u * CLIP_PARTS;
     if number * CELL_WORKGROUP >= arrayLength(&near_records) / parts {
         return;
     }
     let at = copy_near_record(number, i, parts);
     if at != ABSENT {
-        let clips = parts * (number * CELL_WORKGROUP + i) + RECORD_PARTS;
+        let clips = parts * (number * CELL_WORKGROUP + i) + CLIP_PART;
         for (var k = 0u; k < 2u * CLIP_PARTS; k++) {
             cell_records_out[part_at(CLIP_PART + k, at)] = near_records[clips + k];
         }
@@ -492,6 +504,7 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         atomicLoad(&cell_counters[part].records),
         atomicLoad(&cell_counters[part].pairs),
         atomicLoad(&cell_counters[part].active_cells),
+        0u,
     )));
     var of_blocks = 0u;
     for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {

@@ -351,6 +351,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     record.coverage = filtered.coverage_scale * object.coverage;
     if frame.has_layers != 0u && segment.alpha_at != ABSENT {
         record.coverage = stored_f32(i * segment.stride + segment.alpha_at, 0u);
+        record.flags |= RECORD_LAYERED;
         if frame.has_abuffer != 0u && scale_is_coverage() {
             record.weight_scale = filtered.coverage_scale;
         }

@@ -84,6 +84,10 @@ struct Frame {
     // ratio, if the filter has one, in place of the weight's factor.
     has_layers: u32,
     has_abuffer: u32,
+    // For the compute path: maximum number of layers to peel, and 1 if all fragments behind them are drawn as one last
+    // layer.
+    layer_count: u32,
+    has_remaining_layer: u32,
     // 1 if clip curves are replaced by their chords, the straight lines between their ends.
     clip_by_chord: u32,
     // Unit in which depths are summed, in world units: a power of two near the farthest depth, since sums may be f16,
@@ -142,10 +146,12 @@ struct Frame {
     // Index of the frame's element in `cell_counters`: 0 for the tile of pixels, from 1 on for the frames of its
     // samples.
     cell_part: u32,
-    // Offsets in `planes`, in words, of the data that the compute path's passes over neighbours read: normals and
-    // depths of surfaces, and edge data (cell_neighbours.wgsl). ABSENT without such passes.
+    // Offsets in `planes`, in words, of the data that the compute path's passes over neighbours and layers read: normals
+    // and depths of surfaces, and edge data (cell_neighbours.wgsl). ABSENT without such passes.
     surfaces_at: u32,
     edges_at: u32,
+    // Offset in `planes`, in words, of the number of layers that each cell draws. ABSENT without layers.
+    layers_at: u32,
     // A uniform buffer aligns structs to 16 bytes.
     @align(16) tolerance: Tolerance,
 }
@@ -286,8 +292,10 @@ const RECORD_BACK: u32 = 16u;
 // Record flag: the record has clips. Only set in the compute path, which draws splats with and without clips in the
 // same passes.
 const RECORD_CLIPPED: u32 = 32u;
+// Record flag: the splat is transparent and drawn in layers.
+const RECORD_LAYERED: u32 = 64u;
 // Number of the bit of Record.flags at which the index of the splat's object begins.
-const RECORD_OBJECT: u32 = 6u;
+const RECORD_OBJECT: u32 = 7u;
 
 // A light of the scene.
 struct Light {

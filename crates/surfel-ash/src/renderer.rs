@@ -310,7 +310,7 @@ impl Renderer {
                 room = tiles.grown(tried, &counters, self.limits);
                 continue;
             }
-            CellCapacity::count(&counters, stats);
+            CellCapacity::count(&counters, stats).map_err(Failure::other)?;
             let planes = targets.readback.words(pixels.planes.floats as usize)?;
             let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
             stats.fragments +=

@@ -319,10 +319,12 @@ impl Renderer {
             let (more, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
                 let [planes, counters, costs] = parts else { return None };
                 if !tried.holds(counters) {
-                    return Some(tiles.grown(tried, counters, self.limits));
+                    return Some(Ok(tiles.grown(tried, counters, self.limits)));
                 }
                 pass_record.add(costs, stats);
-                CellCapacity::count(counters, stats);
+                if let Err(message) = CellCapacity::count(counters, stats) {
+                    return Some(Err(failed(message)));
+                }
                 let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
                 let planes = bytemuck::cast_slice(planes);
                 stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
@@ -335,7 +337,7 @@ impl Renderer {
                 count_frame_bytes(target_bytes + self.cells.bytes(), job.shadow_texels.size(), stats);
                 return Ok(true);
             };
-            room = grown;
+            room = grown?;
         }
         Ok(false)
     }

@@ -1,5 +1,7 @@
 //! Layout of a tile's planes in the buffer that the shading pass writes: one array of f32.
 
+use crate::passes::cells::CellCounts;
+use crate::passes::pass_list::has_layers;
 use rayon::prelude::*;
 use surfel_math::srgb::encode_rgba8;
 use surfel_render::{Frame, FramePlan, Identity, Pass, Planes, Region};
@@ -20,14 +22,17 @@ pub struct PlaneLayout {
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
     /// Offset of the surfaces, which are the normal and depth of every pixel of the targets. Passes of the compute path
-    /// that read neighbouring pixels use them. They are stored after the planes.
+    /// that read neighbouring pixels or draw transparent layers use them. They are stored after the planes.
     pub(crate) surfaces_at: u32,
     /// Offset of the edge data of every pixel of the targets (`shaders/passes/cell_neighbours.wgsl`). Passes of the
     /// compute path that read neighbouring pixels use them. They are stored after the surfaces.
     pub(crate) edges_at: u32,
+    /// Offset of the number of transparent layers that each cell of the compute path draws. They are stored after the
+    /// edge data.
+    pub(crate) layers_at: u32,
     /// Number of floats that the CPU reads back: the planes and, for trained Gaussians, the float before them.
     pub floats: u32,
-    /// Number of floats in the whole buffer, including surfaces and edge data.
+    /// Number of floats in the whole buffer, including surfaces, edge data and numbers of layers.
     pub buffer_floats: u32,
 }
 
@@ -40,7 +45,7 @@ const SURFACE_FLOATS: u32 = 4;
 /// Returns the numbers of floats per pixel of the surfaces and of the edge data. Each is 0 if no pass of the compute
 /// path reads the data, given the plan.
 pub(crate) fn neighbour_floats(plan: &FramePlan) -> [u32; 2] {
-    let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome);
+    let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome) || has_layers(plan);
     let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
     [if has_surfaces { SURFACE_FLOATS } else { 0 }, if has_edges { layout::EDGE_WORDS } else { 0 }]
 }
@@ -87,21 +92,26 @@ impl PlaneLayout {
             distortion_at,
             surfaces_at: layout::ABSENT,
             edges_at: layout::ABSENT,
+            layers_at: layout::ABSENT,
             floats,
             buffer_floats: floats,
         }
     }
 
-    /// Appends the surfaces and edge data that passes over neighbouring pixels read, for `pixels` pixels of the
-    /// targets.
-    pub(crate) fn with_neighbours(self, plan: &FramePlan, pixels: u32) -> Self {
+    /// Appends what passes of the compute path read besides the planes, for targets of `size` pixels: surfaces, edge
+    /// data, and numbers of layers.
+    pub(crate) fn with_cell_data(self, plan: &FramePlan, size: [u32; 2]) -> Self {
+        let pixels: u32 = size.iter().product();
         let [surfaces, edges] = neighbour_floats(plan);
+        let layers: u32 = if has_layers(plan) { CellCounts::size_of(size).iter().product() } else { 0 };
         let place = |at: u32, floats: u32| if floats > 0 { at } else { layout::ABSENT };
         let edges_at = self.floats + surfaces * pixels;
+        let layers_at = edges_at + edges * pixels;
         Self {
             surfaces_at: place(self.floats, surfaces),
             edges_at: place(edges_at, edges),
-            buffer_floats: edges_at + edges * pixels,
+            layers_at: place(layers_at, layers),
+            buffer_floats: layers_at + layers,
             ..self
         }
     }

@@ -13,7 +13,7 @@ use crate::frame::polygons::polygon_words;
 use crate::frame::tiling::targets_of;
 use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
 use crate::passes::cells::{CellCapacity, CellCounts};
-use crate::passes::pass_list::is_of_shadow_map;
+use crate::passes::pass_list::{has_layers, is_of_shadow_map};
 use crate::passes::schedule::VisibleSegments;
 use crate::scene::clip::{CELL_CLIP_WORDS, Variant, cell_clip_words};
 use crate::scene::limits::Limits;
@@ -159,8 +159,9 @@ impl TileData {
         let mut cells = CellCounts {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),
             near: data.near.iter().map(NearRecords::count).sum(),
-            has_places: plan.planes.index,
+            has_places: plan.planes.index || plan.has(Pass::RemainingLayer),
             has_clips: plan.clip != ClipPolicy::Off,
+            has_layers: has_layers(plan) && data.visible().has_transparent(),
             ..CellCounts::default()
         };
         for segment in &mut data.segments {
@@ -225,7 +226,7 @@ impl TileData {
         let mut planes = of_tile(plan.planes, tile.width * tile.height);
         let targets = targets_of(tile, view, plan);
         if by_cells {
-            planes = planes.with_neighbours(plan, targets.width * targets.height);
+            planes = planes.with_cell_data(plan, [targets.width, targets.height]);
         }
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
@@ -437,23 +438,30 @@ impl TileData {
     }
 
     /// Returns the words of the shaders' `near_records` for the compute path: the records of all splats that reach the
-    /// near plane. In frames that evaluate clips, each record is followed by the clips of its two footprints, or by
-    /// zeros if its splat has no clip. At least one word.
+    /// near plane, each followed by a zero and the view position of the splat's centre (zeros unless a layer is lit
+    /// splat by splat). In frames that evaluate clips, the clips of the two footprints come next, or zeros if the splat
+    /// has no clip. At least one word.
     pub fn cell_near_words(&self) -> Vec<u32> {
         let has_clips = self.cells.as_ref().is_some_and(|cells| cells.has_clips);
         let record_words = layout::record::SIZE / 4;
         let mut words = Vec::new();
         for near in &self.near {
             let mut clips = near.clips.chunks_exact(layout::clip::SIZE / 4);
+            let mut lit = near.lit.chunks_exact(record_words);
+            let is_clipped = has_clips && near.variant == Variant::Clipped;
+            let clipped = if is_clipped { layout::RECORD_CLIPPED } else { 0 };
+            let layered = if near.is_transparent { layout::RECORD_LAYERED } else { 0 };
             for record in near.records.chunks_exact(record_words) {
                 let first = words.len();
                 words.extend_from_slice(record);
+                if let Some(flags) = words.get_mut(first + layout::record::FLAGS / 4) {
+                    *flags |= clipped | layered;
+                }
+                let lit = lit.next().unwrap_or_default();
+                words.push(0);
+                words.extend(center_words(lit));
                 if !has_clips {
                     continue;
-                }
-                let is_clipped = near.variant == Variant::Clipped;
-                if let (true, Some(flags)) = (is_clipped, words.get_mut(first + layout::record::FLAGS / 4)) {
-                    *flags |= layout::RECORD_CLIPPED;
                 }
                 for _ in 0..2 {
                     let clip = if is_clipped { clips.next() } else { None };
@@ -495,6 +503,13 @@ impl TileData {
         let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
         if clipped { vec![Variant::Whole, Variant::Clipped] } else { vec![Variant::Whole] }
     }
+}
+
+/// Returns the words of the view position of a splat's centre from a record of [`NearRecords::lit`]; zeros if the record
+/// is empty.
+fn center_words(record: &[u32]) -> [u32; 3] {
+    use layout::record::{VISIBLE_U, VISIBLE_V};
+    [VISIBLE_U, VISIBLE_U + 4, VISIBLE_V].map(|at| record.get(at / 4).copied().unwrap_or(0))
 }
 
 /// Returns the identity of the splat with index `i` in the cloud of the scene's object number `object`. Without stored

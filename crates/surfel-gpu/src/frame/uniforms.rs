@@ -2,7 +2,7 @@
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::planes::PlaneLayout;
-use crate::passes::pass_list::{has_layers, is_of_shadow_map};
+use crate::passes::pass_list::{has_layers, is_of_shadow_map, max_layers};
 use crate::scene::segment::{UploadedObject, UploadedScene};
 use crate::struct_writer::StructWriter;
 use glam::{DVec2, DVec3};
@@ -204,6 +204,8 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_EYE_DOME, u32::from(plan.has(Pass::EyeDome)));
     words.u32(at::HAS_BALLS, u32::from(plan.has(Pass::Balls)));
     words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
+    let has_remaining = plan.has(Pass::RemainingLayer);
+    words.u32(at::LAYER_COUNT, max_layers(plan)).u32(at::HAS_REMAINING_LAYER, u32::from(has_remaining));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     let ambient = limit_light(scene.ambient, frame.light_count as usize);
@@ -217,6 +219,7 @@ pub(crate) fn frame_words(
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
     words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
     words.u32(at::SURFACES_AT, planes.surfaces_at).u32(at::EDGES_AT, planes.edges_at);
+    words.u32(at::LAYERS_AT, planes.layers_at);
     words.u32(at::NEAREST_AT, planes.nearest_at).u32(at::ALPHA_AT, planes.alpha_at);
     words.u32(at::MEDIAN_DEPTH_AT, planes.median_depth_at).u32(at::DISTORTION_AT, planes.distortion_at);
     if plan.has(Pass::Gaussians) {

@@ -2,7 +2,7 @@
 //! An *entry point* is the function of a shader with which a dispatch begins.
 
 use crate::passes::cells::{CellCapacity, CellCounts, CellRound};
-use crate::passes::pass_list::distinct;
+use crate::passes::pass_list::{distinct, has_layers};
 use crate::passes::pixel_pass::EDGE_SAMPLES;
 use surfel_model::{ClipPolicy, Shader};
 use surfel_render::{FramePlan, Pass};
@@ -240,6 +240,14 @@ pub(crate) fn cell_stages(
     if let Some([whole, thresholds, sums, combine]) = entries.edges {
         stages.push(CellStage { name: "edges", steps: over(whole, Some([thresholds, sums, combine])) });
     }
+    if cells.has_layers && cells.groups() > 0 {
+        let each = |entry, count: u32| {
+            CellStep::of(entry, CellRound::Groups, u64::from(count).div_ceil(layout::CELL_WORKGROUP.into()))
+        };
+        let light = plan.has(Pass::RemainingLayer).then(|| each("cell_light", room.records));
+        let draw = [CellStep::over_cells("cell_layers", cells), each("cell_count_layers", cells.cells())];
+        stages.push(CellStage { name: "layers", steps: light.into_iter().chain(draw).collect() });
+    }
     stages
 }
 
@@ -295,8 +303,12 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     ];
     let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
     let neighbours = has_neighbour_passes(plan).then_some("cell_neighbours");
+    let light = plan.has(Pass::RemainingLayer).then_some("cell_light");
+    let layers = has_layers(plan).then_some(["cell_layers", "cell_count_layers"]);
+    let layers = light.into_iter().chain(layers.into_iter().flatten());
     let raster = [cells].into_iter().chain(of_parts.into_iter().flatten());
-    distinct(before.into_iter().chain(raster).chain(neighbours).chain(edges.into_iter().flatten()).chain(of_samples))
+    let after = neighbours.into_iter().chain(edges.into_iter().flatten()).chain(layers).chain(of_samples);
+    distinct(before.into_iter().chain(raster).chain(after))
 }
 
 #[cfg(test)]

@@ -3,7 +3,9 @@
 //! pixels of a tile, which one workgroup draws. A *record* is a splat as set up for a tile: its projected forms, pixel
 //! boxes and colour in a buffer. A *pair* is a record and a cell that the record may touch.
 
-use crate::passes::memory::add_counter;
+use crate::passes::layer_draws::LAYERS_DRAWN;
+use crate::passes::memory::{add_counter, raise_counter};
+use crate::passes::pass_list::check_layers;
 use crate::scene::limits::Limits;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
@@ -27,21 +29,24 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw the frames of a plan. They draw frames of opaque splats, clipped or not, and always
-    /// sum in f32.
+    /// True if compute shaders draw the frames of a plan. They draw frames of splats, clipped or not, and always sum in
+    /// f32.
     ///
-    /// Splats in transparent layers, polygons, balls, trained Gaussians and the drawing of shadow maps need raster
-    /// hardware.
+    /// Polygons, balls, trained Gaussians, the drawing of shadow maps, and transparent layers whose edges are
+    /// antialiased by samples need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
-                Attributes, EdgeAntialiasing, EdgeSamples, EyeDome, Nearest, Outlines, Shade, ShadowMap, Visibility,
+                ABuffer, Attributes, EdgeAntialiasing, EdgeSamples, EyeDome, Nearest, Outlines, PeelLayer,
+                RemainingLayer, Shade, ShadowMap, Visibility,
             };
             let is_of_splats = matches!(pass, ShadowMap | Visibility | Attributes | Nearest | Shade);
-            is_of_splats || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
+            let is_of_layers = matches!(pass, PeelLayer | RemainingLayer | ABuffer);
+            is_of_splats || is_of_layers || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
-        self != Self::Raster && has_splats && !plan.separates_transparent && plan.passes.iter().all(is_drawn)
+        let samples_layers = plan.separates_transparent && plan.has(Pass::EdgeSamples);
+        self != Self::Raster && has_splats && !samples_layers && plan.passes.iter().all(is_drawn)
     }
 }
 
@@ -240,10 +245,13 @@ pub struct CellCounts {
     pub near: u32,
     /// True for a tile of samples: only its active cells have pairs.
     pub is_of_samples: bool,
-    /// True if records store the index of their splat, which planes such as `index` need.
+    /// True if records store the index and centre of their splat, which planes such as `index` and layers that are lit
+    /// splat by splat need.
     pub has_places: bool,
     /// True if records of clipped splats store their clips.
     pub has_clips: bool,
+    /// True if transparent layers are drawn.
+    pub has_layers: bool,
 }
 
 impl CellCounts {
@@ -378,10 +386,18 @@ impl CellCapacity {
         kept.or(estimate)
     }
 
-    /// Adds the numbers of records and pairs that were drawn to the statistics. `counters` are the words of
+    /// Adds the numbers of records, pairs and layers that were drawn to the statistics. `counters` are the words of
     /// [`CellBuffer::Counters`]. Records of samples don't count, because their splats were counted with the tile of
     /// pixels.
-    pub fn count(counters: &[u32], stats: &mut Stats) {
+    ///
+    /// # Errors
+    /// A message that states the cause and a remedy, if a pixel has more transparent surfaces than GPUs draw.
+    pub fn count(counters: &[u32], stats: &mut Stats) -> Result<(), String> {
+        let layers = counters.get(layout::cell_counters::LAYERS / 4).copied().unwrap_or(0);
+        check_layers(layers.into())?;
+        if layers > 0 {
+            raise_counter(LAYERS_DRAWN, layers.into(), stats);
+        }
         let mut tiles = of_tiles(counters);
         let pixels = tiles.next().unwrap_or_default();
         stats.drawn += pixels.records;
@@ -391,6 +407,7 @@ impl CellCapacity {
             add_counter(cells, samples.active as f64, stats);
             add_counter(pairs, samples.pairs as f64, stats);
         }
+        Ok(())
     }
 
     /// True if a tile and its samples fit the capacity. `counters` are the words of [`CellBuffer::Counters`]. If a tile
@@ -474,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn compute_shaders_draw_opaque_splats_and_nothing_else() {
+    fn compute_shaders_draw_splats_and_nothing_else() {
         let plain = SceneSummary::default();
         for shader in [Shader::Unlit, Shader::Phong, Shader::Normal, Shader::Toon, Shader::Edl, Shader::Matcap] {
             let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
@@ -493,12 +510,21 @@ mod tests {
         let others = [
             planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
+            // The samples of edges of transparent layers.
             planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
-                s.transparency = "peel:2".parse().unwrap();
+                (s.transparency, s.edge_aa) = ("peel:2".parse().unwrap(), EdgeAa::Samples);
             }),
         ];
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
+        }
+        for transparency in ["peel:1", "peel:3", "peel:3:drop", "abuffer:4"] {
+            for edge_aa in [EdgeAa::Off, EdgeAa::Coverage] {
+                let plan = planned(&with(|s| s.transparent = true), Planes::ALL.with_index(true), |s| {
+                    (s.transparency, s.edge_aa) = (transparency.parse().unwrap(), edge_aa);
+                });
+                assert!(GpuPath::Auto.draws_cells(&plan), "{transparency} {edge_aa:?}");
+            }
         }
         // Sums are in f32 whatever the settings permit.
         assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16)));
@@ -589,7 +615,7 @@ mod tests {
         let more = room.grown(&needed, &counts, all).unwrap();
         assert!(more.holds(&needed) && more.active <= 256 * 200);
         let mut stats = Stats::default();
-        CellCapacity::count(&needed, &mut stats);
+        CellCapacity::count(&needed, &mut stats).unwrap();
         let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
         assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
     }

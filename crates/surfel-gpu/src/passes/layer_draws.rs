@@ -11,7 +11,7 @@ use surfel_render::Stats;
 use surfel_shaders::layout::{draw_arguments, layer_draws as at};
 
 /// Name of the counter of drawn layers in the statistics, which [`count_layers`] raises.
-const LAYERS_DRAWN: &str = "layers_drawn";
+pub(crate) const LAYERS_DRAWN: &str = "layers_drawn";
 
 /// Size of the header of the shaders' `LayerDraws`, in bytes: the words that [`count_layers`] and [`layers_remain`]
 /// read.
