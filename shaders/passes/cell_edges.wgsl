@@ -88,7 +88,7 @@ fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
 // dense.
 fn draw_edges(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
-    if range.y - range.x > DENSE_PAIRS {
+    if is_dense(range) {
         return;
     }
     let corner = cell * CELL_SIDE;
@@ -99,7 +99,8 @@ fn draw_edges(cell: vec2u, i: u32, drawn: u32) {
     }
     clear_cell(i);
     atomicStore(&sides[i], bitcast<u32>(edge.nearest));
-    let limit = find_limit(range, corner, i, drawn);
+    let limit = limit_of(find_maxima(range, corner, i, drawn));
+    store_limit(i, limit, drawn);
     let sums = sum_pixel(range, corner, i, limit, drawn);
     if edge.is_edge {
         blend_edge(own, sums, has(drawn, DRAW_FULL));
@@ -149,7 +150,7 @@ fn cell_part_clipped_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_i
 fn combine_edges(cell: vec2u, i: u32, full: bool) {
     let range = pairs_of(cell);
     let own = cell * CELL_SIDE + pixel_in_cell(i);
-    if range.y - range.x > DENSE_PAIRS && edge_at(own).is_edge {
+    if is_dense(range) && edge_at(own).is_edge {
         blend_edge(own, sums_of_parts(range, i, DRAW_SURFACE | select(0u, DRAW_FULL, full) | DRAW_BEHIND), full);
     }
 }

@@ -29,7 +29,7 @@ var<workgroup> staged_boxes: array<u32, BATCH>;
 // memory exists twice, for the current batch and the next.
 var<workgroup> block_bits: array<atomic<u32>, 48>;
 // One bit for each small record of the batch that contributes to a pixel: word w of the pixel of invocation i is at
-// w·CELL_WORKGROUP + i.
+// w·CELL_WORKGROUP + i. The first loop of a layer uses word 0 for the reversed depth of the pixel's opaque surface.
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
 // Depth threshold of each pixel as the bits of its reversed depth, by invocation. The bits of positive floats compare
 // like the floats.
@@ -43,8 +43,8 @@ var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 // Flags of what a pass draws, compile-time constants of its entry point. DRAW_SURFACE: sum normals and depths.
 // DRAW_FULL: shade with all effects (see `shade`). DRAW_SIDED: separate the sides of oriented splats. DRAW_EDGES: find
 // the splat that defines each pixel's threshold, and sum coverage. DRAW_BEHIND: draw only fragments behind the depths
-// in `sides`. DRAW_CLIPPED: records may have clips. DRAW_LAYERS: draw a layer of transparent splats, of which only
-// fragments behind the depths in `sides` and before the opaque surface; without this flag only opaque splats are drawn.
+// in `sides`. DRAW_CLIPPED: records may have clips. DRAW_LAYERS: draw a layer of transparent splats, only fragments
+// behind the depths in `sides` and not behind the opaque surface. Without this flag only opaque splats are drawn.
 const DRAW_SURFACE: u32 = 1u;
 const DRAW_FULL: u32 = 2u;
 const DRAW_SIDED: u32 = 4u;
@@ -392,17 +392,19 @@ struct CellLimit {
     writer: vec2f,
 }
 
-// True if a pass draws fragments at depth z in the pixel of invocation `at`. In the edge pass these lie behind the
-// pixel's nearest surface, and in a layer behind the layers before it and not behind the opaque surface.
-fn draws_depth(at: u32, pixel: vec2i, z: f32, drawn: u32) -> bool {
-    if !has(drawn, DRAW_BEHIND | DRAW_LAYERS) {
-        return true;
-    }
-    let depth = reversed_depth(z);
-    if bitcast<f32>(atomicLoad(&sides[at])) <= depth {
+// True if a pass draws fragments at depth z in the pixel of invocation `at`: in the edge pass those behind the pixel's
+// nearest surface, in a layer those behind the layers before it, and in other passes all.
+fn is_behind(at: u32, z: f32, drawn: u32) -> bool {
+    return !has(drawn, DRAW_BEHIND | DRAW_LAYERS) || reversed_depth(z) < bitcast<f32>(atomicLoad(&sides[at]));
+}
+
+// True if a fragment at depth z takes part in the first loop: like `is_behind`, and in a layer not behind the opaque
+// surface. In the second loop, the threshold of a layer is at least as near as the opaque surface.
+fn is_open(at: u32, z: f32, drawn: u32) -> bool {
+    if !is_behind(at, z, drawn) {
         return false;
     }
-    return !has(drawn, DRAW_LAYERS) || opaque_depth_at(pixel) <= depth;
+    return !has(drawn, DRAW_LAYERS) || bitcast<f32>(atomicLoad(&pixel_bits[at])) <= reversed_depth(z);
 }
 
 // Adds the contribution of record r of the batch whose first pair has the index `first` to the sums of a pixel, that of
@@ -421,7 +423,7 @@ fn add_contribution(
     if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
         return;
     }
-    if !draws_depth(i, pixel, c.z, drawn) {
+    if !is_behind(i, c.z, drawn) {
         return;
     }
     (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
@@ -458,10 +460,9 @@ fn raise_thresholds(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) {
     let record = staged_record(batch, r, drawn);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
-            let pixel = vec2i(corner + vec2u(x, y));
-            let z = visible_depth_of(record, pixel);
+            let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
             let at = invocation_of(x, y);
-            if z > 0.0 && draws_depth(at, pixel, z, drawn) {
+            if z > 0.0 && is_open(at, z, drawn) {
                 raise(at, maxima_of(record, z, has(drawn, DRAW_SIDED)), has(drawn, DRAW_SIDED));
             }
         }
@@ -516,9 +517,8 @@ fn mark_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) {
             if has(drawn, DRAW_SIDED) {
                 shown = shows_side(atomicLoad(&sides[at]), record.flags);
             }
-            let pixel = vec2i(corner + vec2u(x, y));
-            let c = contribution_of(record, pixel);
-            if shown && is_within(threshold, c) && draws_depth(at, pixel, c.z, drawn) {
+            let c = contribution_of(record, vec2i(corner + vec2u(x, y)));
+            if shown && is_within(threshold, c) && is_behind(at, c.z, drawn) {
                 atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
             }
         }
@@ -537,9 +537,9 @@ fn clear_cell(i: u32) {
     }
 }
 
-// Runs the first loop: returns the limit of the pixel of invocation i among the pairs whose indices are in `range`, and
-// stores it in `thresholds` and `sides`. All bits of records are clear before and after.
-fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
+// Runs the first loop: returns the maxima of the pixel of invocation i among the pairs whose indices are in `range`. All
+// bits of records are clear before and after.
+fn find_maxima(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> Maxima {
     let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
@@ -568,7 +568,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
                 if staged_box_holds(r, in_cell) {
                     let record = staged_record(first, r, drawn);
                     let z = visible_depth_of(record, pixel);
-                    if z > 0.0 && draws_depth(i, pixel, z, drawn) {
+                    if z > 0.0 && is_open(i, z, drawn) {
                         maxima = greatest(maxima, maxima_of(record, z, sided));
                     }
                 }
@@ -584,19 +584,14 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
     if i < 2u * of_batch {
         atomicStore(&block_bits[i], 0u);
     }
-    var limit = CellLimit(bitcast<f32>(atomicLoad(&thresholds[i])), 0u, vec2f(0.0, 0.0));
+    var found = Maxima(bitcast<f32>(atomicLoad(&thresholds[i])), 0.0, 0.0, 0.0, 0.0);
     if sided {
-        limit = limit_of(Maxima(
-            limit.threshold,
-            bitcast<f32>(atomicExchange(&pixel_bits[i], 0u)),
-            bitcast<f32>(atomicExchange(&pixel_bits[CELL_WORKGROUP + i], 0u)),
-            bitcast<f32>(atomicExchange(&pixel_bits[2u * CELL_WORKGROUP + i], 0u)),
-            bitcast<f32>(atomicLoad(&sides[i])),
-        ));
-        atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
-        atomicStore(&sides[i], limit.side);
+        found.front = bitcast<f32>(atomicExchange(&pixel_bits[i], 0u));
+        found.back = bitcast<f32>(atomicExchange(&pixel_bits[CELL_WORKGROUP + i], 0u));
+        found.front_nearness = bitcast<f32>(atomicExchange(&pixel_bits[2u * CELL_WORKGROUP + i], 0u));
+        found.back_nearness = bitcast<f32>(atomicLoad(&sides[i]));
     }
-    return limit;
+    return found;
 }
 
 // Returns the limit that the maxima of a pixel give. Its writer isn't found.
@@ -639,9 +634,16 @@ fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
     return select(writers.front_nearest, writers.back_nearest, is_front);
 }
 
-// Runs the first loop like `find_limit`, and also finds the splat that defines the threshold. Of several such splats it
-// is the first, because a pixel visits candidates in order.
-fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
+// Maxima of a pixel, and the splats that define them.
+struct CellMaxima {
+    maxima: Maxima,
+    // Only found for edges; zeros otherwise.
+    writers: Writers,
+}
+
+// Runs the first loop like `find_maxima`, and also finds the splats that define the maxima. Of several such splats it is
+// the first, because a pixel visits candidates in order.
+fn find_maxima_and_writers(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellMaxima {
     let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
@@ -694,21 +696,34 @@ fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> Cel
     if i < 2u * of_batch {
         atomicStore(&block_bits[i], 0u);
     }
-    var limit = limit_of(maxima);
-    limit.writer = writer_of(limit, maxima, writers);
-    atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
-    if sided {
-        atomicStore(&sides[i], limit.side);
+    return CellMaxima(maxima, writers);
+}
+
+// Runs the first loop: returns the maxima of the pixel of invocation i, with their splats if the pass needs them.
+fn maxima_by(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellMaxima {
+    if has(drawn, DRAW_EDGES) {
+        return find_maxima_and_writers(range, corner, i, drawn);
+    }
+    var found: CellMaxima;
+    found.maxima = find_maxima(range, corner, i, drawn);
+    return found;
+}
+
+// Returns the limit that the maxima of a pixel give, with its writer if the pass needs it.
+fn limit_by(found: CellMaxima, drawn: u32) -> CellLimit {
+    var limit = limit_of(found.maxima);
+    if has(drawn, DRAW_EDGES) {
+        limit.writer = writer_of(limit, found.maxima, found.writers);
     }
     return limit;
 }
 
-// Returns the limit of the pixel of invocation i, with its writer if the pass needs it.
-fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellLimit {
-    if has(drawn, DRAW_EDGES) {
-        return find_limit_and_writer(range, corner, i, drawn);
+// Stores the limit of the pixel of invocation i for the second loop. A barrier has to follow before the memory is read.
+fn store_limit(i: u32, limit: CellLimit, drawn: u32) {
+    atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
+    if has(drawn, DRAW_SIDED) {
+        atomicStore(&sides[i], limit.side);
     }
-    return find_limit(range, corner, i, drawn);
 }
 
 // Returns the sums of a pixel without fragments.
@@ -766,15 +781,16 @@ fn pairs_of(cell: vec2u) -> vec2u {
     return vec2u(pairs.cell, pairs.record);
 }
 
-// Draws a cell (column, row), unless it is dense and sides aren't separated: dense cells are drawn in parts.
+// Draws a cell (column, row), unless it is dense: dense cells are drawn in parts.
 fn draw_cell(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
-    if !has(drawn, DRAW_SIDED) && range.y - range.x > DENSE_PAIRS {
+    if is_dense(range) {
         return;
     }
     let corner = cell * CELL_SIDE;
     clear_cell(i);
-    let limit = limit_by(range, corner, i, drawn);
+    let limit = limit_by(maxima_by(range, corner, i, drawn), drawn);
+    store_limit(i, limit, drawn);
     let sums = sum_pixel(range, corner, i, limit, drawn);
     write_cell_pixel(corner + pixel_in_cell(i), sums, limit.writer, drawn);
 }
@@ -788,9 +804,10 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: u32) {
     let pixel = vec2i(own);
     let point = point_of(sums.color, sums.surface, sums.material);
     if frame.surfaces_at != ABSENT {
-        write_surface(own, point);
+        // The depth is that of front_depth, to the bit.
+        write_surface(own, point, sums.surface.w / sums.color.w * frame.depth_unit);
     }
-    if has(drawn, DRAW_EDGES) {
+    if has(drawn, DRAW_EDGES) && frame.edges_at != ABSENT {
         write_edge_data(own, writer, sums.coverage, point.is_there);
     }
     let shaded = own - frame.shade_origin_px;
@@ -828,14 +845,14 @@ fn write_nearest(at: u32, record: u32) {
     planes[frame.nearest_at + 2u * at + 1u] = f32(place % CELL_WORKGROUP);
 }
 
-// Writes the normal and depth of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for the
-// passes that read neighbours.
-fn write_surface(own: vec2u, point: Point) {
+// Writes the normal and depth z of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for passes
+// that read neighbours or draw layers.
+fn write_surface(own: vec2u, point: Point, z: f32) {
     let to = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
     planes[to] = point.normal.x;
     planes[to + 1u] = point.normal.y;
     planes[to + 2u] = point.normal.z;
-    planes[to + 3u] = select(frame.empty_depth, point.z, point.is_there);
+    planes[to + 3u] = select(frame.empty_depth, z, point.is_there);
 }
 
 // Draws cells of an image that needs neither normals nor depths, for planes or shading. Sums colours and weights alone.
@@ -921,13 +938,20 @@ const DENSE_PAIRS: u32 = 4096u;
 const PART_PAIRS: u32 = 2048u;
 // Number of words of a part per pixel: its depth threshold (a reversed depth); the z + ε and the ε of the splat that
 // defines it; four sums each of colours, surface and material; sums of fragments and coverage; depth and record of its
-// nearest fragment.
-const PART_WORDS: u32 = 19u;
+// nearest fragment; coverage of a layer.
+const PART_WORDS: u32 = 20u;
+// Number of words of a part per pixel if sides are separated: the four other maxima, and the z + ε and the ε of the
+// splats that define them, follow.
+const SIDED_PART_WORDS: u32 = 32u;
 
-// Results of the parts: word k of the pixel of invocation i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
-// The second binding is the same buffer for passes that only read it.
-@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<u32>;
-@group(1) @binding(55) var<storage, read> cell_parts: array<u32>;
+// Results of the parts: word k of the pixel of invocation i of a part is at (part·words + k)·CELL_WORKGROUP + i, with
+// PART_WORDS or SIDED_PART_WORDS words.
+@group(1) @binding(54) var<storage, read_write> cell_parts: array<u32>;
+
+// True if a cell with the pairs `range` is dense.
+fn is_dense(range: vec2u) -> bool {
+    return range.y - range.x > DENSE_PAIRS;
+}
 
 // A part of a dense cell: the cell's number, and the indices of the part's first pair and one past its last. They are
 // equal if the part doesn't exist.
@@ -949,8 +973,7 @@ fn part_of(number: u32) -> CellPart {
     let begins_here = number % 2u == 1u;
     let cell = pairs_in[select(first, end - 1u, begins_here)].cell;
     let of_cell = pairs_in[cell];
-    let is_dense = of_cell.record - of_cell.cell > DENSE_PAIRS;
-    if !is_dense || (of_cell.cell >= first) != begins_here {
+    if !is_dense(vec2u(of_cell.cell, of_cell.record)) || (of_cell.cell >= first) != begins_here {
         return CellPart(0u, vec2u(0u, 0u));
     }
     return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
@@ -968,18 +991,99 @@ fn parts_of(range: vec2u) -> u32 {
 }
 
 // Returns the index in `cell_parts` of word k of the pixel of invocation i of a part.
-fn part_word(part: u32, k: u32, i: u32) -> u32 {
-    return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
+fn part_word(part: u32, k: u32, i: u32, drawn: u32) -> u32 {
+    return (part * select(PART_WORDS, SIDED_PART_WORDS, has(drawn, DRAW_SIDED)) + k) * CELL_WORKGROUP + i;
 }
 
 // Writes word k of the pixel of invocation i of a part.
-fn put_part_f32(part: u32, k: u32, i: u32, value: f32) {
-    cell_parts_out[part_word(part, k, i)] = bitcast<u32>(value);
+fn put_part_f32(part: u32, k: u32, i: u32, drawn: u32, value: f32) {
+    cell_parts[part_word(part, k, i, drawn)] = bitcast<u32>(value);
 }
 
 // Returns word k of the pixel of invocation i of a part.
-fn part_f32(part: u32, k: u32, i: u32) -> f32 {
-    return bitcast<f32>(cell_parts[part_word(part, k, i)]);
+fn part_f32(part: u32, k: u32, i: u32, drawn: u32) -> f32 {
+    return bitcast<f32>(cell_parts[part_word(part, k, i, drawn)]);
+}
+
+// Writes two words, from number k on, of the pixel of invocation i of a part.
+fn put_part_vec2(part: u32, k: u32, i: u32, drawn: u32, value: vec2f) {
+    put_part_f32(part, k, i, drawn, value.x);
+    put_part_f32(part, k + 1u, i, drawn, value.y);
+}
+
+// Returns two words, from number k on, of the pixel of invocation i of a part.
+fn part_vec2(part: u32, k: u32, i: u32, drawn: u32) -> vec2f {
+    return vec2f(part_f32(part, k, i, drawn), part_f32(part, k + 1u, i, drawn));
+}
+
+// Writes the maxima of the pixel of invocation i of a part.
+fn put_part_maxima(part: u32, i: u32, drawn: u32, found: CellMaxima) {
+    put_part_f32(part, 0u, i, drawn, found.maxima.threshold);
+    if has(drawn, DRAW_EDGES) {
+        put_part_vec2(part, 1u, i, drawn, found.writers.threshold);
+    }
+    if !has(drawn, DRAW_SIDED) {
+        return;
+    }
+    put_part_vec2(part, PART_WORDS, i, drawn, vec2f(found.maxima.front, found.maxima.back));
+    let nearness = vec2f(found.maxima.front_nearness, found.maxima.back_nearness);
+    put_part_vec2(part, PART_WORDS + 2u, i, drawn, nearness);
+    if has(drawn, DRAW_EDGES) {
+        put_part_vec2(part, PART_WORDS + 4u, i, drawn, found.writers.front);
+        put_part_vec2(part, PART_WORDS + 6u, i, drawn, found.writers.back);
+        put_part_vec2(part, PART_WORDS + 8u, i, drawn, found.writers.front_nearest);
+        put_part_vec2(part, PART_WORDS + 10u, i, drawn, found.writers.back_nearest);
+    }
+}
+
+// Returns the maxima, over all parts of a dense cell with the pairs `range`, of the pixel of invocation i.
+fn maxima_of_parts(range: vec2u, i: u32, drawn: u32) -> CellMaxima {
+    var all: CellMaxima;
+    for (var k = 0u; k < parts_of(range); k++) {
+        let part = part_number(range, k);
+        var own = Maxima(part_f32(part, 0u, i, drawn), 0.0, 0.0, 0.0, 0.0);
+        if has(drawn, DRAW_SIDED) {
+            let thresholds = part_vec2(part, PART_WORDS, i, drawn);
+            let nearness = part_vec2(part, PART_WORDS + 2u, i, drawn);
+            own = Maxima(own.threshold, thresholds.x, thresholds.y, nearness.x, nearness.y);
+        }
+        // Of equal maxima, the first part's is that of the first splat.
+        if has(drawn, DRAW_EDGES) && own.threshold > all.maxima.threshold {
+            all.writers.threshold = part_vec2(part, 1u, i, drawn);
+        }
+        if has(drawn, DRAW_EDGES) && has(drawn, DRAW_SIDED) {
+            if own.front > all.maxima.front {
+                all.writers.front = part_vec2(part, PART_WORDS + 4u, i, drawn);
+            }
+            if own.back > all.maxima.back {
+                all.writers.back = part_vec2(part, PART_WORDS + 6u, i, drawn);
+            }
+            if own.front_nearness > all.maxima.front_nearness {
+                all.writers.front_nearest = part_vec2(part, PART_WORDS + 8u, i, drawn);
+            }
+            if own.back_nearness > all.maxima.back_nearness {
+                all.writers.back_nearest = part_vec2(part, PART_WORDS + 10u, i, drawn);
+            }
+        }
+        all.maxima = greatest(all.maxima, own);
+    }
+    return all;
+}
+
+// Writes the sums of the pixel of invocation i of a part.
+fn put_part_sums(part: u32, i: u32, drawn: u32, sums: CellSums) {
+    for (var k = 0u; k < 4u; k++) {
+        put_part_f32(part, 3u + k, i, drawn, sums.color[k]);
+        put_part_f32(part, 7u + k, i, drawn, sums.surface[k]);
+        put_part_f32(part, 11u + k, i, drawn, sums.material[k]);
+    }
+    put_part_f32(part, 15u, i, drawn, sums.fragments);
+    put_part_f32(part, 16u, i, drawn, sums.coverage);
+    put_part_f32(part, 17u, i, drawn, sums.nearest_z);
+    cell_parts[part_word(part, 18u, i, drawn)] = sums.nearest;
+    if has(drawn, DRAW_LAYERS) {
+        put_part_f32(part, 19u, i, drawn, sums.layer_coverage);
+    }
 }
 
 // Returns the first pixel, in the targets, of the cell with this number.
@@ -1006,12 +1110,7 @@ fn find_part_thresholds(number: u32, i: u32, drawn: u32) {
     if has(drawn, DRAW_BEHIND) {
         atomicStore(&sides[i], bitcast<u32>(nearest));
     }
-    let limit = limit_by(part.range, corner_of_cell(part.cell), i, drawn);
-    put_part_f32(number, 0u, i, limit.threshold);
-    if has(drawn, DRAW_EDGES) {
-        put_part_f32(number, 1u, i, limit.writer.x);
-        put_part_f32(number, 2u, i, limit.writer.y);
-    }
+    put_part_maxima(number, i, drawn, maxima_by(part.range, corner_of_cell(part.cell), i, drawn));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -1043,10 +1142,7 @@ fn sum_part(number: u32, i: u32, drawn: u32) {
         return;
     }
     let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
-    var threshold = 0.0;
-    for (var k = 0u; k < parts_of(of_cell); k++) {
-        threshold = max(threshold, bitcast<f32>(cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]));
-    }
+    let limit = limit_by(maxima_of_parts(of_cell, i, drawn), drawn);
     var nearest = 0.0;
     if has(drawn, DRAW_BEHIND) {
         let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
@@ -1060,18 +1156,8 @@ fn sum_part(number: u32, i: u32, drawn: u32) {
     if has(drawn, DRAW_BEHIND) {
         atomicStore(&sides[i], bitcast<u32>(nearest));
     }
-    atomicStore(&thresholds[i], bitcast<u32>(threshold));
-    let limit = CellLimit(threshold, 0u, vec2f(0.0, 0.0));
-    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, limit, drawn);
-    for (var k = 0u; k < 4u; k++) {
-        put_part_f32(number, 3u + k, i, sums.color[k]);
-        put_part_f32(number, 7u + k, i, sums.surface[k]);
-        put_part_f32(number, 11u + k, i, sums.material[k]);
-    }
-    put_part_f32(number, 15u, i, sums.fragments);
-    put_part_f32(number, 16u, i, sums.coverage);
-    put_part_f32(number, 17u, i, sums.nearest_z);
-    cell_parts_out[part_word(number, 18u, i)] = sums.nearest;
+    store_limit(i, limit, drawn);
+    put_part_sums(number, i, drawn, sum_pixel(part.range, corner_of_cell(part.cell), i, limit, drawn));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -1105,19 +1191,22 @@ fn sums_of_parts(range: vec2u, i: u32, drawn: u32) -> CellSums {
     for (var k = 0u; k < parts_of(range); k++) {
         let part = part_number(range, k);
         for (var c = 0u; c < 4u; c++) {
-            sums.color[c] += part_f32(part, 3u + c, i);
-            sums.surface[c] += part_f32(part, 7u + c, i);
-            sums.material[c] += part_f32(part, 11u + c, i);
+            sums.color[c] += part_f32(part, 3u + c, i, drawn);
+            sums.surface[c] += part_f32(part, 7u + c, i, drawn);
+            sums.material[c] += part_f32(part, 11u + c, i, drawn);
         }
-        sums.fragments += part_f32(part, 15u, i);
-        if has(drawn, DRAW_EDGES) {
-            sums.coverage += part_f32(part, 16u, i);
+        sums.fragments += part_f32(part, 15u, i, drawn);
+        if has(drawn, DRAW_EDGES | DRAW_LAYERS) {
+            sums.coverage += part_f32(part, 16u, i, drawn);
+        }
+        if has(drawn, DRAW_LAYERS) {
+            sums.layer_coverage += part_f32(part, 19u, i, drawn);
         }
         if frame.nearest_at != ABSENT && !has(drawn, DRAW_BEHIND) {
-            let z = part_f32(part, 17u, i);
+            let z = part_f32(part, 17u, i, drawn);
             if z < sums.nearest_z {
                 sums.nearest_z = z;
-                sums.nearest = cell_parts[part_word(part, 18u, i)];
+                sums.nearest = cell_parts[part_word(part, 18u, i, drawn)];
             }
         }
     }
@@ -1127,20 +1216,12 @@ fn sums_of_parts(range: vec2u, i: u32, drawn: u32) -> CellSums {
 // Draws a dense cell (column, row) from the sums of its parts. Does nothing for other cells.
 fn combine_cell(cell: vec2u, i: u32, drawn: u32) {
     let range = pairs_of(cell);
-    if range.y - range.x <= DENSE_PAIRS {
+    if !is_dense(range) {
         return;
     }
-    var threshold = 0.0;
     var writer = vec2f(0.0, 0.0);
     if has(drawn, DRAW_EDGES) {
-        for (var k = 0u; k < parts_of(range); k++) {
-            let part = part_number(range, k);
-            let own = part_f32(part, 0u, i);
-            if own > threshold {
-                threshold = own;
-                writer = vec2f(part_f32(part, 1u, i), part_f32(part, 2u, i));
-            }
-        }
+        writer = limit_by(maxima_of_parts(range, i, drawn), drawn).writer;
     }
     write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums_of_parts(range, i, drawn), writer, drawn);
 }
@@ -1166,4 +1247,23 @@ fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocat
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES);
+}
+
+// Find thresholds, sum attributes and combine the parts of dense cells whose pixels show one side of oriented splats, in
+// frames of every kind: with clipped splats, shadows and antialiased edges or without.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_sided_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let drawn = DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES | DRAW_CLIPPED;
+    find_part_thresholds(workgroup_number(group), i, drawn);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_sided_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let drawn = DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES | DRAW_CLIPPED;
+    sum_part(workgroup_number(group), i, drawn);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_sided(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES);
 }

@@ -115,7 +115,8 @@ fn draw_samples(number: u32, i: u32, drawn: u32) {
     let corner = corner_of_cell(listed.cell);
     let range = vec2u(pairs_in[number].cell, pairs_in[number].record);
     clear_cell(i);
-    let limit = find_limit(range, corner, i, drawn);
+    let limit = limit_of(find_maxima(range, corner, i, drawn));
+    store_limit(i, limit, drawn);
     let sums = sum_pixel(range, corner, i, limit, drawn);
     let in_cell = pixel_in_cell(i);
     let at = corner + in_cell;

@@ -62,9 +62,10 @@ struct CellCounters {
     pairs: atomic<u32>,
     // Number of active cells of a tile of samples.
     active_cells: atomic<u32>,
-    // Largest number of layers of transparent splats that a cell draws. It is frame.layer_count + 1 if more layers than
-    // that many may lie behind those of an A-buffer.
+    // Largest number of layers of transparent splats that a cell draws, and 1 if fragments remain behind the layers of
+    // any cell.
     layers: atomic<u32>,
+    layers_remain: atomic<u32>,
 }
 
 // CellCounters for passes that only read them.
@@ -73,6 +74,7 @@ struct CellCounts {
     pairs: u32,
     active_cells: u32,
     layers: u32,
+    layers_remain: u32,
 }
 
 // A record and a cell that it may touch. A buffer of pairs begins with a header of one element per cell, whose fields
@@ -181,6 +183,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
         atomicStore(&cell_counters[frame.cell_part].pairs, 0u);
         atomicStore(&cell_counters[frame.cell_part].active_cells, 0u);
         atomicStore(&cell_counters[frame.cell_part].layers, 0u);
+        atomicStore(&cell_counters[frame.cell_part].layers_remain, 0u);
     }
     if cell < frame.cell_header {
         pairs_out[cell] = CellPair(0u, 0u);
@@ -505,6 +508,7 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
         atomicLoad(&cell_counters[part].pairs),
         atomicLoad(&cell_counters[part].active_cells),
         0u,
+        0u,
     )));
     var of_blocks = 0u;
     for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
@@ -539,6 +543,21 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     }
 }
 
+// Returns the smallest number at which `scan_partial` is greater than k, or the last number.
+fn first_after(k: u32) -> u32 {
+    // Without a loop, because some software drivers end a shader after 65535 iterations.
+    var at = 0u;
+    at += select(0u, 128u, scan_partial[at + 127u] <= k);
+    at += select(0u, 64u, scan_partial[at + 63u] <= k);
+    at += select(0u, 32u, scan_partial[at + 31u] <= k);
+    at += select(0u, 16u, scan_partial[at + 15u] <= k);
+    at += select(0u, 8u, scan_partial[at + 7u] <= k);
+    at += select(0u, 4u, scan_partial[at + 3u] <= k);
+    at += select(0u, 2u, scan_partial[at + 1u] <= k);
+    at += select(0u, 1u, scan_partial[at] <= k);
+    return min(at, CELL_WORKGROUP - 1u);
+}
+
 // Writes the pairs of a group, in the order of its records. Each invocation writes every 256th pair, so that the pairs
 // of large splats are spread over all invocations.
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -559,16 +578,7 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     let to = frame.cell_header + cell_groups[number];
     for (var k = i; k < count; k += CELL_WORKGROUP) {
         // Finds the first record whose pairs end after k.
-        var low = 0u;
-        var high = CELL_WORKGROUP - 1u;
-        while low < high {
-            let middle = (low + high) / 2u;
-            if scan_partial[middle] <= k {
-                low = middle + 1u;
-            } else {
-                high = middle;
-            }
-        }
+        let low = first_after(k);
         let record = first + low;
         let cells = cells_of(cell_records[part_at(8u, record)]);
         var before = 0u;

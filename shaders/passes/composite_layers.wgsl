@@ -82,9 +82,8 @@ fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     // Reversed depths are at most 1, so every fragment lies behind 2.
     layers.peeled_depth = 2.0;
     let sums = textureLoad(color_sums, pixel, 0);
-    let point = point_of(sums, textureLoad(surface_sums, pixel, 0), vec4f(0.0, 0.0, 0.0, 0.0));
-    if point.is_there {
-        layers.opaque_depth = reversed_depth(point.z);
+    if LEAST_WEIGHT <= sums.w {
+        layers.opaque_depth = reversed_depth(textureLoad(surface_sums, pixel, 0).w / sums.w * frame.depth_unit);
     }
     let hit = polygon_hit(pixel);
     if polygon_is_visible(pixel, hit) {

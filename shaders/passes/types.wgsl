@@ -84,9 +84,7 @@ struct Frame {
     // ratio, if the filter has one, in place of the weight's factor.
     has_layers: u32,
     has_abuffer: u32,
-    // For the compute path: maximum number of layers to peel, and 1 if all fragments behind them are drawn as one last
-    // layer.
-    layer_count: u32,
+    // 1 if the last layer has all remaining splats, lit one by one.
     has_remaining_layer: u32,
     // 1 if clip curves are replaced by their chords, the straight lines between their ends.
     clip_by_chord: u32,
@@ -150,7 +148,7 @@ struct Frame {
     // and depths of surfaces, and edge data (cell_neighbours.wgsl). ABSENT without such passes.
     surfaces_at: u32,
     edges_at: u32,
-    // Offset in `planes`, in words, of the number of layers that each cell draws. ABSENT without layers.
+    // Offset in `planes`, in words, of the layers of pixels and cells (cell_layers.wgsl). ABSENT without layers.
     layers_at: u32,
     // A uniform buffer aligns structs to 16 bytes.
     @align(16) tolerance: Tolerance,

@@ -283,6 +283,7 @@ impl Renderer {
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<bool, Failure> {
+        let mut plan = job.plan.clone();
         let mut room = tiles.room(self.cells.room, self.limits);
         while let Some(tried) = room {
             tiles.put_room(tried);
@@ -305,12 +306,18 @@ impl Renderer {
                 floats: pixels.planes.buffer_floats,
             })?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let counters = self.draw_cells(job, &tiles, tried, targets, stats)?;
+            let counters = self.draw_cells(job, &plan, &tiles, tried, targets, stats)?;
             if !tried.holds(&counters) {
                 room = tiles.grown(tried, &counters, self.limits);
                 continue;
             }
-            CellCapacity::count(&counters, stats).map_err(Failure::other)?;
+            if CellCapacity::lacks_layers(&plan, &counters) {
+                let region = pixels.tile;
+                let least = || min_surface_count(&job.scene.cpu, job.frame_scene, job.view, job.plan, region);
+                plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
+                continue;
+            }
+            CellCapacity::count(&counters, stats);
             let planes = targets.readback.words(pixels.planes.floats as usize)?;
             let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
             stats.fragments +=
@@ -321,17 +328,18 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Executes the dispatches of a tile and its samples, and returns the words of [`CellBuffer::Counters`]. Times are
-    /// added to the statistics if the tile fitted the capacity `room`.
+    /// Executes the dispatches that draw a tile and its samples by `plan`, and returns the words of
+    /// [`CellBuffer::Counters`]. Times are added to the statistics if the tile isn't drawn again.
     fn draw_cells(
         &self,
         job: &FrameJob<'_>,
+        plan: &FramePlan,
         tiles: &CellTiles,
         room: CellCapacity,
         targets: &Targets,
         stats: &mut Stats,
     ) -> Result<Vec<u32>, Failure> {
-        let stages = tiles.stages(job.plan, room);
+        let stages = tiles.stages(plan, room);
         let queries = Queries::new(&self.device, None, stages.iter().map(Vec::len).sum())?;
         let none = self.shadow_buffer(1)?;
         let tile = |data, stages| {
@@ -362,7 +370,7 @@ impl Renderer {
         };
         submit(&self.device, |commands| record_tiles(commands, &drawn, &queries, &readback))?;
         let counters = read_counters.words((counter_bytes / 4) as usize)?.to_vec();
-        if room.holds(&counters) {
+        if room.holds(&counters) && !CellCapacity::lacks_layers(plan, &counters) {
             queries.add(stats)?;
         }
         Ok(counters)

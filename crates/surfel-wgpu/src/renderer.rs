@@ -293,7 +293,8 @@ impl Renderer {
         stats: &mut Stats,
     ) -> Result<bool, RenderError> {
         let device = self.device.clone();
-        let missing = || failed("the targets were not made");
+        let no_targets = || failed("the targets were not made");
+        let mut plan = job.plan.clone();
         let mut room = tiles.room(self.cells.room, self.limits);
         while let Some(tried) = room {
             tiles.put_room(tried);
@@ -304,7 +305,7 @@ impl Renderer {
                 return Ok(false);
             }
             made?;
-            let pixels = tiles.pixels().ok_or_else(missing)?;
+            let pixels = tiles.pixels().ok_or_else(no_targets)?;
             let recorded = scoped(&device, || {
                 cell_entries(job.plan).into_iter().for_each(|entry| self.pipelines.prepare_cells(&device, entry));
                 self.prepare_targets(TargetKey {
@@ -313,18 +314,19 @@ impl Renderer {
                     draws: Vec::new(),
                     floats: pixels.planes.buffer_floats,
                 });
-                self.record_cells(job, &tiles, tried)
+                self.record_cells(job, &plan, &tiles, tried)
             })?;
             let pass_record = self.queries.pass_record();
-            let (more, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
+            let (missing, readback) = recorded.ok_or_else(no_targets)?.read_and_keep(&device, |parts| {
                 let [planes, counters, costs] = parts else { return None };
                 if !tried.holds(counters) {
-                    return Some(Ok(tiles.grown(tried, counters, self.limits)));
+                    return Some(Missing::Capacity(tiles.grown(tried, counters, self.limits)));
+                }
+                if CellCapacity::lacks_layers(&plan, counters) {
+                    return Some(Missing::Layers);
                 }
                 pass_record.add(costs, stats);
-                if let Err(message) = CellCapacity::count(counters, stats) {
-                    return Some(Err(failed(message)));
-                }
+                CellCapacity::count(counters, stats);
                 let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
                 let planes = bytemuck::cast_slice(planes);
                 stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
@@ -332,26 +334,39 @@ impl Renderer {
             })?;
             self.readback = Some(readback);
             self.errors.check()?;
-            let Some(grown) = more else {
-                let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
-                count_frame_bytes(target_bytes + self.cells.bytes(), job.shadow_texels.size(), stats);
-                return Ok(true);
-            };
-            room = grown?;
+            match missing {
+                Some(Missing::Capacity(grown)) => room = grown,
+                Some(Missing::Layers) => {
+                    let region = tiles.pixels().ok_or_else(no_targets)?.tile;
+                    let least = || min_surface_count(&job.scene.cpu, job.frame_scene, job.view, job.plan, region);
+                    plan = with_more_layers(&plan, least).map_err(failed)?;
+                }
+                None => {
+                    let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
+                    count_frame_bytes(target_bytes + self.cells.bytes(), job.shadow_texels.size(), stats);
+                    return Ok(true);
+                }
+            }
         }
         Ok(false)
     }
 
-    /// Records and submits the dispatches of a tile and its samples, and the copies that the host reads: planes,
-    /// counters and query results. Returns `None` if a resource is missing.
-    fn record_cells(&mut self, job: &FrameJob<'_>, tiles: &CellTiles, room: CellCapacity) -> Option<Readback> {
+    /// Records and submits the dispatches that draw a tile and its samples by `plan`, and the copies that the host
+    /// reads: planes, counters and query results. Returns `None` if a resource is missing.
+    fn record_cells(
+        &mut self,
+        job: &FrameJob<'_>,
+        plan: &FramePlan,
+        tiles: &CellTiles,
+        room: CellCapacity,
+    ) -> Option<Readback> {
         let device = self.device.clone();
         let targets = self.targets.as_ref()?;
         let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
         let descriptor = wgpu::CommandEncoderDescriptor { label: Some("tile of cells") };
         let mut encoder = device.create_command_encoder(&descriptor);
         self.queries.restart(None);
-        for (data, stages) in tiles.tiles().iter().zip(&tiles.stages(job.plan, room)) {
+        for (data, stages) in tiles.tiles().iter().zip(&tiles.stages(plan, room)) {
             let inputs = TileInputs {
                 scene: job.scene,
                 pipelines: &self.pipelines,
@@ -538,6 +553,14 @@ impl Renderer {
 pub(crate) struct MapCost {
     readback: Readback,
     pass_record: PassRecord,
+}
+
+/// Part of a tile that the compute path lacked, so that the tile is drawn again.
+enum Missing {
+    /// Capacity of the buffers: the required one, or `None` if it exceeds the limits.
+    Capacity(Option<CellCapacity>),
+    /// Layers of an A-buffer.
+    Layers,
 }
 
 /// Inputs that all tiles of a frame share.

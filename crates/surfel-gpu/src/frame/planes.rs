@@ -27,12 +27,12 @@ pub struct PlaneLayout {
     /// Offset of the edge data of every pixel of the targets (`shaders/passes/cell_neighbours.wgsl`). Passes of the
     /// compute path that read neighbouring pixels use them. They are stored after the surfaces.
     pub(crate) edges_at: u32,
-    /// Offset of the number of transparent layers that each cell of the compute path draws. They are stored after the
-    /// edge data.
+    /// Offset of the transparent layers of every pixel of the targets and of every cell
+    /// (`shaders/passes/cell_layers.wgsl`). They are stored after the edge data.
     pub(crate) layers_at: u32,
     /// Number of floats that the CPU reads back: the planes and, for trained Gaussians, the float before them.
     pub floats: u32,
-    /// Number of floats in the whole buffer, including surfaces, edge data and numbers of layers.
+    /// Number of floats in the whole buffer, including surfaces, edge data and layers.
     pub buffer_floats: u32,
 }
 
@@ -99,11 +99,13 @@ impl PlaneLayout {
     }
 
     /// Appends what passes of the compute path read besides the planes, for targets of `size` pixels: surfaces, edge
-    /// data, and numbers of layers.
+    /// data and layers.
     pub(crate) fn with_cell_data(self, plan: &FramePlan, size: [u32; 2]) -> Self {
         let pixels: u32 = size.iter().product();
         let [surfaces, edges] = neighbour_floats(plan);
-        let layers: u32 = if has_layers(plan) { CellCounts::size_of(size).iter().product() } else { 0 };
+        let cells: u32 = CellCounts::size_of(size).iter().product();
+        let layers = layout::LAYER_WORDS * pixels + layout::CELL_LAYER_WORDS * cells;
+        let layers = if has_layers(plan) { layers } else { 0 };
         let place = |at: u32, floats: u32| if floats > 0 { at } else { layout::ABSENT };
         let edges_at = self.floats + surfaces * pixels;
         let layers_at = edges_at + edges * pixels;

@@ -161,6 +161,7 @@ impl TileData {
             near: data.near.iter().map(NearRecords::count).sum(),
             has_places: plan.planes.index || plan.has(Pass::RemainingLayer),
             has_clips: plan.clip != ClipPolicy::Off,
+            has_sides: plan.keeps_facings,
             has_layers: has_layers(plan) && data.visible().has_transparent(),
             ..CellCounts::default()
         };
@@ -174,6 +175,8 @@ impl TileData {
         }
         use layout::frame as at;
         let words = [
+            // The compute path also has to tell apart transparent splats of which no layer is drawn.
+            (at::HAS_LAYERS, u32::from(plan.separates_transparent)),
             (at::CELL_COLUMNS, cells.size[0]),
             (at::CELL_COUNT, cells.cells()),
             (at::CELL_CHUNK_COUNT, cells.all_chunks()),

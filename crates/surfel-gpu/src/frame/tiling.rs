@@ -26,8 +26,9 @@ pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: boo
     let largest = if by_cells { MAX_CELL_TILE } else { MAX_SIDE };
     let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
-    // A cell has at least one pixel, so that its number of layers takes at most one float per pixel.
-    let cell_data = neighbour_floats(plan).iter().sum::<u32>() + u32::from(has_layers(plan));
+    // A cell has at least one pixel.
+    let layers = if has_layers(plan) { layout::LAYER_WORDS + layout::CELL_LAYER_WORDS } else { 0 };
+    let cell_data = neighbour_floats(plan).iter().sum::<u32>() + layers;
     let cell_data = if by_cells { cell_data } else { 0 };
     let bytes = layer_bytes.max(4 * u64::from((floats_per_pixel(plan.planes) + cell_data).max(1)));
     // The planes of Gaussians begin with one extra float.

@@ -2,7 +2,7 @@
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::planes::PlaneLayout;
-use crate::passes::pass_list::{has_layers, is_of_shadow_map, max_layers};
+use crate::passes::pass_list::{has_layers, is_of_shadow_map};
 use crate::scene::segment::{UploadedObject, UploadedScene};
 use crate::struct_writer::StructWriter;
 use glam::{DVec2, DVec3};
@@ -205,7 +205,7 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_BALLS, u32::from(plan.has(Pass::Balls)));
     words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
     let has_remaining = plan.has(Pass::RemainingLayer);
-    words.u32(at::LAYER_COUNT, max_layers(plan)).u32(at::HAS_REMAINING_LAYER, u32::from(has_remaining));
+    words.u32(at::HAS_REMAINING_LAYER, u32::from(has_remaining));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     let ambient = limit_light(scene.ambient, frame.light_count as usize);

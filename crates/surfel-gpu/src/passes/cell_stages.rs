@@ -2,7 +2,7 @@
 //! An *entry point* is the function of a shader with which a dispatch begins.
 
 use crate::passes::cells::{CellCapacity, CellCounts, CellRound};
-use crate::passes::pass_list::{distinct, has_layers};
+use crate::passes::pass_list::{distinct, has_layers, peeled_layers};
 use crate::passes::pixel_pass::EDGE_SAMPLES;
 use surfel_model::{ClipPolicy, Shader};
 use surfel_render::{FramePlan, Pass};
@@ -28,6 +28,11 @@ impl CellStep {
     /// Creates a step of at least `count` workgroups, which are arranged in rows of [`layout::CELL_ROW`].
     fn of(entry: &'static str, round: CellRound, count: u64) -> Self {
         Self { entry, round, segment: None, workgroups: grid(count) }
+    }
+
+    /// Creates a step with one invocation per item, of `count` items.
+    fn over_items(entry: &'static str, count: u32) -> Self {
+        Self::of(entry, CellRound::Groups, u64::from(count).div_ceil(layout::CELL_WORKGROUP.into()))
     }
 
     /// Creates a step with one workgroup per cell.
@@ -57,9 +62,8 @@ struct RasterEntries {
     /// Entry point that draws whole cells.
     cells: &'static str,
     /// Entry points for dense cells, which have more than `DENSE_PAIRS` pairs and are split into parts: they find
-    /// thresholds, sum attributes, and combine the parts. `None` if the sides of oriented splats are separated; dense
-    /// cells are then drawn whole.
-    of_parts: Option<[&'static str; 3]>,
+    /// thresholds, sum attributes, and combine the parts.
+    of_parts: [&'static str; 3],
     /// Entry points that find edges and blend them by coverage. The first is for whole cells. The others are for parts
     /// of dense cells: they find thresholds, sum attributes, and combine the parts. `None` unless edges are antialiased
     /// by coverage.
@@ -132,7 +136,8 @@ impl RasterEntries {
             (false, true) => "cell_combine_edged",
             (true, true) => "cell_combine_shadowed_edged",
         };
-        let of_parts = (!plan.keeps_facings).then_some([thresholds, sums, combine]);
+        let sided = ["cell_part_sided_thresholds", "cell_part_sided_surfaces", "cell_combine_sided"];
+        let of_parts = if plan.keeps_facings { sided } else { [thresholds, sums, combine] };
         Self { cells, of_parts, edges, samples }
     }
 }
@@ -208,6 +213,71 @@ fn sort(cells: &CellCounts, room: CellCapacity) -> Vec<CellStep> {
     steps
 }
 
+/// Name, in the statistics, of the stage that draws transparent layers.
+const LAYERS: &str = "layers";
+
+/// Entry points that draw one layer: of whole cells, and of parts of dense cells. The latter sum attributes and combine
+/// the parts.
+struct LayerEntries {
+    cells: &'static str,
+    sums: &'static str,
+    combine: &'static str,
+}
+
+/// Entry points of a peeled layer. [`LAYER_THRESHOLDS`] precedes the parts of dense cells.
+const PEELED: LayerEntries =
+    LayerEntries { cells: "cell_peeled_layer", sums: "cell_part_peeled_layer", combine: "cell_combine_peeled_layer" };
+
+/// Entry points of the last layer, that of all remaining fragments.
+const REMAINING: LayerEntries = LayerEntries {
+    cells: "cell_remaining_layer",
+    sums: "cell_part_remaining_layer",
+    combine: "cell_combine_remaining_layer",
+};
+
+/// Entry point that finds the thresholds of a peeled layer in parts of dense cells.
+const LAYER_THRESHOLDS: &str = "cell_part_layer_thresholds";
+
+/// Returns the steps that draw transparent layers over a tile of pixels, whose shaded part has the width and height
+/// `shaded` in pixels.
+fn layers(plan: &FramePlan, cells: &CellCounts, room: CellCapacity, shaded: [u32; 2]) -> Vec<CellStep> {
+    let parts = room.parts();
+    let part = |entry| (parts > 0).then(|| CellStep::of(entry, CellRound::Sorted, parts));
+    let one = |entries: &LayerEntries, thresholds: Option<&'static str>| {
+        let mut steps = vec![CellStep::over_cells(entries.cells, cells)];
+        steps.extend(thresholds.into_iter().chain([entries.sums]).filter_map(part));
+        steps.extend((parts > 0).then(|| CellStep::over_cells(entries.combine, cells)));
+        steps
+    };
+    let mut steps = vec![CellStep::over_cells("cell_begin_layers", cells)];
+    let has_remaining = plan.has(Pass::RemainingLayer);
+    steps.extend(has_remaining.then(|| CellStep::over_items("cell_light", room.records)));
+    for _ in 0..peeled_layers(plan) {
+        steps.extend(one(&PEELED, Some(LAYER_THRESHOLDS)));
+    }
+    if has_remaining {
+        steps.extend(one(&REMAINING, None));
+    }
+    steps.push(CellStep::over_pixels("cell_composite_layers", shaded));
+    steps.push(CellStep::over_items("cell_count_layers", cells.cells()));
+    steps
+}
+
+/// Returns all entry points that draw the transparent layers of a plan.
+fn layer_entries(plan: &FramePlan) -> Vec<&'static str> {
+    if !has_layers(plan) {
+        return Vec::new();
+    }
+    let mut entries = vec!["cell_begin_layers", "cell_composite_layers", "cell_count_layers"];
+    if peeled_layers(plan) > 0 {
+        entries.extend([PEELED.cells, LAYER_THRESHOLDS, PEELED.sums, PEELED.combine]);
+    }
+    if plan.has(Pass::RemainingLayer) {
+        entries.extend(["cell_light", REMAINING.cells, REMAINING.sums, REMAINING.combine]);
+    }
+    entries
+}
+
 /// Returns the stages that draw a tile of pixels, in order. `shaded` is the width and height of the tile's shaded part
 /// in pixels.
 pub(crate) fn cell_stages(
@@ -224,9 +294,9 @@ pub(crate) fn cell_stages(
         stages.push(CellStage { name: "sort", steps: sort(cells, room) });
     }
     let parts = if cells.groups() > 0 { room.parts() } else { 0 };
-    let over = |whole, of_parts: Option<[&'static str; 3]>| {
+    let over = |whole, [thresholds, sums, combine]: [&'static str; 3]| {
         let mut steps = vec![CellStep::over_cells(whole, cells)];
-        if let Some([thresholds, sums, combine]) = of_parts.filter(|_| parts > 0) {
+        if parts > 0 {
             steps.extend([thresholds, sums].map(|entry| CellStep::of(entry, CellRound::Sorted, parts)));
             steps.push(CellStep::over_cells(combine, cells));
         }
@@ -238,15 +308,10 @@ pub(crate) fn cell_stages(
         stages.push(CellStage { name: "shade", steps });
     }
     if let Some([whole, thresholds, sums, combine]) = entries.edges {
-        stages.push(CellStage { name: "edges", steps: over(whole, Some([thresholds, sums, combine])) });
+        stages.push(CellStage { name: "edges", steps: over(whole, [thresholds, sums, combine]) });
     }
     if cells.has_layers && cells.groups() > 0 {
-        let each = |entry, count: u32| {
-            CellStep::of(entry, CellRound::Groups, u64::from(count).div_ceil(layout::CELL_WORKGROUP.into()))
-        };
-        let light = plan.has(Pass::RemainingLayer).then(|| each("cell_light", room.records));
-        let draw = [CellStep::over_cells("cell_layers", cells), each("cell_count_layers", cells.cells())];
-        stages.push(CellStage { name: "layers", steps: light.into_iter().chain(draw).collect() });
+        stages.push(CellStage { name: LAYERS, steps: layers(plan, cells, room, shaded) });
     }
     stages
 }
@@ -303,11 +368,8 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     ];
     let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
     let neighbours = has_neighbour_passes(plan).then_some("cell_neighbours");
-    let light = plan.has(Pass::RemainingLayer).then_some("cell_light");
-    let layers = has_layers(plan).then_some(["cell_layers", "cell_count_layers"]);
-    let layers = light.into_iter().chain(layers.into_iter().flatten());
-    let raster = [cells].into_iter().chain(of_parts.into_iter().flatten());
-    let after = neighbours.into_iter().chain(edges.into_iter().flatten()).chain(layers).chain(of_samples);
+    let raster = [cells].into_iter().chain(of_parts);
+    let after = neighbours.into_iter().chain(edges.into_iter().flatten()).chain(layer_entries(plan)).chain(of_samples);
     distinct(before.into_iter().chain(raster).chain(after))
 }
 
@@ -390,10 +452,12 @@ mod tests {
                 let used: Vec<&'static str> =
                     stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect();
                 assert!(used.iter().all(|name| cell_entries(&plan).contains(name)), "{used:?}");
-                // Passes that read clips, or records as splats.
+                // Passes that read clips, or records as splats. Some are for frames of every kind.
                 let of_splats = ["setup", "near", "surfaces", "thresholds", "part", "samples", "edges"];
                 let reads = |name: &&str| of_splats.iter().any(|word| name.contains(word));
-                used.into_iter().filter(reads).filter(|name| !name.contains("combine")).collect::<Vec<_>>()
+                let of_all = ["combine", "part_sided"];
+                let used = used.into_iter().filter(reads);
+                used.filter(|name| !of_all.iter().any(|word| name.contains(word))).collect::<Vec<_>>()
             };
             for clip in [ClipPolicy::Exact, ClipPolicy::Line] {
                 assert!(by(clip).iter().all(|name| name.contains("clipped")), "{edge_aa:?} {:?}", by(clip));
@@ -403,12 +467,48 @@ mod tests {
     }
 
     #[test]
+    fn layers_are_drawn_only_where_transparent_splats_may_be_seen() {
+        let glass = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let by = |transparency: &str| planned(&glass, |s| s.transparency = transparency.parse().unwrap());
+        let layered = CellCounts { has_layers: true, ..cells(&[3], 0, false) };
+        let of_pixels = |plan: &FramePlan, cells: &CellCounts, pairs| {
+            let stages = cell_stages(plan, cells, room(pairs), [8, 8]);
+            let layers = stages.into_iter().find(|stage| stage.name == LAYERS);
+            layers.map_or(Vec::new(), |stage| stage.steps.iter().map(|step| step.entry).collect())
+        };
+        let begin = "cell_begin_layers";
+        let end = ["cell_composite_layers", "cell_count_layers"];
+        let last = ["cell_light", "cell_remaining_layer"];
+        let peeled = "cell_peeled_layer";
+        for (transparency, entries) in [
+            ("peel:1", vec![begin, last[0], last[1], end[0], end[1]]),
+            ("peel:3", vec![begin, last[0], peeled, peeled, last[1], end[0], end[1]]),
+            ("peel:3:drop", vec![begin, peeled, peeled, end[0], end[1]]),
+        ] {
+            let plan = by(transparency);
+            assert_eq!(of_pixels(&plan, &layered, 1), entries, "{transparency}");
+            assert!(of_pixels(&plan, &cells(&[3], 0, false), 1).is_empty());
+            // Dense cells add passes over parts.
+            let dense = of_pixels(&plan, &layered, layout::DENSE_PAIRS + 1);
+            let is_peeled = entries.contains(&peeled);
+            let peeled_parts = ["cell_part_layer_thresholds", "cell_part_peeled_layer", "cell_combine_peeled_layer"];
+            assert!(peeled_parts.iter().all(|entry| dense.contains(entry) == is_peeled), "{dense:?}");
+            assert!(dense.iter().all(|name| cell_entries(&plan).contains(name)));
+        }
+        let gathered = of_pixels(&by("abuffer:4"), &layered, 1);
+        assert_eq!(gathered.iter().filter(|name| **name == peeled).count(), 16);
+        assert!(!cell_entries(&by("off")).iter().any(|name| name.contains("layer") || *name == "cell_light"));
+        assert!(!cell_entries(&by("peel:1")).contains(&peeled));
+    }
+
+    #[test]
     fn sides_are_kept_apart_only_where_a_plan_does() {
         let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
         for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
         {
             let entries = cell_entries(&planned(&both, |s| s.shader = shader));
-            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
+            let is_of_sides = |name: &&str| !name.starts_with("cell_part") || name.contains("sided");
+            assert!(entries.contains(&entry) && entries.iter().all(is_of_sides), "{entries:?}");
             let plan = planned(&SceneSummary::default(), |s| s.shader = shader);
             assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
         }

@@ -5,7 +5,6 @@
 
 use crate::passes::layer_draws::LAYERS_DRAWN;
 use crate::passes::memory::{add_counter, raise_counter};
-use crate::passes::pass_list::check_layers;
 use crate::scene::limits::Limits;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
@@ -148,7 +147,7 @@ impl CellBuffer {
             Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
             Self::Digits => 4 * digits,
             Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups())).max(cells.active_words())),
-            Self::Parts => room.part_bytes(),
+            Self::Parts => room.part_bytes(cells),
             Self::Active => 4 * cells.active_words(),
         }
     }
@@ -204,7 +203,7 @@ impl CellBinding {
             47 => Self::Buffer(Sums),
             48 => Self::Buffer(if round == CellRound::High { HalfSortedPairs } else { Pairs }),
             49 => Self::Buffer(if round == CellRound::Low { HalfSortedPairs } else { Pairs }),
-            54 | 55 => Self::Buffer(Parts),
+            54 => Self::Buffer(Parts),
             56 | 57 => Self::Buffer(Active),
             _ => return None,
         })
@@ -252,6 +251,8 @@ pub struct CellCounts {
     pub has_clips: bool,
     /// True if transparent layers are drawn.
     pub has_layers: bool,
+    /// True if the sides of oriented splats are separated.
+    pub has_sides: bool,
 }
 
 impl CellCounts {
@@ -386,15 +387,18 @@ impl CellCapacity {
         kept.or(estimate)
     }
 
+    /// True if transparent fragments remain behind the layers of an A-buffer that were drawn. The tile has to be drawn
+    /// again with more layers ([`crate::with_more_layers`]). `counters` are the words of [`CellBuffer::Counters`].
+    pub fn lacks_layers(plan: &FramePlan, counters: &[u32]) -> bool {
+        let remain = counters.get(layout::cell_counters::LAYERS_REMAIN / 4);
+        plan.has(Pass::ABuffer) && remain.is_some_and(|&remain| remain != 0)
+    }
+
     /// Adds the numbers of records, pairs and layers that were drawn to the statistics. `counters` are the words of
     /// [`CellBuffer::Counters`]. Records of samples don't count, because their splats were counted with the tile of
     /// pixels.
-    ///
-    /// # Errors
-    /// A message that states the cause and a remedy, if a pixel has more transparent surfaces than GPUs draw.
-    pub fn count(counters: &[u32], stats: &mut Stats) -> Result<(), String> {
+    pub fn count(counters: &[u32], stats: &mut Stats) {
         let layers = counters.get(layout::cell_counters::LAYERS / 4).copied().unwrap_or(0);
-        check_layers(layers.into())?;
         if layers > 0 {
             raise_counter(LAYERS_DRAWN, layers.into(), stats);
         }
@@ -407,7 +411,6 @@ impl CellCapacity {
             add_counter(cells, samples.active as f64, stats);
             add_counter(pairs, samples.pairs as f64, stats);
         }
-        Ok(())
     }
 
     /// True if a tile and its samples fit the capacity. `counters` are the words of [`CellBuffer::Counters`]. If a tile
@@ -435,8 +438,8 @@ impl CellCapacity {
         let (records, pairs) = (needs.records.try_into().ok()?, needs.pairs.try_into().ok()?);
         let room = Self { records, pairs, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
-        let of_tiles = all.iter().map(|cells| room.pair_bytes(cells).max(room.record_bytes(cells))).max();
-        (of_tiles.unwrap_or(0).max(room.part_bytes()) <= most).then_some(room)
+        let bytes = |cells| room.pair_bytes(cells).max(room.record_bytes(cells)).max(room.part_bytes(cells));
+        (all.iter().map(bytes).max().unwrap_or(0) <= most).then_some(room)
     }
 
     /// Returns the size of the buffer of records for a tile, in bytes.
@@ -457,9 +460,10 @@ impl CellCapacity {
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
     }
 
-    /// Returns the size of the buffer of parts of dense cells, in bytes.
-    fn part_bytes(self) -> u64 {
-        4 * u64::from(layout::PART_WORDS * layout::CELL_WORKGROUP) * self.parts()
+    /// Returns the size of the buffer of parts of dense cells of a tile, in bytes.
+    fn part_bytes(self, cells: &CellCounts) -> u64 {
+        let words = if cells.has_sides { layout::SIDED_PART_WORDS } else { layout::PART_WORDS };
+        4 * u64::from(words * layout::CELL_WORKGROUP) * self.parts()
     }
 
     /// Returns the size of a buffer of pairs for a tile, in bytes, header included.
@@ -615,7 +619,7 @@ mod tests {
         let more = room.grown(&needed, &counts, all).unwrap();
         assert!(more.holds(&needed) && more.active <= 256 * 200);
         let mut stats = Stats::default();
-        CellCapacity::count(&needed, &mut stats).unwrap();
+        CellCapacity::count(&needed, &mut stats);
         let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
         assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
     }

@@ -45,7 +45,7 @@ const FIRST_LAYERS: usize = 16;
 const MAX_LAYERS: usize = 255;
 
 /// Returns the number of layers to peel. It is the plan's number, and in an A-buffer at least [`FIRST_LAYERS`].
-fn peeled_layers(plan: &FramePlan) -> usize {
+pub(crate) fn peeled_layers(plan: &FramePlan) -> usize {
     let peeled = plan.peeled_layers();
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
@@ -58,35 +58,15 @@ fn peeled_layers(plan: &FramePlan) -> usize {
 pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
     if layers >= MAX_LAYERS || (layers == FIRST_LAYERS && least() > MAX_LAYERS) {
-        return Err(too_many_layers());
+        return Err(format!(
+            "a pixel has more transparent surfaces than the {MAX_LAYERS} that a GPU draws: choose `backend=cpu`, or \
+             `transparency=peel:4`"
+        ));
     }
     let more = (4 * layers).min(MAX_LAYERS) - plan.peeled_layers();
     let mut plan = plan.clone();
     plan.passes.extend(std::iter::repeat_n(Pass::PeelLayer, more));
     Ok(plan)
-}
-
-/// Returns the message that a pixel has more than [`MAX_LAYERS`] transparent surfaces, and what to do.
-fn too_many_layers() -> String {
-    format!(
-        "a pixel has more transparent surfaces than the {MAX_LAYERS} that a GPU draws: choose `backend=cpu`, or \
-         `transparency=peel:4`"
-    )
-}
-
-/// Returns the maximum number of layers that the compute path peels, without the last layer of all remaining fragments.
-pub(crate) fn max_layers(plan: &FramePlan) -> u32 {
-    let layers = if plan.has(Pass::ABuffer) { MAX_LAYERS } else { plan.peeled_layers() };
-    layers as u32
-}
-
-/// Checks that the compute path drew all layers of a tile. `layers` is the largest number of layers of a cell, and one
-/// more than [`MAX_LAYERS`] if an A-buffer has more.
-///
-/// # Errors
-/// A message that states the cause and a remedy, if the frame needs more layers than GPUs draw.
-pub(crate) fn check_layers(layers: u64) -> Result<(), String> {
-    if layers > MAX_LAYERS as u64 { Err(too_many_layers()) } else { Ok(()) }
 }
 
 /// True if the plan draws a shadow map. Such a plan has no shading.
