@@ -8,7 +8,8 @@ const SAMPLED_SIDE: u32 = 4u;
 // Number of cells along the side of a workgroup of `cell_steps`.
 const STEP_CELLS: u32 = 2u;
 
-// 1 for each active cell of the grid, else 0, row by row; then a 0. A scan makes `cell_active` of it.
+// 1 for each active cell of the grid, else 0, row by row; then a 0. A scan and `cell_sum_active` make `cell_active` of
+// it.
 @group(1) @binding(57) var<storage, read_write> cell_active_out: array<u32>;
 
 // Number of sampled pixels of each of the 2×2 cells of a workgroup of `cell_steps`, row by row.
@@ -69,6 +70,23 @@ fn cell_steps(
     if all(id.xy == vec2u(0u, 0u)) {
         // Last element of the scan.
         cell_active_out[frame.cell_count] = 0u;
+    }
+}
+
+// Writes the summed-area table of active cells, one column per invocation, after the scan.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sum_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let column = workgroup_number(group) * CELL_WORKGROUP + i;
+    if column > frame.cell_columns {
+        return;
+    }
+    let rows = frame.cell_count / frame.cell_columns;
+    var sum = 0u;
+    cell_active_out[active_area_at(0u, column)] = 0u;
+    for (var row = 0u; row < rows; row++) {
+        let first = row * frame.cell_columns;
+        sum += cell_active_out[first + column] - cell_active_out[first];
+        cell_active_out[active_area_at(row + 1u, column)] = sum;
     }
 }
 

@@ -62,6 +62,8 @@ struct CellCounters {
     pairs: atomic<u32>,
     // Number of active cells of a tile of samples.
     active_cells: atomic<u32>,
+    // 1 if an active cell has more than CROWDED_PAIRS pairs.
+    is_crowded: atomic<u32>,
     // Largest number of layers of transparent splats that a cell draws, and 1 if fragments remain behind the layers of
     // any cell.
     layers: atomic<u32>,
@@ -73,6 +75,7 @@ struct CellCounts {
     records: u32,
     pairs: u32,
     active_cells: u32,
+    is_crowded: u32,
     layers: u32,
     layers_remain: u32,
 }
@@ -117,8 +120,9 @@ struct CellRound {
 // The buffers `cell_records_out` and `cell_counters`, for passes that only read them.
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
 @group(1) @binding(53) var<storage, read> cell_counts: array<CellCounts>;
-// Number of active cells before each cell of the grid, row by row, and then that of all. Only read in frames of
-// samples.
+// Number of active cells before each cell of the grid, row by row, and then that of all. The summed-area table of active
+// cells follows: for each row r up to the number of rows, and each column c up to the number of columns, the number of
+// active cells in rows before r and columns before c. Only read in frames of samples.
 @group(1) @binding(56) var<storage, read> cell_active: array<u32>;
 
 // Sum of the values of all invocations up to each one, its own included.
@@ -169,6 +173,19 @@ fn drawn_pairs(counts: CellCounts) -> u32 {
     return select(0u, counts.pairs, fits);
 }
 
+// Returns the counts of this frame, for passes that also write them.
+fn counted() -> CellCounts {
+    let part = frame.cell_part;
+    return CellCounts(
+        atomicLoad(&cell_counters[part].records),
+        atomicLoad(&cell_counters[part].pairs),
+        atomicLoad(&cell_counters[part].active_cells),
+        0u,
+        0u,
+        0u,
+    );
+}
+
 // Returns the number of pairs to draw in this frame.
 fn pair_count() -> u32 {
     return drawn_pairs(cell_counts[frame.cell_part]);
@@ -182,6 +199,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
         atomicStore(&cell_counters[frame.cell_part].records, 0u);
         atomicStore(&cell_counters[frame.cell_part].pairs, 0u);
         atomicStore(&cell_counters[frame.cell_part].active_cells, 0u);
+        atomicStore(&cell_counters[frame.cell_part].is_crowded, 0u);
         atomicStore(&cell_counters[frame.cell_part].layers, 0u);
         atomicStore(&cell_counters[frame.cell_part].layers_remain, 0u);
     }
@@ -210,10 +228,16 @@ fn cells_of(boxes: vec4u) -> vec4u {
     return vec4u(from_cell, (most + (CELL_SIDE - 1u)) / CELL_SIDE - from_cell);
 }
 
-// Returns the number of active cells in a row of the grid among the cells of a record, as `cells_of` returns them.
-fn active_in_row(cells: vec4u, row: u32) -> u32 {
-    let first = row * frame.cell_columns + cells.x;
-    return cell_active[first + cells.z] - cell_active[first];
+// Returns the index of an element of the summed-area table of active cells.
+fn active_area_at(row: u32, column: u32) -> u32 {
+    return frame.cell_count + 1u + row * (frame.cell_columns + 1u) + column;
+}
+
+// Returns the number of active cells in the first `rows` rows of the cells of a record, as `cells_of` returns them.
+fn active_in_rows(cells: vec4u, rows: u32) -> u32 {
+    let end = cells.x + cells.z;
+    let below = cell_active[active_area_at(cells.y + rows, end)] - cell_active[active_area_at(cells.y + rows, cells.x)];
+    return below - (cell_active[active_area_at(cells.y, end)] - cell_active[active_area_at(cells.y, cells.x)]);
 }
 
 // Returns the number of pairs of a record with these cells, as `cells_of` returns them: all cells, or the active ones
@@ -222,11 +246,15 @@ fn pairs_of_cells(cells: vec4u) -> u32 {
     if frame.is_of_samples == 0u {
         return cells.z * cells.w;
     }
-    var count = 0u;
-    for (var row = cells.y; row < cells.y + cells.w; row++) {
-        count += active_in_row(cells, row);
+    return active_in_rows(cells, cells.w);
+}
+
+// Returns `rows` plus `step` if the k-th active cell of a record lies behind so many rows, else `rows`.
+fn rows_before(cells: vec4u, k: u32, rows: u32, step: u32) -> u32 {
+    if rows + step >= cells.w || active_in_rows(cells, rows + step) > k {
+        return rows;
     }
-    return count;
+    return rows + step;
 }
 
 // Returns the number of the k-th cell, from 0, that has a pair with a record with these cells. In a frame of samples it
@@ -235,16 +263,25 @@ fn nth_cell(cells: vec4u, k: u32) -> u32 {
     if frame.is_of_samples == 0u {
         return (cells.y + k / cells.z) * frame.cell_columns + cells.x + k % cells.z;
     }
-    var left = k;
-    var row = cells.y;
-    for (; row + 1u < cells.y + cells.w; row++) {
-        let count = active_in_row(cells, row);
-        if left < count {
-            break;
-        }
-        left -= count;
-    }
-    return cell_active[row * frame.cell_columns + cells.x] + left;
+    // A binary search, without a loop like `first_after`. A grid has at most 65536 rows.
+    var rows = rows_before(cells, k, 0u, 32768u);
+    rows = rows_before(cells, k, rows, 16384u);
+    rows = rows_before(cells, k, rows, 8192u);
+    rows = rows_before(cells, k, rows, 4096u);
+    rows = rows_before(cells, k, rows, 2048u);
+    rows = rows_before(cells, k, rows, 1024u);
+    rows = rows_before(cells, k, rows, 512u);
+    rows = rows_before(cells, k, rows, 256u);
+    rows = rows_before(cells, k, rows, 128u);
+    rows = rows_before(cells, k, rows, 64u);
+    rows = rows_before(cells, k, rows, 32u);
+    rows = rows_before(cells, k, rows, 16u);
+    rows = rows_before(cells, k, rows, 8u);
+    rows = rows_before(cells, k, rows, 4u);
+    rows = rows_before(cells, k, rows, 2u);
+    rows = rows_before(cells, k, rows, 1u);
+    let left = k - active_in_rows(cells, rows);
+    return cell_active[(cells.y + rows) * frame.cell_columns + cells.x] + left;
 }
 
 // Index of the first record of the workgroup's group.
@@ -503,13 +540,7 @@ fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
 fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
     let part = frame.cell_part;
-    let length = scan_length(drawn_pairs(CellCounts(
-        atomicLoad(&cell_counters[part].records),
-        atomicLoad(&cell_counters[part].pairs),
-        atomicLoad(&cell_counters[part].active_cells),
-        0u,
-        0u,
-    )));
+    let length = scan_length(drawn_pairs(counted()));
     var of_blocks = 0u;
     for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
         of_blocks = saturating_sum(of_blocks, scan_sums[earlier]);
@@ -673,16 +704,24 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
     }
 }
 
+// Largest number of pairs of an active cell of samples. Such cells aren't drawn in parts, and the host draws a tile with
+// more by raster hardware.
+const CROWDED_PAIRS: u32 = 12288u;
+
 // Writes the header of the sorted pairs: the begin and end of the pairs of each cell.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let index = workgroup_number(group) * CELL_WORKGROUP + i;
-    let count = pair_count();
+    let part = frame.cell_part;
+    let count = drawn_pairs(counted());
     if index >= count {
         return;
     }
     let at = frame.cell_header + index;
     let cell = pairs_out[at].cell;
+    if frame.is_of_samples != 0u && index >= CROWDED_PAIRS && pairs_out[at - CROWDED_PAIRS].cell == cell {
+        atomicStore(&cell_counters[part].is_crowded, 1u);
+    }
     if index == 0u || pairs_out[at - 1u].cell != cell {
         pairs_out[cell].cell = at;
     }

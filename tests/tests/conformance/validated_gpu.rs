@@ -167,8 +167,19 @@ fn wgpu_as(options: surfel_wgpu::Options) -> Option<Wgpu> {
 
 /// Starts a validated wgpu backend outside of the pool. Dropping it destroys its device.
 pub(crate) fn unpooled_wgpu() -> Option<surfel_wgpu::Renderer> {
+    unpooled_wgpu_by(GpuPath::Auto)
+}
+
+/// Starts a validated wgpu backend on one path outside of the pool.
+pub(crate) fn unpooled_wgpu_by(path: GpuPath) -> Option<surfel_wgpu::Renderer> {
     listen();
-    started("wgpu", surfel_wgpu::Renderer::new(surfel_wgpu::Options::default().with_validation(true)))
+    let options = surfel_wgpu::Options::default().with_path(path).with_validation(true);
+    started("wgpu", surfel_wgpu::Renderer::new(options))
+}
+
+/// Starts the Vulkan backend on one path outside of the pool, validated if the validation layer is installed.
+pub(crate) fn unpooled_ash_by(path: GpuPath) -> Option<surfel_ash::Renderer> {
+    started("ash", start_ash(surfel_ash::Options::default().with_path(path))).map(|(renderer, _)| renderer)
 }
 
 /// Returns the backend's images of every scene with their reports, drawn once per process for each backend name.

@@ -327,8 +327,8 @@ pub(crate) fn sample_stages(
     let Some(samples) = RasterEntries::of(plan).samples else { return Vec::new() };
     let mut edges = vec![begin(cells, room), CellStep::over_pixels("cell_steps", pixels)];
     edges.extend(scan(CellRound::Active, u64::from(cells.cells()) + 1));
-    let list = u64::from(cells.cells()).div_ceil(layout::CELL_WORKGROUP.into());
-    edges.push(CellStep::of("cell_list_active", CellRound::Groups, list));
+    edges.push(CellStep::over_items("cell_sum_active", cells.size[0] + 1));
+    edges.push(CellStep::over_items("cell_list_active", cells.cells()));
     let mut stages = vec![CellStage { name: "edges", steps: edges }];
     if cells.groups() > 0 {
         stages.push(CellStage { name: "setup of samples", steps: setup(plan, cells) });
@@ -366,7 +366,8 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         "cell_scatter",
         "cell_find_ranges",
     ];
-    let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
+    let of_samples =
+        samples.into_iter().flat_map(|samples| ["cell_steps", "cell_sum_active", "cell_list_active", samples]);
     let neighbours = has_neighbour_passes(plan).then_some("cell_neighbours");
     let raster = [cells].into_iter().chain(of_parts);
     let after = neighbours.into_iter().chain(edges.into_iter().flatten()).chain(layer_entries(plan)).chain(of_samples);

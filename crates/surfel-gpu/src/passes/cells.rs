@@ -94,7 +94,8 @@ pub enum CellBuffer {
     Sums,
     /// Depth thresholds and sums of the parts into which dense cells, those with very many pairs, are split.
     Parts,
-    /// Number of active cells (with a sampled pixel) before each cell in a tile of samples: the shaders' `cell_active`.
+    /// Number of active cells (with a sampled pixel) before each cell in a tile of samples, and their summed-area table:
+    /// the shaders' `cell_active`.
     Active,
 }
 
@@ -146,7 +147,7 @@ impl CellBuffer {
             Self::Counters => COUNTER_BYTES,
             Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
             Self::Digits => 4 * digits,
-            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups())).max(cells.active_words())),
+            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups())).max(u64::from(cells.cells()) + 1)),
             Self::Parts => room.part_bytes(cells),
             Self::Active => 4 * cells.active_words(),
         }
@@ -296,7 +297,8 @@ impl CellCounts {
 
     /// Returns the number of words of [`CellBuffer::Active`], at least one.
     fn active_words(&self) -> u64 {
-        if self.is_of_samples { u64::from(self.cells()) + 1 } else { 1 }
+        let [columns, rows] = self.size.map(u64::from);
+        if self.is_of_samples { columns * rows + 1 + (columns + 1) * (rows + 1) } else { 1 }
     }
 }
 
@@ -346,6 +348,13 @@ impl CellNeeds {
     fn of_room(room: CellCapacity) -> Self {
         Self { records: room.records.into(), pairs: room.pairs.into(), active: room.active.into() }
     }
+}
+
+/// True if a cell of samples has more pairs than the compute path draws. `counters` are the words of
+/// [`CellBuffer::Counters`].
+fn is_crowded(counters: &[u32]) -> bool {
+    let mut tiles = counters.chunks_exact(layout::cell_counters::SIZE / 4);
+    tiles.any(|words| words.get(layout::cell_counters::IS_CROWDED / 4).is_some_and(|&crowded| crowded != 0))
 }
 
 /// Returns an iterator over the required capacities of a tile of pixels and of the tiles of its samples, from the words
@@ -413,16 +422,20 @@ impl CellCapacity {
         }
     }
 
-    /// True if a tile and its samples fit the capacity. `counters` are the words of [`CellBuffer::Counters`]. If a tile
-    /// doesn't fit, none of its pixels were drawn.
+    /// True if a tile and its samples fit the capacity, and no cell of samples has more pairs than the compute path
+    /// draws. `counters` are the words of [`CellBuffer::Counters`]. If a tile doesn't fit, it has to be drawn again.
     pub fn holds(self, counters: &[u32]) -> bool {
         let (own, needs) = (CellNeeds::of_room(self), CellNeeds::of(counters));
-        own.max(needs) == own
+        !is_crowded(counters) && own.max(needs) == own
     }
 
     /// Returns the capacity that a tile and its samples need, with a margin of a quarter if the limits permit.
-    /// `counters` are the words of [`CellBuffer::Counters`]. `None` if the capacity exceeds the limits.
+    /// `counters` are the words of [`CellBuffer::Counters`]. `None` if the capacity exceeds the limits, or if a cell of
+    /// samples has too many pairs for the compute path.
     pub(crate) fn grown(self, counters: &[u32], all: &[CellCounts], limits: Limits) -> Option<Self> {
+        if is_crowded(counters) {
+            return None;
+        }
         let needs = CellNeeds::of(counters);
         let more = |count: u64| count + count / 4;
         let ample = CellNeeds { records: more(needs.records), pairs: more(needs.pairs), active: more(needs.active) };
