@@ -1,11 +1,11 @@
-// Transparent layers in the compute path (rendering model §8). After the opaque surface was drawn, passes draw one layer
-// after another, from near to far. A layer is drawn like the opaque surface: a workgroup visits the pairs of its cell
-// twice, and dense cells are drawn in parts. The layers so far, composited, are stored between passes. A cell without
-// fragments behind the last layer is skipped. Layers are those of transparent_layers.wgsl.
+// Transparent layers in the compute path (rendering model §8). After the opaque surface was drawn, passes draw one
+// layer after another, from near to far. A layer is drawn like the opaque surface: a workgroup visits the pairs of its
+// cell twice, and dense cells are drawn in parts. The layers so far, composited, are stored between passes. A cell
+// without fragments behind the last layer is skipped. Layers are those of transparent_layers.wgsl.
 
 // Numbers of the words of a pixel's layers at Frame.layers_at: premultiplied colour of the composited layers, and their
-// opacity; the reversed depth threshold of the last layer; and the number of layers that aren't empty. The first word of
-// all pixels of the targets, row by row, is stored before the second.
+// opacity; the reversed depth threshold of the last layer; and the number of layers that aren't empty. The first word
+// of all pixels of the targets, row by row, is stored before the second.
 const LAYER_COLOR: u32 = 0u;
 const LAYER_OPACITY: u32 = 3u;
 const LAYER_PEELED: u32 = 4u;

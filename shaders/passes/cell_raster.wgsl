@@ -537,8 +537,8 @@ fn clear_cell(i: u32) {
     }
 }
 
-// Runs the first loop: returns the maxima of the pixel of invocation i among the pairs whose indices are in `range`. All
-// bits of records are clear before and after.
+// Runs the first loop: returns the maxima of the pixel of invocation i among the pairs whose indices are in `range`.
+// All bits of records are clear before and after.
 fn find_maxima(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> Maxima {
     let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
@@ -641,8 +641,8 @@ struct CellMaxima {
     writers: Writers,
 }
 
-// Runs the first loop like `find_maxima`, and also finds the splats that define the maxima. Of several such splats it is
-// the first, because a pixel visits candidates in order.
+// Runs the first loop like `find_maxima`, and also finds the splats that define the maxima. Of several such splats it
+// is the first, because a pixel visits candidates in order.
 fn find_maxima_and_writers(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> CellMaxima {
     let sided = has(drawn, DRAW_SIDED);
     let in_cell = pixel_in_cell(i);
@@ -845,8 +845,8 @@ fn write_nearest(at: u32, record: u32) {
     planes[frame.nearest_at + 2u * at + 1u] = f32(place % CELL_WORKGROUP);
 }
 
-// Writes the normal and depth z of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for passes
-// that read neighbours or draw layers.
+// Writes the normal and depth z of the pixel `own` of the targets at Frame.surfaces_at, four words per pixel, for
+// passes that read neighbours or draw layers.
 fn write_surface(own: vec2u, point: Point, z: f32) {
     let to = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
     planes[to] = point.normal.x;
@@ -1249,8 +1249,8 @@ fn cell_combine_shadowed_edged(@builtin(workgroup_id) cell: vec3u, @builtin(loca
     combine_cell(cell.xy, i, DRAW_SURFACE | DRAW_FULL | DRAW_EDGES);
 }
 
-// Find thresholds, sum attributes and combine the parts of dense cells whose pixels show one side of oriented splats, in
-// frames of every kind: with clipped splats, shadows and antialiased edges or without.
+// Find thresholds, sum attributes and combine the parts of dense cells whose pixels show one side of oriented splats,
+// in frames of every kind: with clipped splats, shadows and antialiased edges or without.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_sided_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let drawn = DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_EDGES | DRAW_CLIPPED;

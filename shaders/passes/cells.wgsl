@@ -120,9 +120,9 @@ struct CellRound {
 // The buffers `cell_records_out` and `cell_counters`, for passes that only read them.
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
 @group(1) @binding(53) var<storage, read> cell_counts: array<CellCounts>;
-// Number of active cells before each cell of the grid, row by row, and then that of all. The summed-area table of active
-// cells follows: for each row r up to the number of rows, and each column c up to the number of columns, the number of
-// active cells in rows before r and columns before c. Only read in frames of samples.
+// Number of active cells before each cell of the grid, row by row, and then that of all. The summed-area table of
+// active cells follows: for each row r up to the number of rows, and each column c up to the number of columns, the
+// number of active cells in rows before r and columns before c. Only read in frames of samples.
 @group(1) @binding(56) var<storage, read> cell_active: array<u32>;
 
 // Sum of the values of all invocations up to each one, its own included.
@@ -290,9 +290,9 @@ var<workgroup> group_first_record: u32;
 var<workgroup> group_pairs: atomic<u32>;
 
 // Writes a group's records without gaps and counts its pairs. Invocation i of the workgroup passes one record and the
-// view position of its splat's centre. Records without pairs are left out. All invocations of the workgroup have to call
-// it, with `may_be_there` false if they have no record. Returns the index of the invocation's record, or ABSENT if it
-// wasn't written.
+// view position of its splat's centre. Records without pairs are left out. All invocations of the workgroup have to
+// call it, with `may_be_there` false if they have no record. Returns the index of the invocation's record, or ABSENT if
+// it wasn't written.
 fn write_group(group: u32, i: u32, record: Record, center: vec3f, may_be_there: bool) -> u32 {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
@@ -704,8 +704,8 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
     }
 }
 
-// Largest number of pairs of an active cell of samples. Such cells aren't drawn in parts, and the host draws a tile with
-// more by raster hardware.
+// Largest number of pairs of an active cell of samples. Such cells aren't drawn in parts, and the host draws a tile
+// with more by raster hardware.
 const CROWDED_PAIRS: u32 = 12288u;
 
 // Writes the header of the sorted pairs: the begin and end of the pairs of each cell.

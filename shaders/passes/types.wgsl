@@ -144,8 +144,8 @@ struct Frame {
     // Index of the frame's element in `cell_counters`: 0 for the tile of pixels, from 1 on for the frames of its
     // samples.
     cell_part: u32,
-    // Offsets in `planes`, in words, of the data that the compute path's passes over neighbours and layers read: normals
-    // and depths of surfaces, and edge data (cell_neighbours.wgsl). ABSENT without such passes.
+    // Offsets in `planes`, in words, of the data that the compute path's passes over neighbours and layers read:
+    // normals and depths of surfaces, and edge data (cell_neighbours.wgsl). ABSENT without such passes.
     surfaces_at: u32,
     edges_at: u32,
     // Offset in `planes`, in words, of the layers of pixels and cells (cell_layers.wgsl). ABSENT without layers.

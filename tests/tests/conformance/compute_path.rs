@@ -79,8 +79,8 @@ fn sided_wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
     case
 }
 
-/// Returns a wall whose farthest splats are opaque, and all others transparent. No opaque and transparent splats have the
-/// same depth, where rounding would decide which is nearer.
+/// Returns a wall whose farthest splats are opaque, and all others transparent. No opaque and transparent splats have
+/// the same depth, where rounding would decide which is nearer.
 fn glass_wall(count: usize, radius: f64, spread: f64, size: [u32; 2], transparency: &str) -> Case {
     let alpha = |i: usize| if i % 5 == 4 { 1.0 } else { 0.2 + 0.1 * (i % 6) as f32 };
     let mut glass = object(with_alpha(cloud(&wall_splats(count, radius, spread)), alpha));
@@ -245,7 +245,7 @@ fn agrees_with_the_cpu(renderer: &mut impl Renderer, case: &Case) -> Stats {
 /// Draws a cell of samples with more pairs than the compute path draws, which raster hardware then draws.
 fn leaves_crowded_samples_to_raster_hardware(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
-    let case = wall(60_000, 0.02, 0.02, [24, 24]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
+    let case = wall(120_000, 0.02, 0.1, [40, 40]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
     let (ours, stats) = drawn_once(renderer, &case, planes());
     assert!(is_for_cells(&case, renderer) && !is_by_cells(&stats));
     are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &case.name);
@@ -314,8 +314,8 @@ fn every_run_and_both_backends_have_the_same_bits() {
         assert!(is_by_cells(&stats), "{}", case.name);
         assert_eq!(other, drawn_once(&mut wgpu, &case, planes().with_index(true)).0, "{}", case.name);
         if is_same_device && first != other {
-            // Software drivers draw by threads of their own, which inherit the state of floating-point units. So devices
-            // that two tests made may round differently. Devices that one test makes don't.
+            // Software drivers draw by threads of their own, which inherit the state of floating-point units. So
+            // devices that two tests made may round differently. Devices that one test makes don't.
             let (Some(mut ash), Some(mut wgpu)) =
                 (validated_gpu::unpooled_ash_by(GpuPath::Compute), validated_gpu::unpooled_wgpu_by(GpuPath::Compute))
             else {

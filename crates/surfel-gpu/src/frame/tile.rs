@@ -508,8 +508,8 @@ impl TileData {
     }
 }
 
-/// Returns the words of the view position of a splat's centre from a record of [`NearRecords::lit`]; zeros if the record
-/// is empty.
+/// Returns the words of the view position of a splat's centre from a record of [`NearRecords::lit`]; zeros if the
+/// record is empty.
 fn center_words(record: &[u32]) -> [u32; 3] {
     use layout::record::{VISIBLE_U, VISIBLE_V};
     [VISIBLE_U, VISIBLE_U + 4, VISIBLE_V].map(|at| record.get(at / 4).copied().unwrap_or(0))

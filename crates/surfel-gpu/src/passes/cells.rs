@@ -94,8 +94,8 @@ pub enum CellBuffer {
     Sums,
     /// Depth thresholds and sums of the parts into which dense cells, those with very many pairs, are split.
     Parts,
-    /// Number of active cells (with a sampled pixel) before each cell in a tile of samples, and their summed-area table:
-    /// the shaders' `cell_active`.
+    /// Number of active cells (with a sampled pixel) before each cell in a tile of samples, and their summed-area
+    /// table: the shaders' `cell_active`.
     Active,
 }
 
