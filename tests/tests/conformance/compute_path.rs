@@ -245,7 +245,7 @@ fn agrees_with_the_cpu(renderer: &mut impl Renderer, case: &Case) -> Stats {
 /// Draws a cell of samples with more pairs than the compute path draws, which raster hardware then draws.
 fn leaves_crowded_samples_to_raster_hardware(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
-    let case = wall(120_000, 0.02, 0.1, [40, 40]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
+    let case = sided_wall(120_000, 0.02, 0.1, [40, 40]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
     let (ours, stats) = drawn_once(renderer, &case, planes());
     assert!(is_for_cells(&case, renderer) && !is_by_cells(&stats));
     are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &case.name);
