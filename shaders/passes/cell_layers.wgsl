@@ -2,59 +2,115 @@
 // layer after another, from near to far. A layer is drawn like the opaque surface: a workgroup visits the pairs of its
 // cell twice, and dense cells are drawn in parts. The layers so far, composited, are stored between passes. A cell
 // without fragments behind the last layer is skipped. Layers are those of transparent_layers.wgsl.
+//
+// Layers of samples are drawn by the same functions (cell_samples.wgsl).
 
-// Numbers of the words of a pixel's layers at Frame.layers_at: premultiplied colour of the composited layers, and their
-// opacity; the reversed depth threshold of the last layer; and the number of layers that aren't empty. The first word
-// of all pixels of the targets, row by row, is stored before the second.
+// Numbers of the words of a pixel's layers: premultiplied colour of the composited layers, and their opacity; the
+// reversed depth threshold of the last layer; and the number of layers that aren't empty.
 const LAYER_COLOR: u32 = 0u;
 const LAYER_OPACITY: u32 = 3u;
 const LAYER_PEELED: u32 = 4u;
 const LAYERS_THERE: u32 = 5u;
 // Number of these words.
 const LAYER_WORDS: u32 = 6u;
-// Numbers of the words of a cell's layers, which follow those of all pixels: number of layers drawn, also empty ones;
-// and 1 if fragments remain behind the last layer.
+// Numbers of the words of a cell's layers: number of layers drawn, also empty ones; and 1 if fragments remain behind
+// the last layer.
 const CELL_LAYERS: u32 = 0u;
 const CELL_REMAINS: u32 = 1u;
 // Number of these words.
 const CELL_LAYER_WORDS: u32 = 2u;
+// Words of a sample after LAYER_WORDS: reversed depth of the opaque surface, 0 without one; and the colour without
+// layers, four words.
+const SAMPLE_DEPTH: u32 = 6u;
+const SAMPLE_COLOR: u32 = 7u;
+// Number of words of a sample. The words of the cell follow, in place of those of the cell's first sample.
+const SAMPLE_CELL: u32 = 11u;
+const SAMPLE_WORDS: u32 = 13u;
 
-// Returns the index in `planes` of a word of the layers of the pixel `own` of the targets.
-fn layer_word(word: u32, own: vec2u) -> u32 {
-    return frame.layers_at + (word * frame.size_px.y + own.y) * frame.size_px.x + own.x;
+// A cell whose layers are drawn.
+struct LayeredCell {
+    // Number of the cell in the grid or, in a frame of samples, among active cells.
+    number: u32,
+    // First pixel of the cell in the targets.
+    corner: vec2u,
+    // Indices of the cell's first pair and one past its last.
+    range: vec2u,
 }
 
-// Returns the index in `planes` of a word of the layers of the cell with this number.
+// A pixel of a cell: the cell's number as in LayeredCell, the pixel in the targets, and its invocation.
+struct LayeredPixel {
+    cell: u32,
+    own: vec2u,
+    i: u32,
+}
+
+// Returns the pixel of invocation i of a cell.
+fn layered_pixel(cell: LayeredCell, i: u32) -> LayeredPixel {
+    return LayeredPixel(cell.number, cell.corner + pixel_in_cell(i), i);
+}
+
+// Returns the cell in this column and row of the grid.
+fn layered_cell(cell: vec2u) -> LayeredCell {
+    return LayeredCell(cell.y * frame.cell_columns + cell.x, cell * CELL_SIDE, pairs_of(cell));
+}
+
+// Returns the index in `planes` of a word of the layers of the pixel `own` of the targets of pixels. The first word of
+// all pixels, row by row, is stored before the second.
+fn layer_word(word: u32, own: vec2u) -> u32 {
+    let size = pixel_targets_px();
+    return frame.layers_at + (word * size.y + own.y) * size.x + own.x;
+}
+
+// Returns the index in `planes` of a word of the layers of a cell of pixels. These words follow those of all pixels.
 fn cell_layer_word(word: u32, cell: u32) -> u32 {
     return frame.layers_at + LAYER_WORDS * frame.size_px.x * frame.size_px.y + word * frame.cell_count + cell;
 }
 
-// Returns the number of a cell (column, row).
-fn number_of_cell(cell: vec2u) -> u32 {
-    return cell.y * frame.cell_columns + cell.x;
+// Returns the index in `planes` of a word of the sample of invocation i of an active cell.
+fn sample_word(word: u32, cell: u32, i: u32) -> u32 {
+    return frame.samples_at + (cell * SAMPLE_WORDS + word) * CELL_WORKGROUP + i;
+}
+
+// Returns the index in `planes` of a word of the layers of a pixel or sample.
+fn layer_at(word: u32, pixel: LayeredPixel) -> u32 {
+    if frame.is_of_samples != 0u {
+        return sample_word(word, pixel.cell, pixel.i);
+    }
+    return layer_word(word, pixel.own);
+}
+
+// Returns the index in `planes` of a word of the layers of a cell, given by its number.
+fn cell_layer_at(word: u32, cell: u32) -> u32 {
+    if frame.is_of_samples != 0u {
+        return sample_word(SAMPLE_CELL + word, cell, 0u);
+    }
+    return cell_layer_word(word, cell);
 }
 
 // True if fragments may remain behind the last layer of a cell, given by its number.
 fn cell_remains(cell: u32) -> bool {
-    return planes[cell_layer_word(CELL_REMAINS, cell)] > 0.0;
+    return planes[cell_layer_at(CELL_REMAINS, cell)] > 0.0;
 }
 
-// Starts the layers of a cell.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_begin_layers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = group.xy;
-    let own = cell * CELL_SIDE + pixel_in_cell(i);
-    if all(own < frame.size_px) {
+// Starts the layers of a cell: of the pixel of invocation i and, in the first invocation, of the cell.
+fn begin_layers_of(cell: LayeredCell, i: u32) {
+    let pixel = layered_pixel(cell, i);
+    if all(pixel.own < frame.size_px) {
         for (var word = 0u; word < LAYER_WORDS; word++) {
             // Reversed depths are at most 1, so every fragment lies behind 2.
-            planes[layer_word(word, own)] = select(0.0, 2.0, word == LAYER_PEELED);
+            planes[layer_at(word, pixel)] = select(0.0, 2.0, word == LAYER_PEELED);
         }
     }
     if i == 0u {
-        let range = pairs_of(cell);
-        planes[cell_layer_word(CELL_LAYERS, number_of_cell(cell))] = 0.0;
-        planes[cell_layer_word(CELL_REMAINS, number_of_cell(cell))] = select(0.0, 1.0, range.x < range.y);
+        planes[cell_layer_at(CELL_LAYERS, cell.number)] = 0.0;
+        planes[cell_layer_at(CELL_REMAINS, cell.number)] = select(0.0, 1.0, cell.range.x < cell.range.y);
     }
+}
+
+// Starts the layers of a cell of pixels.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_begin_layers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    begin_layers_of(layered_cell(group.xy), i);
 }
 
 // Lights transparent splats at their centres for the last layer, like `lit_corner`. The colours replace the centres in
@@ -93,14 +149,21 @@ struct LayerDepths {
     opaque: f32,
 }
 
-// Returns the depths of the pixel `own` of the targets. Outside of the targets nothing lies between them.
-fn layer_depths(own: vec2u) -> LayerDepths {
-    if any(own >= frame.size_px) {
+// Returns the reversed depth of the opaque surface of a pixel or sample of the targets; 0 without one.
+fn opaque_depth_of(pixel: LayeredPixel) -> f32 {
+    if frame.is_of_samples != 0u {
+        return planes[layer_at(SAMPLE_DEPTH, pixel)];
+    }
+    let z = cell_depth(vec2i(pixel.own));
+    return select(0.0, reversed_depth(z), z < frame.empty_depth);
+}
+
+// Returns the depths of a pixel. Outside of the targets nothing lies between them.
+fn layer_depths(pixel: LayeredPixel) -> LayerDepths {
+    if any(pixel.own >= frame.size_px) {
         return LayerDepths(0.0, 2.0);
     }
-    let z = cell_depth(vec2i(own));
-    let opaque = select(0.0, reversed_depth(z), z < frame.empty_depth);
-    return LayerDepths(planes[layer_word(LAYER_PEELED, own)], opaque);
+    return LayerDepths(planes[layer_at(LAYER_PEELED, pixel)], opaque_depth_of(pixel));
 }
 
 // Runs the first loop of a layer: returns the reversed depth threshold of the pixel of invocation i.
@@ -130,43 +193,44 @@ fn layer_sums(
     return sum_lit_pixel(range, corner, i, limit, drawn, is_lit);
 }
 
-// Adds a layer, the sums `sums` up to a reversed depth threshold, behind the layers of the pixel `own` of the targets.
-// If `is_lit`, the sum of colours is that of lit colours.
-fn add_layer(own: vec2u, sums: CellSums, threshold: f32, is_lit: bool) {
+// Adds a layer, the sums `sums` up to a reversed depth threshold, behind the layers of a pixel. If `is_lit`, the sum of
+// colours is that of lit colours.
+fn add_layer(pixel: LayeredPixel, sums: CellSums, threshold: f32, is_lit: bool) {
+    let own = pixel.own;
     if any(own >= frame.size_px) {
         return;
     }
     let shaded = own - frame.shade_origin_px;
-    let is_shaded = all(frame.shade_origin_px <= own) && all(shaded < frame.shade_size_px);
+    let is_inside = all(frame.shade_origin_px <= own) && all(shaded < frame.shade_size_px);
+    let is_shaded = is_inside && frame.is_of_samples == 0u;
     let at = shaded.y * frame.shade_size_px.x + shaded.x;
     if is_shaded && frame.fragments_at != ABSENT {
         planes[frame.fragments_at + at] += sums.fragments;
     }
     // A threshold of 0 means that no fragments remain behind the layer.
-    planes[layer_word(LAYER_PEELED, own)] = threshold;
+    planes[layer_at(LAYER_PEELED, pixel)] = threshold;
     let point = point_of(sums.color, sums.surface, sums.material);
     if !point.is_there {
         return;
     }
-    let layers_there = planes[layer_word(LAYERS_THERE, own)];
-    if is_shaded && layers_there == 0.0 {
+    if is_shaded && planes[layer_at(LAYERS_THERE, pixel)] == 0.0 {
         write_planes(at, Surface(vec3f(0.0, 0.0, 0.0), point.normal, point.z, point.weight, true));
         if frame.nearest_at != ABSENT {
             write_nearest(at, sums.nearest);
         }
     }
-    planes[layer_word(LAYERS_THERE, own)] = layers_there + 1.0;
+    planes[layer_at(LAYERS_THERE, pixel)] += 1.0;
     var color = limit_rgb(sums.color.rgb / point.weight);
     if !is_lit {
         color = color_of(position_at(vec2i(own), point.z), point, true);
     }
     let share = select(1.0, min(sums.layer_coverage / frame.full_coverage, 1.0), frame.has_abuffer != 0u);
     let alpha = sums.coverage / point.weight * share;
-    let through = 1.0 - planes[layer_word(LAYER_OPACITY, own)];
+    let through = 1.0 - planes[layer_at(LAYER_OPACITY, pixel)];
     for (var c = 0u; c < 3u; c++) {
-        planes[layer_word(LAYER_COLOR + c, own)] += color[c] * (alpha * through);
+        planes[layer_at(LAYER_COLOR + c, pixel)] += color[c] * (alpha * through);
     }
-    planes[layer_word(LAYER_OPACITY, own)] = 1.0 - through * (1.0 - alpha);
+    planes[layer_at(LAYER_OPACITY, pixel)] = 1.0 - through * (1.0 - alpha);
 }
 
 // Counts a layer of a cell, given by its number. `threshold` is the reversed depth threshold of the pixel of invocation
@@ -174,45 +238,51 @@ fn add_layer(own: vec2u, sums: CellSums, threshold: f32, is_lit: bool) {
 fn count_cell_layer(cell: u32, i: u32, threshold: f32) {
     let remains = holds_in_cell(i, threshold > 0.0);
     if i == 0u {
-        planes[cell_layer_word(CELL_LAYERS, cell)] += 1.0;
-        planes[cell_layer_word(CELL_REMAINS, cell)] = select(0.0, 1.0, remains);
+        planes[cell_layer_at(CELL_LAYERS, cell)] += 1.0;
+        planes[cell_layer_at(CELL_REMAINS, cell)] = select(0.0, 1.0, remains);
     }
 }
 
 // What every pass of layers draws.
 const DRAWN_LAYER: u32 = DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED | DRAW_LAYERS;
 
-// Draws the next layer of a cell, up to its depth threshold, unless the cell is dense.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = number_of_cell(group.xy);
-    let range = pairs_of(group.xy);
-    if !cell_remains(cell) || is_dense(range) {
-        return;
-    }
-    let corner = group.xy * CELL_SIDE;
-    let own = corner + pixel_in_cell(i);
-    let depths = layer_depths(own);
-    let threshold = layer_threshold_of(range, corner, i, depths, DRAWN_LAYER);
-    let sums = layer_sums(range, corner, i, depths, threshold, DRAWN_LAYER, false);
-    add_layer(own, sums, threshold, false);
-    count_cell_layer(cell, i, threshold);
+// Draws the next layer of a cell, up to its depth threshold.
+fn draw_peeled_layer(cell: LayeredCell, i: u32) {
+    let pixel = layered_pixel(cell, i);
+    let depths = layer_depths(pixel);
+    let threshold = layer_threshold_of(cell.range, cell.corner, i, depths, DRAWN_LAYER);
+    add_layer(pixel, layer_sums(cell.range, cell.corner, i, depths, threshold, DRAWN_LAYER, false), threshold, false);
+    count_cell_layer(cell.number, i, threshold);
 }
 
-// Draws the last layer of a cell, all remaining fragments, unless the cell is dense.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = number_of_cell(group.xy);
-    let range = pairs_of(group.xy);
-    if !cell_remains(cell) || is_dense(range) {
-        return;
-    }
-    let corner = group.xy * CELL_SIDE;
-    let own = corner + pixel_in_cell(i);
+// Draws the last layer of a cell, all remaining fragments.
+fn draw_remaining_layer(cell: LayeredCell, i: u32) {
+    let pixel = layered_pixel(cell, i);
     clear_cell(i);
     workgroupBarrier();
-    add_layer(own, layer_sums(range, corner, i, layer_depths(own), 0.0, DRAWN_LAYER, true), 0.0, true);
-    count_cell_layer(cell, i, 0.0);
+    let depths = layer_depths(pixel);
+    add_layer(pixel, layer_sums(cell.range, cell.corner, i, depths, 0.0, DRAWN_LAYER, true), 0.0, true);
+    count_cell_layer(cell.number, i, 0.0);
+}
+
+// Draws the next layer of a cell of pixels, unless the cell is dense.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = layered_cell(group.xy);
+    if is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
+        return;
+    }
+    draw_peeled_layer(cell, i);
+}
+
+// Draws the last layer of a cell of pixels, unless the cell is dense.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = layered_cell(group.xy);
+    if is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
+        return;
+    }
+    draw_remaining_layer(cell, i);
 }
 
 // Finds the depth thresholds of the next layer among the pairs of a part of a dense cell.
@@ -220,11 +290,11 @@ fn cell_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invo
 fn cell_part_layer_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
     let part = part_of(number);
-    if part.range.x == part.range.y || !cell_remains(part.cell) {
+    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(part.cell)) {
         return;
     }
     let corner = corner_of_cell(part.cell);
-    let depths = layer_depths(corner + pixel_in_cell(i));
+    let depths = layer_depths(LayeredPixel(part.cell, corner + pixel_in_cell(i), i));
     let threshold = layer_threshold_of(part.range, corner, i, depths, DRAWN_LAYER);
     put_part_f32(number, 0u, i, DRAWN_LAYER, threshold);
 }
@@ -232,11 +302,11 @@ fn cell_part_layer_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(loca
 // Sums the contributions of a part of a dense cell to a layer. If `is_last`, the layer is the last one.
 fn sum_layer_part(number: u32, i: u32, is_last: bool) {
     let part = part_of(number);
-    if part.range.x == part.range.y || !cell_remains(part.cell) {
+    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(part.cell)) {
         return;
     }
     let corner = corner_of_cell(part.cell);
-    let depths = layer_depths(corner + pixel_in_cell(i));
+    let depths = layer_depths(LayeredPixel(part.cell, corner + pixel_in_cell(i), i));
     var threshold = 0.0;
     if !is_last {
         let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
@@ -261,28 +331,24 @@ fn cell_part_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local
 // Adds a layer of a dense cell (column, row) from the sums of its parts.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = number_of_cell(group.xy);
-    let range = pairs_of(group.xy);
-    if !cell_remains(cell) || !is_dense(range) {
+    let cell = layered_cell(group.xy);
+    if !is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
-    let threshold = maxima_of_parts(range, i, DRAWN_LAYER).maxima.threshold;
-    let own = group.xy * CELL_SIDE + pixel_in_cell(i);
-    add_layer(own, sums_of_parts(range, i, DRAWN_LAYER), threshold, false);
-    count_cell_layer(cell, i, threshold);
+    let threshold = maxima_of_parts(cell.range, i, DRAWN_LAYER).maxima.threshold;
+    add_layer(layered_pixel(cell, i), sums_of_parts(cell.range, i, DRAWN_LAYER), threshold, false);
+    count_cell_layer(cell.number, i, threshold);
 }
 
 // Adds the last layer of a dense cell (column, row) from the sums of its parts.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = number_of_cell(group.xy);
-    let range = pairs_of(group.xy);
-    if !cell_remains(cell) || !is_dense(range) {
+    let cell = layered_cell(group.xy);
+    if !is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
-    let own = group.xy * CELL_SIDE + pixel_in_cell(i);
-    add_layer(own, sums_of_parts(range, i, DRAWN_LAYER), 0.0, true);
-    count_cell_layer(cell, i, 0.0);
+    add_layer(layered_pixel(cell, i), sums_of_parts(cell.range, i, DRAWN_LAYER), 0.0, true);
+    count_cell_layer(cell.number, i, 0.0);
 }
 
 // Composites the layers over the colours of the image.
@@ -312,11 +378,69 @@ fn cell_composite_layers(@builtin(global_invocation_id) id: vec3u) {
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_count_layers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
-    if cell < frame.cell_count {
-        let layers = planes[cell_layer_word(CELL_LAYERS, cell)];
-        atomicMax(&cell_counters[frame.cell_part].layers, u32(layers));
+    var cells = frame.cell_count;
+    if frame.is_of_samples != 0u {
+        cells = min(atomicLoad(&cell_counters[frame.cell_part].active_cells), frame.cell_active_room);
+    }
+    if cell < cells {
+        atomicMax(&cell_counters[frame.cell_part].layers, u32(planes[cell_layer_at(CELL_LAYERS, cell)]));
         if cell_remains(cell) {
             atomicMax(&cell_counters[frame.cell_part].layers_remain, 1u);
         }
+    }
+}
+
+// What the passes draw that find the nearest transparent fragments, for steps of edge samples: those not behind the
+// opaque surface, whose depth is in `sides`.
+const DRAWN_LAYER_EDGES: u32 = DRAW_SURFACE | DRAW_FULL | DRAW_EDGES | DRAW_CLIPPED | DRAW_LAYERS;
+
+// Runs the first loop of the nearest layer: returns the maxima of the pixel of invocation i, and their splats.
+fn layer_edge_of(range: vec2u, corner: vec2u, pixel: LayeredPixel) -> CellMaxima {
+    clear_cell(pixel.i);
+    var opaque = 2.0;
+    if all(pixel.own < frame.size_px) {
+        opaque = opaque_depth_of(pixel);
+    }
+    atomicStore(&sides[pixel.i], bitcast<u32>(opaque));
+    return find_maxima_and_writers(range, corner, pixel.i, DRAWN_LAYER_EDGES);
+}
+
+// Writes the edge data of the nearest layer of the pixel `own` of the targets.
+fn write_layer_edge(own: vec2u, found: CellMaxima) {
+    if all(own < frame.size_px) {
+        planes[edge_word(EDGE_LAYER_THRESHOLD, own)] = found.writers.threshold.x;
+        planes[edge_word(EDGE_LAYER_EPSILON, own)] = found.writers.threshold.y;
+    }
+}
+
+// Finds the nearest transparent fragments of a cell, unless the cell is dense. The next two entry points do so in dense
+// cells.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = layered_cell(group.xy);
+    if is_dense(cell.range) {
+        return;
+    }
+    let pixel = layered_pixel(cell, i);
+    write_layer_edge(pixel.own, layer_edge_of(cell.range, cell.corner, pixel));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    let part = part_of(number);
+    if part.range.x == part.range.y {
+        return;
+    }
+    let corner = corner_of_cell(part.cell);
+    let pixel = LayeredPixel(part.cell, corner + pixel_in_cell(i), i);
+    put_part_maxima(number, i, DRAWN_LAYER_EDGES, layer_edge_of(part.range, corner, pixel));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = layered_cell(group.xy);
+    if is_dense(cell.range) {
+        write_layer_edge(layered_pixel(cell, i).own, maxima_of_parts(cell.range, i, DRAWN_LAYER_EDGES));
     }
 }

@@ -14,14 +14,18 @@ fn cell_depth(pixel: vec2i) -> f32 {
 
 // Numbers of the words of a pixel's edge data. The first two are the z + ε and the ε of the splat that defines the
 // pixel's depth threshold, or 0. Then follow the coverage, and 1 if the pixel has a surface (Σw is at least
-// LEAST_WEIGHT). In frames whose edges are sampled, the last word is 1 if the pixel is sampled.
+// LEAST_WEIGHT). In frames whose edges are sampled, the fifth word is 1 if the pixel is sampled. If there are also
+// transparent layers, the z + ε and the ε of the nearest transparent splat follow, or 0.
 const EDGE_THRESHOLD: u32 = 0u;
 const EDGE_EPSILON: u32 = 1u;
 const EDGE_COVERAGE: u32 = 2u;
 const EDGE_SURFACE: u32 = 3u;
 const EDGE_SAMPLED: u32 = 4u;
-// Number of words of a pixel's edge data.
+const EDGE_LAYER_THRESHOLD: u32 = 5u;
+const EDGE_LAYER_EPSILON: u32 = 6u;
+// Number of words of a pixel's edge data, in frames without layers among their samples and with them.
 const EDGE_WORDS: u32 = 5u;
+const LAYERED_EDGE_WORDS: u32 = 7u;
 
 // Returns the index in `planes` of a word of a pixel's edge data. The first word of all pixels, row by row, is stored
 // before the second.

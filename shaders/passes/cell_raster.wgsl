@@ -37,7 +37,7 @@ var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
 // By invocation, if the sides of oriented splats are separated: in the first loop the nearness of back-facing splats as
 // the bits of a reversed depth, afterwards the side that each pixel shows (RECORD_FRONT, RECORD_BACK or 0). In the edge
 // pass: the bits of the reversed depth of each pixel's nearest surface, or 0. In a layer: those of the last layer's
-// threshold.
+// threshold, or of the opaque surface.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
 // Flags of what a pass draws, compile-time constants of its entry point. DRAW_SURFACE: sum normals and depths.
@@ -399,8 +399,12 @@ fn is_behind(at: u32, z: f32, drawn: u32) -> bool {
 }
 
 // True if a fragment at depth z takes part in the first loop: like `is_behind`, and in a layer not behind the opaque
-// surface. In the second loop, the threshold of a layer is at least as near as the opaque surface.
+// surface. In the second loop, the threshold of a layer is at least as near as the opaque surface. For edges of the
+// nearest layer, `sides` is the depth of the opaque surface.
 fn is_open(at: u32, z: f32, drawn: u32) -> bool {
+    if has(drawn, DRAW_LAYERS) && has(drawn, DRAW_EDGES) {
+        return bitcast<f32>(atomicLoad(&sides[at])) <= reversed_depth(z);
+    }
     if !is_behind(at, z, drawn) {
         return false;
     }
@@ -485,8 +489,8 @@ fn mark_raised_pixels(batch: u32, r: u32, half: u32, corner: vec2u, drawn: u32) 
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
             let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
-            if z > 0.0 {
-                let at = invocation_of(x, y);
+            let at = invocation_of(x, y);
+            if z > 0.0 && is_open(at, z, drawn) {
                 var is_raised = true;
                 if !has(drawn, DRAW_SIDED) {
                     let threshold = bitcast<u32>(reversed_depth(z + record.epsilon));
@@ -670,7 +674,7 @@ fn find_maxima_and_writers(range: vec2u, corner: vec2u, i: u32, drawn: u32) -> C
                 if staged_box_holds(r, in_cell) {
                     let record = staged_record(first, r, drawn);
                     let z = visible_depth_of(record, pixel);
-                    if z > 0.0 {
+                    if z > 0.0 && is_open(i, z, drawn) {
                         let own = maxima_of(record, z, sided);
                         let writer = vec2f(z + record.epsilon, record.epsilon);
                         writers.threshold = select(writers.threshold, writer, own.threshold > maxima.threshold);

@@ -27,6 +27,17 @@ fn cell_reach(pixel: vec2u) -> Reach {
     return reach;
 }
 
+// Returns the depth intervals and the number of layers of a pixel of the targets of pixels.
+fn cell_pixel_reach(pixel: vec2u) -> PixelReach {
+    var reach = PixelReach(cell_reach(pixel), reach_of(vec2f(0.0, 0.0)), 0u);
+    if frame.layers_at != ABSENT {
+        let threshold = planes[edge_word(EDGE_LAYER_THRESHOLD, pixel)];
+        reach.nearest_layer = reach_of(vec2f(threshold, planes[edge_word(EDGE_LAYER_EPSILON, pixel)]));
+        reach.layers = u32(planes[layer_word(LAYERS_THERE, pixel)]);
+    }
+    return reach;
+}
+
 // Finds sampled pixels, and the cells that contain one. Each invocation compares a pixel with the four neighbours that
 // share a side with it.
 @compute @workgroup_size(8, 8)
@@ -43,13 +54,13 @@ fn cell_steps(
     let pixel = vec2i(id.xy + frame.first_pixel);
     if all(id.xy < frame.size_px / SAMPLES_SIDE) {
         let last = vec2i(frame.pixels_size_px) - 1;
-        let own = cell_reach(vec2u(pixel));
+        let own = cell_pixel_reach(vec2u(pixel));
         var is_sampled = false;
         for (var k = 0u; k < 4u; k++) {
             let along = select(-1, 1, (k & 1u) != 0u);
             let at = pixel + select(vec2i(along, 0), vec2i(0, along), (k & 2u) != 0u);
             if all(vec2i(0, 0) <= at) && all(at <= last) {
-                is_sampled = is_sampled || steps_to(own, cell_reach(vec2u(at)));
+                is_sampled = is_sampled || is_step(own, cell_pixel_reach(vec2u(at)));
             }
         }
         planes[edge_word(EDGE_SAMPLED, vec2u(pixel))] = select(0.0, 1.0, is_sampled);
@@ -121,40 +132,57 @@ fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) ->
     return color * cell_eye_dome_shading(pixel, point.z, projection);
 }
 
-// Draws the samples of the active cell with this number, and writes their means to the colours of its sampled pixels.
-fn draw_samples(number: u32, i: u32, drawn: u32) {
+// Returns the active cell with this number, and false if there is none.
+fn active_cell(number: u32, cell: ptr<function, LayeredCell>) -> bool {
     if number >= frame.cell_active_room {
-        return;
+        return false;
     }
     let listed = pairs_in[frame.cell_active_room + number];
-    if listed.record == 0u {
-        return;
-    }
-    let corner = corner_of_cell(listed.cell);
     let range = vec2u(pairs_in[number].cell, pairs_in[number].record);
+    *cell = LayeredCell(number, corner_of_cell(listed.cell), range);
+    return listed.record != 0u;
+}
+
+// Opaque surface of a sample.
+struct OpaqueSample {
+    // Premultiplied colour: that of the background without a surface.
+    color: vec4f,
+    // Reversed depth; 0 without a surface.
+    depth: f32,
+}
+
+// Draws the opaque surface of the samples of an active cell, and returns that of invocation i.
+fn draw_opaque_sample(cell: LayeredCell, i: u32, drawn: u32) -> OpaqueSample {
     clear_cell(i);
-    let limit = limit_of(find_maxima(range, corner, i, drawn));
+    let limit = limit_of(find_maxima(cell.range, cell.corner, i, drawn));
     store_limit(i, limit, drawn);
-    let sums = sum_pixel(range, corner, i, limit, drawn);
-    let in_cell = pixel_in_cell(i);
-    let at = corner + in_cell;
+    let sums = sum_pixel(cell.range, cell.corner, i, limit, drawn);
+    let at = cell.corner + pixel_in_cell(i);
     let point = point_of(sums.color, sums.surface, sums.material);
-    var color = frame.background;
-    if point.is_there {
-        let shown = color_of(position_at(vec2i(at), point.z), point, has(drawn, DRAW_FULL));
-        let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
-        color = vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0);
+    if !point.is_there {
+        return OpaqueSample(frame.background, 0.0);
     }
+    let shown = color_of(position_at(vec2i(at), point.z), point, has(drawn, DRAW_FULL));
+    let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
+    // The depth is that of front_depth, to the bit.
+    let depth = reversed_depth(sums.surface.w / sums.color.w * frame.depth_unit);
+    return OpaqueSample(vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0), depth);
+}
+
+// Writes the means of the samples of an active cell to the colours of its sampled pixels. `color` is that of the sample
+// of invocation i. All invocations of the workgroup have to call it.
+fn write_means(cell: LayeredCell, i: u32, color: vec4f) {
     // The memory of the batches is free after the loops. Each colour is scaled before it is added, because colours may
     // be as large as the largest f32.
     workgroupBarrier();
+    let in_cell = pixel_in_cell(i);
     staged[in_cell.y * CELL_SIDE + in_cell.x] = bitcast<vec4u>(color * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE)));
     workgroupBarrier();
     if i >= SAMPLED_SIDE * SAMPLED_SIDE {
         return;
     }
     let of_cell = vec2u(i % SAMPLED_SIDE, i / SAMPLED_SIDE);
-    let in_part = corner / SAMPLES_SIDE + of_cell;
+    let in_part = cell.corner / SAMPLES_SIDE + of_cell;
     let pixel = in_part + frame.first_pixel;
     if any(in_part >= frame.size_px / SAMPLES_SIDE) || planes[edge_word(EDGE_SAMPLED, pixel)] <= 0.0 {
         return;
@@ -166,6 +194,14 @@ fn draw_samples(number: u32, i: u32, drawn: u32) {
     }
     let shaded = pixel - frame.shade_origin_px;
     write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum);
+}
+
+// Draws the samples of the active cell with this number, and writes their means to the colours of its sampled pixels.
+fn draw_samples(number: u32, i: u32, drawn: u32) {
+    var cell: LayeredCell;
+    if active_cell(number, &cell) {
+        write_means(cell, i, draw_opaque_sample(cell, i, drawn).color);
+    }
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -197,4 +233,72 @@ fn cell_clipped_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invo
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_clipped_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_CLIPPED);
+}
+
+// Draws the opaque surfaces of the samples of the active cell with this number, and starts their layers.
+fn draw_layered_samples(number: u32, i: u32, drawn: u32) {
+    var cell: LayeredCell;
+    if !active_cell(number, &cell) {
+        return;
+    }
+    let sample = draw_opaque_sample(cell, i, drawn);
+    begin_layers_of(cell, i);
+    let pixel = layered_pixel(cell, i);
+    planes[layer_at(SAMPLE_DEPTH, pixel)] = sample.depth;
+    for (var c = 0u; c < 4u; c++) {
+        planes[layer_at(SAMPLE_COLOR + c, pixel)] = sample.color[c];
+    }
+}
+
+// Draws the opaque surfaces of samples in a frame with transparent layers, clipped or not, with or without shadows and
+// `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_layered_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_layered_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_layered_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_layered_samples(workgroup_number(group), i, DRAW_SURFACE | DRAW_FULL | DRAW_SIDED | DRAW_CLIPPED);
+}
+
+// Draws the next layer of the samples of an active cell.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_samples_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    var cell: LayeredCell;
+    if !active_cell(workgroup_number(group), &cell) {
+        return;
+    }
+    if holds_in_cell(i, cell_remains(cell.number)) {
+        draw_peeled_layer(cell, i);
+    }
+}
+
+// Draws the last layer of the samples of an active cell.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_samples_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    var cell: LayeredCell;
+    if !active_cell(workgroup_number(group), &cell) {
+        return;
+    }
+    if holds_in_cell(i, cell_remains(cell.number)) {
+        draw_remaining_layer(cell, i);
+    }
+}
+
+// Composites the layers of samples over their opaque surfaces, and writes the means.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_composite_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    var cell: LayeredCell;
+    if !active_cell(workgroup_number(group), &cell) {
+        return;
+    }
+    let pixel = layered_pixel(cell, i);
+    var layers = vec4f(0.0, 0.0, 0.0, 0.0);
+    var opaque = vec4f(0.0, 0.0, 0.0, 0.0);
+    for (var c = 0u; c < 4u; c++) {
+        layers[c] = planes[layer_at(LAYER_COLOR + c, pixel)];
+        opaque[c] = planes[layer_at(SAMPLE_COLOR + c, pixel)];
+    }
+    write_means(cell, i, layers + opaque * (1.0 - layers.a));
 }

@@ -150,6 +150,8 @@ struct Frame {
     edges_at: u32,
     // Offset in `planes`, in words, of the layers of pixels and cells (cell_layers.wgsl). ABSENT without layers.
     layers_at: u32,
+    // Offset in `planes`, in words, of samples with layers (cell_layers.wgsl), in a frame of samples.
+    samples_at: u32,
     // A uniform buffer aligns structs to 16 bytes.
     @align(16) tolerance: Tolerance,
 }

@@ -303,7 +303,7 @@ impl Renderer {
                 size: pixels.target_size(job.plan),
                 precision: Precision::F32,
                 draws: Vec::new(),
-                floats: pixels.planes.buffer_floats,
+                floats: tiles.floats(tried),
             })?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
             let counters = self.draw_cells(job, &plan, &tiles, tried, targets, stats)?;

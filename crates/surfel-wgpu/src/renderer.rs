@@ -312,7 +312,7 @@ impl Renderer {
                     size: pixels.target_size(job.plan),
                     precision: Precision::F32,
                     draws: Vec::new(),
-                    floats: pixels.planes.buffer_floats,
+                    floats: tiles.floats(tried),
                 });
                 self.record_cells(job, &plan, &tiles, tried)
             })?;

@@ -33,7 +33,7 @@ impl CellTiles {
                 let samples = part.of_samples();
                 let mut data = TileData::of_cells(scene, frame, &fine_view, &fine_plan, samples);
                 data.attach_to_pixel_tile(&pixels, samples);
-                data.put_part(i);
+                data.put_part(i, plan);
                 tiles.push(data);
             }
         }
@@ -67,6 +67,12 @@ impl CellTiles {
     /// Writes the capacity of the buffers to the tiles' uniforms.
     pub fn put_room(&mut self, room: CellCapacity) {
         self.tiles.iter_mut().for_each(|tile| tile.put_room(room));
+    }
+
+    /// Returns the number of floats of the shaders' `planes` with the capacity `room`: the planes of the tile of pixels
+    /// and what other passes read, and then the samples if they have transparent layers.
+    pub fn floats(&self, room: CellCapacity) -> u32 {
+        room.all_floats(&self.counts).try_into().unwrap_or(u32::MAX)
     }
 
     /// Returns the size of a buffer, in bytes, that suffices for all of these tiles with the capacity `room`.

@@ -47,7 +47,9 @@ const SURFACE_FLOATS: u32 = 4;
 pub(crate) fn neighbour_floats(plan: &FramePlan) -> [u32; 2] {
     let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome) || has_layers(plan);
     let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
-    [if has_surfaces { SURFACE_FLOATS } else { 0 }, if has_edges { layout::EDGE_WORDS } else { 0 }]
+    let has_layered_samples = plan.has(Pass::EdgeSamples) && has_layers(plan);
+    let edge_floats = if has_layered_samples { layout::LAYERED_EDGE_WORDS } else { layout::EDGE_WORDS };
+    [if has_surfaces { SURFACE_FLOATS } else { 0 }, if has_edges { edge_floats } else { 0 }]
 }
 
 /// Returns the number of floats of a pixel in all planes together.

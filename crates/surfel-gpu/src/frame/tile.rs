@@ -163,6 +163,7 @@ impl TileData {
             has_clips: plan.clip != ClipPolicy::Off,
             has_sides: plan.keeps_facings,
             has_layers: has_layers(plan) && data.visible().has_transparent(),
+            plane_floats: data.planes.buffer_floats,
             ..CellCounts::default()
         };
         for segment in &mut data.segments {
@@ -201,10 +202,12 @@ impl TileData {
     }
 
     /// Marks this tile as the n-th tile of samples, counted from 1, after the tile of pixels that its samples belong
-    /// to. The compute path draws both.
-    pub(crate) fn put_part(&mut self, n: u32) {
+    /// to. The compute path draws both. `plan` is that of the pixels.
+    pub(crate) fn put_part(&mut self, n: u32, plan: &FramePlan) {
         self.put_frame_words(&[(layout::frame::CELL_PART, n)]);
-        self.cells.iter_mut().for_each(|cells| cells.is_of_samples = true);
+        if let Some(cells) = &mut self.cells {
+            (cells.is_of_samples, cells.has_layered_samples) = (true, has_layers(plan));
+        }
     }
 
     /// Sets words of the tile's uniform, given as pairs of byte offset and word.
@@ -328,7 +331,11 @@ impl TileData {
             (at::FIRST_PIXEL, first),
         ];
         let planes = &pixels.planes;
+        // Without transparent splats in view, the layers of the pixels aren't written.
+        let has_layers = pixels.cells.as_ref().is_some_and(CellCounts::draws_layers);
         let numbers = [
+            (at::SAMPLES_AT, planes.buffer_floats),
+            (at::LAYERS_AT, if has_layers { planes.layers_at } else { layout::ABSENT }),
             (at::IS_OF_SAMPLES, 1),
             (at::COLOR_AT, planes.color_at),
             (at::SURFACES_AT, planes.surfaces_at),
@@ -341,6 +348,7 @@ impl TileData {
             }
         }
         self.planes = pixels.planes;
+        self.cells.iter_mut().for_each(|cells| cells.plane_floats = planes.buffer_floats);
     }
 
     /// Checks that the buffers of the tile's polygons and balls fit the device's limits, and that there are fewer than

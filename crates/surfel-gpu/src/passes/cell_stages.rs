@@ -68,7 +68,8 @@ struct RasterEntries {
     /// of dense cells: they find thresholds, sum attributes, and combine the parts. `None` unless edges are antialiased
     /// by coverage.
     edges: Option<[&'static str; 4]>,
-    /// Entry point that draws the samples of edge pixels; `None` unless edges are antialiased by samples.
+    /// Entry point that draws the samples of edge pixels, or only their opaque surfaces if the plan has transparent
+    /// layers; `None` unless edges are antialiased by samples.
     samples: Option<&'static str>,
 }
 
@@ -90,7 +91,9 @@ impl RasterEntries {
             false => ["cell_part_edge_thresholds", "cell_part_edges"],
         };
         let edges = by_coverage.then_some([whole, thresholds, sums, combined]);
+        let of_layers = if plan.keeps_facings { "cell_sided_layered_samples" } else { "cell_layered_samples" };
         let samples = by_samples.then_some(match (is_clipped, plan.keeps_facings, is_full) {
+            _ if has_layers(plan) => of_layers,
             (true, false, _) => "cell_clipped_samples",
             (true, true, _) => "cell_clipped_sided_samples",
             (false, false, false) => "cell_samples",
@@ -238,6 +241,21 @@ const REMAINING: LayerEntries = LayerEntries {
 /// Entry point that finds the thresholds of a peeled layer in parts of dense cells.
 const LAYER_THRESHOLDS: &str = "cell_part_layer_thresholds";
 
+/// Entry points that find the nearest transparent splat of each pixel, for the steps of edge samples: of whole cells,
+/// of parts of dense cells, and combined from the parts.
+const LAYER_EDGES: [&str; 3] = ["cell_layer_edges", "cell_part_layer_edges", "cell_combine_layer_edges"];
+
+/// Entry point that lights splats one by one, for the last layer.
+const LIGHT: &str = "cell_light";
+
+/// Entry point that counts the layers of a tile's cells.
+const COUNT_LAYERS: &str = "cell_count_layers";
+
+/// Entry points that draw the layers of samples: a peeled layer, the last layer, and the means of samples.
+const SAMPLES_PEELED: &str = "cell_samples_peeled_layer";
+const SAMPLES_REMAINING: &str = "cell_samples_remaining_layer";
+const COMPOSITE_SAMPLES: &str = "cell_composite_samples";
+
 /// Returns the steps that draw transparent layers over a tile of pixels, whose shaded part has the width and height
 /// `shaded` in pixels.
 fn layers(plan: &FramePlan, cells: &CellCounts, room: CellCapacity, shaded: [u32; 2]) -> Vec<CellStep> {
@@ -251,7 +269,7 @@ fn layers(plan: &FramePlan, cells: &CellCounts, room: CellCapacity, shaded: [u32
     };
     let mut steps = vec![CellStep::over_cells("cell_begin_layers", cells)];
     let has_remaining = plan.has(Pass::RemainingLayer);
-    steps.extend(has_remaining.then(|| CellStep::over_items("cell_light", room.records)));
+    steps.extend(has_remaining.then(|| CellStep::over_items(LIGHT, room.records)));
     for _ in 0..peeled_layers(plan) {
         steps.extend(one(&PEELED, Some(LAYER_THRESHOLDS)));
     }
@@ -259,7 +277,28 @@ fn layers(plan: &FramePlan, cells: &CellCounts, room: CellCapacity, shaded: [u32
         steps.extend(one(&REMAINING, None));
     }
     steps.push(CellStep::over_pixels("cell_composite_layers", shaded));
-    steps.push(CellStep::over_items("cell_count_layers", cells.cells()));
+    steps.push(CellStep::over_items(COUNT_LAYERS, cells.cells()));
+    if plan.has(Pass::EdgeSamples) {
+        let [whole, sums, combine] = LAYER_EDGES;
+        steps.push(CellStep::over_cells(whole, cells));
+        steps.extend(part(sums));
+        steps.extend((parts > 0).then(|| CellStep::over_cells(combine, cells)));
+    }
+    steps
+}
+
+/// Returns the steps that draw the layers of samples and write their means.
+fn sample_layers(plan: &FramePlan, cells: &CellCounts, room: CellCapacity) -> Vec<CellStep> {
+    let over_active = |entry| CellStep::of(entry, CellRound::Sorted, u64::from(room.active));
+    let mut steps = Vec::new();
+    if cells.draws_layers() {
+        let has_remaining = plan.has(Pass::RemainingLayer);
+        steps.extend(has_remaining.then(|| CellStep::over_items(LIGHT, room.records)));
+        steps.extend((0..peeled_layers(plan)).map(|_| over_active(SAMPLES_PEELED)));
+        steps.extend(has_remaining.then(|| over_active(SAMPLES_REMAINING)));
+        steps.push(CellStep::over_items(COUNT_LAYERS, room.active));
+    }
+    steps.push(over_active(COMPOSITE_SAMPLES));
     steps
 }
 
@@ -268,12 +307,18 @@ fn layer_entries(plan: &FramePlan) -> Vec<&'static str> {
     if !has_layers(plan) {
         return Vec::new();
     }
-    let mut entries = vec!["cell_begin_layers", "cell_composite_layers", "cell_count_layers"];
+    let by_samples = plan.has(Pass::EdgeSamples);
+    let mut entries = vec!["cell_begin_layers", "cell_composite_layers", COUNT_LAYERS];
     if peeled_layers(plan) > 0 {
         entries.extend([PEELED.cells, LAYER_THRESHOLDS, PEELED.sums, PEELED.combine]);
+        entries.extend(by_samples.then_some(SAMPLES_PEELED));
     }
     if plan.has(Pass::RemainingLayer) {
-        entries.extend(["cell_light", REMAINING.cells, REMAINING.sums, REMAINING.combine]);
+        entries.extend([LIGHT, REMAINING.cells, REMAINING.sums, REMAINING.combine]);
+        entries.extend(by_samples.then_some(SAMPLES_REMAINING));
+    }
+    if by_samples {
+        entries.extend(LAYER_EDGES.into_iter().chain([COMPOSITE_SAMPLES]));
     }
     entries
 }
@@ -310,7 +355,7 @@ pub(crate) fn cell_stages(
     if let Some([whole, thresholds, sums, combine]) = entries.edges {
         stages.push(CellStage { name: "edges", steps: over(whole, [thresholds, sums, combine]) });
     }
-    if cells.has_layers && cells.groups() > 0 {
+    if cells.draws_layers() {
         stages.push(CellStage { name: LAYERS, steps: layers(plan, cells, room, shaded) });
     }
     stages
@@ -334,7 +379,10 @@ pub(crate) fn sample_stages(
         stages.push(CellStage { name: "setup of samples", steps: setup(plan, cells) });
         stages.push(CellStage { name: "sort of samples", steps: sort(cells, room) });
     }
-    let steps = vec![CellStep::of(samples, CellRound::Sorted, u64::from(room.active))];
+    let mut steps = vec![CellStep::of(samples, CellRound::Sorted, u64::from(room.active))];
+    if cells.has_layered_samples {
+        steps.extend(sample_layers(plan, cells, room));
+    }
     stages.push(CellStage { name: EDGE_SAMPLES, steps });
     stages
 }
@@ -495,6 +543,28 @@ mod tests {
             let peeled_parts = ["cell_part_layer_thresholds", "cell_part_peeled_layer", "cell_combine_peeled_layer"];
             assert!(peeled_parts.iter().all(|entry| dense.contains(entry) == is_peeled), "{dense:?}");
             assert!(dense.iter().all(|name| cell_entries(&plan).contains(name)));
+        }
+        // Samples have the same layers, and steps among them are found in the tile of pixels.
+        let finer = CellCounts { is_of_samples: true, has_layered_samples: true, ..layered.clone() };
+        let [of_steps, of_parts, _] = LAYER_EDGES;
+        let opaque = "cell_layered_samples";
+        for (transparency, entries) in [
+            ("peel:1", vec![opaque, LIGHT, SAMPLES_REMAINING, COUNT_LAYERS, COMPOSITE_SAMPLES]),
+            ("peel:2:drop", vec![opaque, SAMPLES_PEELED, COUNT_LAYERS, COMPOSITE_SAMPLES]),
+        ] {
+            let change = |s: &mut Settings| {
+                (s.transparency, s.edge_aa) = (transparency.parse().unwrap(), EdgeAa::Samples);
+            };
+            let plan = planned(&glass, change);
+            let last = |cells: &CellCounts| sample_stages(&plan, cells, room(1), [8, 8]).pop().unwrap().steps;
+            assert_eq!(last(&finer).iter().map(|step| step.entry).collect::<Vec<_>>(), entries, "{transparency}");
+            assert!(entries.iter().all(|name| cell_entries(&plan).contains(name)));
+            let of_background = CellCounts { has_layers: false, ..finer.clone() };
+            let without: Vec<&str> = last(&of_background).iter().map(|step| step.entry).collect();
+            assert_eq!(without, [opaque, COMPOSITE_SAMPLES]);
+            assert!(of_pixels(&plan, &layered, 1).contains(&of_steps));
+            assert!(of_pixels(&plan, &layered, layout::DENSE_PAIRS + 1).contains(&of_parts));
+            assert!(!of_pixels(&by(transparency), &layered, 1).contains(&of_steps));
         }
         let gathered = of_pixels(&by("abuffer:4"), &layered, 1);
         assert_eq!(gathered.iter().filter(|name| **name == peeled).count(), 16);

@@ -31,8 +31,7 @@ impl GpuPath {
     /// True if compute shaders draw the frames of a plan. They draw frames of splats, clipped or not, and always sum in
     /// f32.
     ///
-    /// Polygons, balls, trained Gaussians, the drawing of shadow maps, and transparent layers whose edges are
-    /// antialiased by samples need raster hardware.
+    /// Polygons, balls, trained Gaussians and the drawing of shadow maps need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{
@@ -44,8 +43,7 @@ impl GpuPath {
             is_of_splats || is_of_layers || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
-        let samples_layers = plan.separates_transparent && plan.has(Pass::EdgeSamples);
-        self != Self::Raster && has_splats && !samples_layers && plan.passes.iter().all(is_drawn)
+        self != Self::Raster && has_splats && plan.passes.iter().all(is_drawn)
     }
 }
 
@@ -252,6 +250,11 @@ pub struct CellCounts {
     pub has_clips: bool,
     /// True if transparent layers are drawn.
     pub has_layers: bool,
+    /// True for a tile of samples whose plan has transparent layers: its samples are stored before their means are
+    /// written.
+    pub has_layered_samples: bool,
+    /// Number of floats of the planes that the tile writes, of a tile of samples those of its tile of pixels.
+    pub plane_floats: u32,
     /// True if the sides of oriented splats are separated.
     pub has_sides: bool,
 }
@@ -281,6 +284,11 @@ impl CellCounts {
     /// Returns the number of groups of records of splats that reach the near plane.
     pub(crate) fn near_groups(&self) -> u32 {
         self.near.div_ceil(layout::CELL_WORKGROUP)
+    }
+
+    /// True if the tile has records, and transparent layers are drawn of them.
+    pub(crate) fn draws_layers(&self) -> bool {
+        self.has_layers && self.groups() > 0
     }
 
     /// Returns the number of different cell numbers by which pairs may be sorted: all cells, or the active ones of
@@ -350,11 +358,17 @@ impl CellNeeds {
     }
 }
 
+/// True if a flag of the counters, given by its offset in bytes, is set in any tile. `counters` are the words of
+/// [`CellBuffer::Counters`].
+fn is_set_in_any(flag: usize, counters: &[u32]) -> bool {
+    let mut tiles = counters.chunks_exact(layout::cell_counters::SIZE / 4);
+    tiles.any(|words| words.get(flag / 4).is_some_and(|&word| word != 0))
+}
+
 /// True if a cell of samples has more pairs than the compute path draws. `counters` are the words of
 /// [`CellBuffer::Counters`].
 fn is_crowded(counters: &[u32]) -> bool {
-    let mut tiles = counters.chunks_exact(layout::cell_counters::SIZE / 4);
-    tiles.any(|words| words.get(layout::cell_counters::IS_CROWDED / 4).is_some_and(|&crowded| crowded != 0))
+    is_set_in_any(layout::cell_counters::IS_CROWDED, counters)
 }
 
 /// Returns an iterator over the required capacities of a tile of pixels and of the tiles of its samples, from the words
@@ -367,6 +381,9 @@ fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
 /// a tile has more.
 const FIRST_ACTIVE: u32 = 1 << 14;
 
+/// Same as [`FIRST_ACTIVE`] with transparent layers, where an active cell takes 13 KiB.
+const FIRST_LAYERED_ACTIVE: u32 = 1 << 12;
+
 impl CellCapacity {
     /// Estimates the capacity for a tile and its samples, whose counts are `all`, before the first frame. Records are
     /// estimated as 3/5 of the splats in visible chunks, but as all of up to 2¹⁸ splats. Pairs are estimated as two per
@@ -376,7 +393,8 @@ impl CellCapacity {
         let of_one = |cells: &CellCounts| {
             let splats = cells.splats + u64::from(cells.near);
             let records = splats.min(1 << 18).max(splats * 3 / 5);
-            let active = if cells.is_of_samples { u64::from(cells.cells().min(FIRST_ACTIVE)) } else { 0 };
+            let first = if cells.has_layered_samples { FIRST_LAYERED_ACTIVE } else { FIRST_ACTIVE };
+            let active = if cells.is_of_samples { u64::from(cells.cells().min(first)) } else { 0 };
             let drawn_cells = if cells.is_of_samples { active } else { u64::from(cells.cells()) };
             CellNeeds { records: records.max(1), pairs: (2 * records + 4 * drawn_cells).min(u32::MAX.into()), active }
         };
@@ -396,11 +414,11 @@ impl CellCapacity {
         kept.or(estimate)
     }
 
-    /// True if transparent fragments remain behind the layers of an A-buffer that were drawn. The tile has to be drawn
-    /// again with more layers ([`crate::with_more_layers`]). `counters` are the words of [`CellBuffer::Counters`].
+    /// True if transparent fragments remain behind the layers of an A-buffer that were drawn, in a tile or its samples.
+    /// They have to be drawn again with more layers ([`crate::with_more_layers`]). `counters` are the words of
+    /// [`CellBuffer::Counters`].
     pub fn lacks_layers(plan: &FramePlan, counters: &[u32]) -> bool {
-        let remain = counters.get(layout::cell_counters::LAYERS_REMAIN / 4);
-        plan.has(Pass::ABuffer) && remain.is_some_and(|&remain| remain != 0)
+        plan.has(Pass::ABuffer) && is_set_in_any(layout::cell_counters::LAYERS_REMAIN, counters)
     }
 
     /// Adds the numbers of records, pairs and layers that were drawn to the statistics. `counters` are the words of
@@ -452,7 +470,9 @@ impl CellCapacity {
         let room = Self { records, pairs, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
         let bytes = |cells| room.pair_bytes(cells).max(room.record_bytes(cells)).max(room.part_bytes(cells));
-        (all.iter().map(bytes).max().unwrap_or(0) <= most).then_some(room)
+        let is_within = all.iter().map(bytes).max().unwrap_or(0) <= most;
+        let floats_fit = 4 * room.all_floats(all) <= limits.buffer_bytes.min(u32::MAX.into());
+        (is_within && floats_fit).then_some(room)
     }
 
     /// Returns the size of the buffer of records for a tile, in bytes.
@@ -471,6 +491,19 @@ impl CellCapacity {
     pub(crate) fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
+    }
+
+    /// Returns the number of floats of the planes of a tile and, in a tile of samples with transparent layers, of the
+    /// samples after them.
+    fn floats(self, cells: &CellCounts) -> u64 {
+        let of_cell = if cells.has_layered_samples { layout::SAMPLE_WORDS * layout::CELL_WORKGROUP } else { 0 };
+        u64::from(cells.plane_floats) + u64::from(of_cell) * u64::from(self.active)
+    }
+
+    /// Returns the number of floats of the planes of a tile of pixels and, if samples have transparent layers, of the
+    /// samples after them. `all` are the counts of the tile and of the tiles of its samples.
+    pub(crate) fn all_floats(self, all: &[CellCounts]) -> u64 {
+        all.iter().map(|cells| self.floats(cells)).max().unwrap_or(0)
     }
 
     /// Returns the size of the buffer of parts of dense cells of a tile, in bytes.
@@ -527,16 +560,12 @@ mod tests {
         let others = [
             planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
-            // The samples of edges of transparent layers.
-            planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
-                (s.transparency, s.edge_aa) = ("peel:2".parse().unwrap(), EdgeAa::Samples);
-            }),
         ];
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
         }
         for transparency in ["peel:1", "peel:3", "peel:3:drop", "abuffer:4"] {
-            for edge_aa in [EdgeAa::Off, EdgeAa::Coverage] {
+            for edge_aa in [EdgeAa::Off, EdgeAa::Coverage, EdgeAa::Samples] {
                 let plan = planned(&with(|s| s.transparent = true), Planes::ALL.with_index(true), |s| {
                     (s.transparency, s.edge_aa) = (transparency.parse().unwrap(), edge_aa);
                 });
