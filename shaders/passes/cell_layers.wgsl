@@ -73,18 +73,12 @@ fn sample_word(word: u32, cell: u32, i: u32) -> u32 {
 
 // Returns the index in `planes` of a word of the layers of a pixel or sample.
 fn layer_at(word: u32, pixel: LayeredPixel) -> u32 {
-    if frame.is_of_samples != 0u {
-        return sample_word(word, pixel.cell, pixel.i);
-    }
-    return layer_word(word, pixel.own);
+    return select(layer_word(word, pixel.own), sample_word(word, pixel.cell, pixel.i), frame.is_of_samples != 0u);
 }
 
 // Returns the index in `planes` of a word of the layers of a cell, given by its number.
 fn cell_layer_at(word: u32, cell: u32) -> u32 {
-    if frame.is_of_samples != 0u {
-        return sample_word(SAMPLE_CELL + word, cell, 0u);
-    }
-    return cell_layer_word(word, cell);
+    return select(cell_layer_word(word, cell), sample_word(SAMPLE_CELL + word, cell, 0u), frame.is_of_samples != 0u);
 }
 
 // True if fragments may remain behind the last layer of a cell, given by its number.

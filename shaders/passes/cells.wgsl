@@ -251,10 +251,9 @@ fn pairs_of_cells(cells: vec4u) -> u32 {
 
 // Returns `rows` plus `step` if the k-th active cell of a record lies behind so many rows, else `rows`.
 fn rows_before(cells: vec4u, k: u32, rows: u32, step: u32) -> u32 {
-    if rows + step >= cells.w || active_in_rows(cells, rows + step) > k {
-        return rows;
-    }
-    return rows + step;
+    // All rows together have more than k active cells.
+    let next = min(rows + step, cells.w);
+    return select(rows, next, active_in_rows(cells, next) <= k);
 }
 
 // Returns the number of the k-th cell, from 0, that has a pair with a record with these cells. In a frame of samples it
@@ -263,7 +262,8 @@ fn nth_cell(cells: vec4u, k: u32) -> u32 {
     if frame.is_of_samples == 0u {
         return (cells.y + k / cells.z) * frame.cell_columns + cells.x + k % cells.z;
     }
-    // A binary search, without a loop like `first_after`. A grid has at most 65536 rows.
+    // A binary search, without a loop like `first_after`, and without branches: SwiftShader's compiler takes minutes
+    // and gigabytes for sixteen of them. A grid has at most 65536 rows.
     var rows = rows_before(cells, k, 0u, 32768u);
     rows = rows_before(cells, k, rows, 16384u);
     rows = rows_before(cells, k, rows, 8192u);
