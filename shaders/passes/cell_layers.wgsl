@@ -27,8 +27,8 @@ const SAMPLE_COLOR: u32 = 7u;
 const SAMPLE_CELL: u32 = 11u;
 const SAMPLE_WORDS: u32 = 13u;
 
-// A cell whose layers are drawn.
-struct LayeredCell {
+// A cell that a workgroup draws.
+struct DrawnCell {
     // Number of the cell in the grid or, in a frame of samples, among active cells.
     number: u32,
     // First pixel of the cell in the targets.
@@ -37,7 +37,7 @@ struct LayeredCell {
     range: vec2u,
 }
 
-// A pixel of a cell: the cell's number as in LayeredCell, the pixel in the targets, and its invocation.
+// A pixel of a cell: the cell's number as in DrawnCell, the pixel in the targets, and its invocation.
 struct LayeredPixel {
     cell: u32,
     own: vec2u,
@@ -45,13 +45,13 @@ struct LayeredPixel {
 }
 
 // Returns the pixel of invocation i of a cell.
-fn layered_pixel(cell: LayeredCell, i: u32) -> LayeredPixel {
+fn layered_pixel(cell: DrawnCell, i: u32) -> LayeredPixel {
     return LayeredPixel(cell.number, cell.corner + pixel_in_cell(i), i);
 }
 
-// Returns the cell in this column and row of the grid.
-fn layered_cell(cell: vec2u) -> LayeredCell {
-    return LayeredCell(cell.y * frame.cell_columns + cell.x, cell * CELL_SIDE, pairs_of(cell));
+// Returns the cell of pixels in this column and row of the grid.
+fn cell_of_pixels(cell: vec2u) -> DrawnCell {
+    return DrawnCell(cell.y * frame.cell_columns + cell.x, cell * CELL_SIDE, pairs_of(cell));
 }
 
 // Returns the index in `planes` of a word of the layers of the pixel `own` of the targets of pixels. The first word of
@@ -87,7 +87,7 @@ fn cell_remains(cell: u32) -> bool {
 }
 
 // Starts the layers of a cell: of the pixel of invocation i and, in the first invocation, of the cell.
-fn begin_layers_of(cell: LayeredCell, i: u32) {
+fn begin_layers_of(cell: DrawnCell, i: u32) {
     let pixel = layered_pixel(cell, i);
     if all(pixel.own < frame.size_px) {
         for (var word = 0u; word < LAYER_WORDS; word++) {
@@ -104,7 +104,7 @@ fn begin_layers_of(cell: LayeredCell, i: u32) {
 // Starts the layers of a cell of pixels.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_begin_layers(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    begin_layers_of(layered_cell(group.xy), i);
+    begin_layers_of(cell_of_pixels(group.xy), i);
 }
 
 // Lights transparent splats at their centres for the last layer, like `lit_corner`. The colours replace the centres in
@@ -241,7 +241,7 @@ fn count_cell_layer(cell: u32, i: u32, threshold: f32) {
 const DRAWN_LAYER: u32 = DRAW_SURFACE | DRAW_FULL | DRAW_CLIPPED | DRAW_LAYERS;
 
 // Draws the next layer of a cell, up to its depth threshold.
-fn draw_peeled_layer(cell: LayeredCell, i: u32) {
+fn draw_peeled_layer(cell: DrawnCell, i: u32) {
     let pixel = layered_pixel(cell, i);
     let depths = layer_depths(pixel);
     let threshold = layer_threshold_of(cell.range, cell.corner, i, depths, DRAWN_LAYER);
@@ -250,7 +250,7 @@ fn draw_peeled_layer(cell: LayeredCell, i: u32) {
 }
 
 // Draws the last layer of a cell, all remaining fragments.
-fn draw_remaining_layer(cell: LayeredCell, i: u32) {
+fn draw_remaining_layer(cell: DrawnCell, i: u32) {
     let pixel = layered_pixel(cell, i);
     clear_cell(i);
     workgroupBarrier();
@@ -262,7 +262,7 @@ fn draw_remaining_layer(cell: LayeredCell, i: u32) {
 // Draws the next layer of a cell of pixels, unless the cell is dense.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
@@ -272,7 +272,7 @@ fn cell_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
 // Draws the last layer of a cell of pixels, unless the cell is dense.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
@@ -325,7 +325,7 @@ fn cell_part_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local
 // Adds a layer of a dense cell (column, row) from the sums of its parts.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if !is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
@@ -337,7 +337,7 @@ fn cell_combine_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local
 // Adds the last layer of a dense cell (column, row) from the sums of its parts.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if !is_dense(cell.range) || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
@@ -411,7 +411,7 @@ fn write_layer_edge(own: vec2u, found: CellMaxima) {
 // cells.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if is_dense(cell.range) {
         return;
     }
@@ -433,7 +433,7 @@ fn cell_part_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_inv
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = layered_cell(group.xy);
+    let cell = cell_of_pixels(group.xy);
     if is_dense(cell.range) {
         write_layer_edge(layered_pixel(cell, i).own, maxima_of_parts(cell.range, i, DRAWN_LAYER_EDGES));
     }

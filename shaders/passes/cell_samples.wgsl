@@ -133,13 +133,13 @@ fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) ->
 }
 
 // Returns the active cell with this number, and false if there is none.
-fn active_cell(number: u32, cell: ptr<function, LayeredCell>) -> bool {
+fn active_cell(number: u32, cell: ptr<function, DrawnCell>) -> bool {
     if number >= frame.cell_active_room {
         return false;
     }
     let listed = pairs_in[frame.cell_active_room + number];
     let range = vec2u(pairs_in[number].cell, pairs_in[number].record);
-    *cell = LayeredCell(number, corner_of_cell(listed.cell), range);
+    *cell = DrawnCell(number, corner_of_cell(listed.cell), range);
     return listed.record != 0u;
 }
 
@@ -152,7 +152,7 @@ struct OpaqueSample {
 }
 
 // Draws the opaque surface of the samples of an active cell, and returns that of invocation i.
-fn draw_opaque_sample(cell: LayeredCell, i: u32, drawn: u32) -> OpaqueSample {
+fn draw_opaque_sample(cell: DrawnCell, i: u32, drawn: u32) -> OpaqueSample {
     clear_cell(i);
     let limit = limit_of(find_maxima(cell.range, cell.corner, i, drawn));
     store_limit(i, limit, drawn);
@@ -171,7 +171,7 @@ fn draw_opaque_sample(cell: LayeredCell, i: u32, drawn: u32) -> OpaqueSample {
 
 // Writes the means of the samples of an active cell to the colours of its sampled pixels. `color` is that of the sample
 // of invocation i. All invocations of the workgroup have to call it.
-fn write_means(cell: LayeredCell, i: u32, color: vec4f) {
+fn write_means(cell: DrawnCell, i: u32, color: vec4f) {
     // The memory of the batches is free after the loops. Each colour is scaled before it is added, because colours may
     // be as large as the largest f32.
     workgroupBarrier();
@@ -198,7 +198,7 @@ fn write_means(cell: LayeredCell, i: u32, color: vec4f) {
 
 // Draws the samples of the active cell with this number, and writes their means to the colours of its sampled pixels.
 fn draw_samples(number: u32, i: u32, drawn: u32) {
-    var cell: LayeredCell;
+    var cell: DrawnCell;
     if active_cell(number, &cell) {
         write_means(cell, i, draw_opaque_sample(cell, i, drawn).color);
     }
@@ -237,7 +237,7 @@ fn cell_clipped_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(loca
 
 // Draws the opaque surfaces of the samples of the active cell with this number, and starts their layers.
 fn draw_layered_samples(number: u32, i: u32, drawn: u32) {
-    var cell: LayeredCell;
+    var cell: DrawnCell;
     if !active_cell(number, &cell) {
         return;
     }
@@ -265,7 +265,7 @@ fn cell_sided_layered_samples(@builtin(workgroup_id) group: vec3u, @builtin(loca
 // Draws the next layer of the samples of an active cell.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_samples_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    var cell: LayeredCell;
+    var cell: DrawnCell;
     if !active_cell(workgroup_number(group), &cell) {
         return;
     }
@@ -277,7 +277,7 @@ fn cell_samples_peeled_layer(@builtin(workgroup_id) group: vec3u, @builtin(local
 // Draws the last layer of the samples of an active cell.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_samples_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    var cell: LayeredCell;
+    var cell: DrawnCell;
     if !active_cell(workgroup_number(group), &cell) {
         return;
     }
@@ -289,7 +289,7 @@ fn cell_samples_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(lo
 // Composites the layers of samples over their opaque surfaces, and writes the means.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_composite_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    var cell: LayeredCell;
+    var cell: DrawnCell;
     if !active_cell(workgroup_number(group), &cell) {
         return;
     }

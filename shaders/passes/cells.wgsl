@@ -1,4 +1,4 @@
-// The compute path: draws opaque splats without raster hardware. The targets are cut into cells of 16×16 pixels.
+// The compute path: draws splats without raster hardware. The targets are cut into cells of 16×16 pixels.
 //
 // Setup writes the records of the splats that are drawn, without gaps. Each record and each cell that it may touch
 // become a pair. The pairs are sorted by cell, and one workgroup draws each cell (cell_raster.wgsl). The sort is

@@ -9,7 +9,7 @@
 //! 3. [`FrameScene`] and [`TileData`]: the uniforms, visible chunks and near splats that a frame and a tile upload;
 //! 4. [`schedule()`]: the [`Step`]s of a tile, which a backend runs in this order; [`Draw`] and [`PixelPass`] are the
 //!    passes among them;
-//! 5. [`CellTiles`]: the steps that draw opaque splats by compute shaders in place of raster hardware ([`GpuPath`]);
+//! 5. [`CellTiles`]: the steps that draw splats by compute shaders in place of raster hardware ([`GpuPath`]);
 //! 6. [`binding_slots`]: the bindings of an entry point, as reflected from the shaders.
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! Compute path: draws opaque splats by compute shaders, without raster hardware. This module decides which frames it
+//! Compute path: draws splats by compute shaders, without raster hardware. This module decides which frames it
 //! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm. A *cell* is a square of 16×16
 //! pixels of a tile, which one workgroup draws. A *record* is a splat as set up for a tile: its projected forms, pixel
 //! boxes and colour in a buffer. A *pair* is a record and a cell that the record may touch.
@@ -469,7 +469,10 @@ impl CellCapacity {
         let (records, pairs) = (needs.records.try_into().ok()?, needs.pairs.try_into().ok()?);
         let room = Self { records, pairs, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
-        let bytes = |cells| room.pair_bytes(cells).max(room.record_bytes(cells)).max(room.part_bytes(cells));
+        let bytes = |cells: &CellCounts| {
+            let of_samples = 4 * room.sample_floats(cells);
+            room.pair_bytes(cells).max(room.record_bytes(cells)).max(room.part_bytes(cells)).max(of_samples)
+        };
         let is_within = all.iter().map(bytes).max().unwrap_or(0) <= most;
         let floats_fit = 4 * room.all_floats(all) <= limits.buffer_bytes.min(u32::MAX.into());
         (is_within && floats_fit).then_some(room)
@@ -493,17 +496,16 @@ impl CellCapacity {
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
     }
 
-    /// Returns the number of floats of the planes of a tile and, in a tile of samples with transparent layers, of the
-    /// samples after them.
-    fn floats(self, cells: &CellCounts) -> u64 {
+    /// Returns the number of floats of the samples of a tile of samples with transparent layers; 0 for other tiles.
+    fn sample_floats(self, cells: &CellCounts) -> u64 {
         let of_cell = if cells.has_layered_samples { layout::SAMPLE_WORDS * layout::CELL_WORKGROUP } else { 0 };
-        u64::from(cells.plane_floats) + u64::from(of_cell) * u64::from(self.active)
+        u64::from(of_cell) * u64::from(self.active)
     }
 
     /// Returns the number of floats of the planes of a tile of pixels and, if samples have transparent layers, of the
     /// samples after them. `all` are the counts of the tile and of the tiles of its samples.
     pub(crate) fn all_floats(self, all: &[CellCounts]) -> u64 {
-        all.iter().map(|cells| self.floats(cells)).max().unwrap_or(0)
+        all.iter().map(|cells| u64::from(cells.plane_floats) + self.sample_floats(cells)).max().unwrap_or(0)
     }
 
     /// Returns the size of the buffer of parts of dense cells of a tile, in bytes.
@@ -664,5 +666,30 @@ mod tests {
         CellCapacity::count(&needed, &mut stats);
         let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
         assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
+    }
+
+    #[test]
+    fn layers_of_samples_are_stored_within_the_limits() {
+        let samples = CellCounts { size: [256, 200], is_of_samples: true, plane_floats: 1000, ..cells(&[4], 3) };
+        let layered = CellCounts { has_layered_samples: true, ..samples.clone() };
+        let room = CellCapacity::start(None, std::slice::from_ref(&layered), Limits::default()).unwrap();
+        // 13 words for each of 256 samples of an active cell.
+        assert_eq!(room.active, FIRST_LAYERED_ACTIVE);
+        assert_eq!(room.all_floats(std::slice::from_ref(&layered)), 1000 + 13 * 256 * u64::from(FIRST_LAYERED_ACTIVE));
+        assert_eq!(room.all_floats(&[samples]), 1000);
+        let bytes = 4 * 13 * 256 * u64::from(FIRST_LAYERED_ACTIVE);
+        for (cell_bytes, is_within) in [(bytes, true), (bytes - 1, false)] {
+            let limits = Limits { cell_bytes, ..Limits::default() };
+            assert_eq!(CellCapacity::start(None, std::slice::from_ref(&layered), limits).is_some(), is_within);
+        }
+        let limits = Limits { buffer_bytes: bytes, ..Limits::default() };
+        assert_eq!(CellCapacity::start(None, std::slice::from_ref(&layered), limits), None);
+        // Layers that remain behind those of samples are drawn, too.
+        let glass = SceneSummary { transparent: true, ..SceneSummary::default() };
+        let plan = planned(&glass, Planes::COLOR, |s| s.transparency = "abuffer:4".parse().unwrap());
+        let mut counters = vec![0; 2 * layout::cell_counters::SIZE / 4];
+        assert!(!CellCapacity::lacks_layers(&plan, &counters));
+        counters[(layout::cell_counters::SIZE + layout::cell_counters::LAYERS_REMAIN) / 4] = 1;
+        assert!(CellCapacity::lacks_layers(&plan, &counters));
     }
 }

@@ -13,8 +13,8 @@ pub struct Limits {
     /// are set up again for each pass, which takes less memory and more time. Trained Gaussians whose records and lists
     /// exceed it are drawn in parts.
     pub record_bytes: u64,
-    /// Largest size of a buffer of records, of pairs, or of parts of dense cells in the compute path, in bytes. Tiles
-    /// that need more are drawn by raster hardware.
+    /// Largest size of a buffer of records, of pairs, or of parts of dense cells in the compute path, and of samples
+    /// with transparent layers, in bytes. Tiles that need more are drawn by raster hardware.
     pub cell_bytes: u64,
     /// Largest size of a scene and its records, in bytes. A scene that needs more is refused before anything is
     /// allocated. Trained Gaussians of a tile that need more are drawn in parts, or refused if those of a single cell
