@@ -141,8 +141,9 @@ fn facing_is_told_by_the_same_numbers_in_both() {
     assert_eq!(layout::BACK_FACING_LAG, facing::BACK_FACING_LAG as f32);
     assert_eq!(layout::RIM_SINE, facing::RIM_SINE as f32);
     assert_eq!(layout::RECORD_FACING, layout::RECORD_FRONT | layout::RECORD_BACK);
-    let flags = layout::RECORD_FACING | layout::RECORD_RECIPROCAL | layout::RECORD_CLAMP | layout::RECORD_CENTERED;
-    assert_eq!(1 << layout::RECORD_OBJECT, (flags | layout::RECORD_CLIPPED) + 1);
+    let shape = layout::RECORD_RECIPROCAL | layout::RECORD_CLAMP | layout::RECORD_CENTERED;
+    let flags = layout::RECORD_FACING | shape | layout::RECORD_CLIPPED | layout::RECORD_LAYERED;
+    assert_eq!(1 << layout::RECORD_OBJECT, flags + 1);
 }
 
 #[test]
