@@ -213,7 +213,7 @@ impl Masks {
                 let i = keep.trailing_zeros() as usize % LANES;
                 keep &= keep - 1;
                 if let Some(record) = records.get(first as usize) {
-                    self.for_tiles(simd, i, (record, first), grid, form, |entry| entries.push(entry));
+                    self.list_tiles(simd, i, (record, first), grid, form, entries);
                 }
                 first += 1;
             }
@@ -248,28 +248,42 @@ impl Masks {
         }
     }
 
-    /// Calls `visit` with the entry of every tile that splat `i` of the group may touch.
+    /// Appends the entry of every tile that splat `i` of the group may touch.
     #[inline(always)]
-    pub(crate) fn for_tiles<S: Simd>(
+    pub(crate) fn list_tiles<S: Simd>(
         &self,
         simd: S,
         i: usize,
         (record, index): (&Record, u32),
         grid: &Grid,
         form: MaskForm<'_>,
-        mut visit: impl FnMut(Entry),
+        entries: &mut Entries,
     ) {
         if self.large >> i & 1 == 1 {
-            let [x0, y0, x1, y1] = [self.boxes[0][i], self.boxes[1][i], self.boxes[2][i], self.boxes[3][i]];
-            let blocks = BlockBox([x0 as u32, y0 as u32, x1 as u32, y1 as u32]);
-            for_tiles(simd, (record, index), blocks, grid, form, visit);
+            self.list_large(simd, i, (record, index), grid, form, entries);
             return;
         }
         for (blocks, next) in self.blocks.iter().zip(next_tiles(grid)) {
             if blocks[i] != 0 {
-                visit(Entry::at(blocks[i], index, self.place[i] as u32 + next));
+                entries.push(Entry::at(blocks[i], index, self.place[i] as u32 + next));
             }
         }
+    }
+
+    /// Appends the entries of splat `i` of the group, whose box is larger than a tile.
+    // Not inlined: with this code in its loop, LLVM's optimiser for Arm doesn't always write the same machine code.
+    #[inline(never)]
+    fn list_large<S: Simd>(
+        &self,
+        simd: S,
+        i: usize,
+        record: (&Record, u32),
+        grid: &Grid,
+        form: MaskForm<'_>,
+        entries: &mut Entries,
+    ) {
+        let blocks = BlockBox(self.boxes.map(|lanes| lanes[i] as u32));
+        list_tiles(simd, record, blocks, grid, form, entries);
     }
 }
 
@@ -280,37 +294,42 @@ fn next_tiles(grid: &Grid) -> [u32; 4] {
     [0, 1, grid.columns, grid.columns + 1]
 }
 
-/// Calls `visit` with the entry of every tile that a record may touch, given the record's box of blocks.
-#[inline(always)]
-pub(crate) fn for_tiles<S: Simd>(
+/// Appends the entry of every tile that a record may touch, given the record's box of blocks.
+#[inline(never)]
+pub(crate) fn list_tiles<S: Simd>(
     simd: S,
     (record, index): (&Record, u32),
     blocks: BlockBox,
     grid: &Grid,
     form: MaskForm<'_>,
-    mut visit: impl FnMut(Entry),
+    entries: &mut Entries,
 ) {
     let [x0, y0, x1, y1] = blocks.0;
     // A tile has 2, 4 or 8 blocks a side: shifts replace a slow division by a number unknown at compile time.
     let (size, shift) = (grid.tile_blocks, grid.tile_blocks.trailing_zeros());
     let whole = form.whole_box || record.class() == Class::Near;
-    for row in y0 >> shift..=(y1 - 1) >> shift {
-        for column in x0 >> shift..=(x1 - 1) >> shift {
-            let (tile, number) = ([column * size, row * size], row * grid.columns + column);
-            let drawn = form.drawn.of(number);
-            if drawn == 0 {
-                continue;
+    simd.vectorize(
+        #[inline(always)]
+        || {
+            for row in y0 >> shift..=(y1 - 1) >> shift {
+                for column in x0 >> shift..=(x1 - 1) >> shift {
+                    let (tile, number) = ([column * size, row * size], row * grid.columns + column);
+                    let drawn = form.drawn.of(number);
+                    if drawn == 0 {
+                        continue;
+                    }
+                    let in_box = inside_box(blocks, tile, size);
+                    if in_box & drawn == 0 {
+                        continue;
+                    }
+                    let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
+                    if blocks != 0 {
+                        entries.push(Entry::new(blocks, index, number, Kind::Any));
+                    }
+                }
             }
-            let in_box = inside_box(blocks, tile, size);
-            if in_box & drawn == 0 {
-                continue;
-            }
-            let blocks = if whole { in_box } else { in_box & touched(simd, record, blocks, tile, grid, form) };
-            if blocks != 0 {
-                visit(Entry::new(blocks, index, number, Kind::Any));
-            }
-        }
-    }
+        },
+    );
 }
 
 /// Returns the range of a tile's blocks along one axis that a box covers, counted from the tile's first block. `size`

@@ -107,8 +107,7 @@ impl SetupOutput<'_> {
     fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm<'_>) -> usize {
         let index = self.segment.records.len();
         self.segment.records.push(*record);
-        let visit = |entry| self.entries.push(entry);
-        masks.for_tiles(simd, i, (record, index as u32), &self.grid, form, visit);
+        masks.list_tiles(simd, i, (record, index as u32), &self.grid, form, self.entries);
         index
     }
 
@@ -116,9 +115,7 @@ impl SetupOutput<'_> {
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm<'_>) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
-        mask::for_tiles(simd, (record, index), blocks, &self.grid, form, |entry| {
-            self.entries.push(entry);
-        });
+        mask::list_tiles(simd, (record, index), blocks, &self.grid, form, self.entries);
     }
 }
 
