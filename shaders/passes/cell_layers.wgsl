@@ -303,7 +303,7 @@ fn sum_layer_part(number: u32, i: u32, is_last: bool) {
     let depths = layer_depths(LayeredPixel(part.cell, corner + pixel_in_cell(i), i));
     var threshold = 0.0;
     if !is_last {
-        let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
+        let of_cell = list_of(part.cell);
         threshold = maxima_of_parts(of_cell, i, DRAWN_LAYER).maxima.threshold;
     }
     clear_cell(i);

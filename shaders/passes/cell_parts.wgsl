@@ -5,8 +5,8 @@
 // Largest number of pairs of a cell that isn't dense. Dense cells are drawn in parts, each by its own workgroup, so
 // that no workgroup's work grows with the number of splats. The parts are combined in order.
 const DENSE_PAIRS: u32 = 4096u;
-// Length of a run of sorted pairs, which limits a part's number of pairs. Two parts may begin in a run: the last of one
-// dense cell and the first of the next.
+// Length of a run of pairs in the order of lists, which limits a part's number of pairs. Two parts may begin in a run:
+// the last of one dense cell and the first of the next.
 const PART_PAIRS: u32 = 2048u;
 // Number of words of a part per pixel: its depth threshold (a reversed depth); the z + ε and the ε of the splat that
 // defines it; four sums each of colours, surface and material; sums of fragments and coverage; depth and record of its
@@ -32,8 +32,36 @@ struct CellPart {
     range: vec2u,
 }
 
-// Returns the part with this number. Sorted pairs are divided into runs of PART_PAIRS. Part 2k + 1 belongs to the dense
-// cell whose pairs begin in run k, part 2k to a dense cell whose pairs begin before the run.
+// Returns `cell` plus `step`, at most the last cell, if the list of that cell begins at or before element `at` of
+// `cell_lists`; else `cell`.
+fn cell_before(at: u32, cell: u32, step: u32) -> u32 {
+    let later = min(cell + step, CELL_WORKGROUP * bin_count() - 1u);
+    return select(cell, later, list_of(later).x <= at);
+}
+
+// Returns the number of the cell whose list contains element `at` of `cell_lists`. Lists are in the order of cells.
+fn cell_of_pair(at: u32) -> u32 {
+    // Without a loop, like `bin_block`. A tile has at most 65536 cells.
+    var cell = cell_before(at, 0u, 32768u);
+    cell = cell_before(at, cell, 16384u);
+    cell = cell_before(at, cell, 8192u);
+    cell = cell_before(at, cell, 4096u);
+    cell = cell_before(at, cell, 2048u);
+    cell = cell_before(at, cell, 1024u);
+    cell = cell_before(at, cell, 512u);
+    cell = cell_before(at, cell, 256u);
+    cell = cell_before(at, cell, 128u);
+    cell = cell_before(at, cell, 64u);
+    cell = cell_before(at, cell, 32u);
+    cell = cell_before(at, cell, 16u);
+    cell = cell_before(at, cell, 8u);
+    cell = cell_before(at, cell, 4u);
+    cell = cell_before(at, cell, 2u);
+    return cell_before(at, cell, 1u);
+}
+
+// Returns the part with this number. Pairs, in the order of lists, are divided into runs of PART_PAIRS. Part 2k + 1
+// belongs to the dense cell whose pairs begin in run k, part 2k to a dense cell whose pairs begin before the run.
 fn part_of(number: u32) -> CellPart {
     let count = pair_count();
     let begin = (number / 2u) * PART_PAIRS;
@@ -43,12 +71,12 @@ fn part_of(number: u32) -> CellPart {
     let first = frame.cell_header + begin;
     let end = frame.cell_header + min(begin + PART_PAIRS, count);
     let begins_here = number % 2u == 1u;
-    let cell = pairs_in[select(first, end - 1u, begins_here)].cell;
-    let of_cell = pairs_in[cell];
-    if !is_dense(vec2u(of_cell.cell, of_cell.record)) || (of_cell.cell >= first) != begins_here {
+    let cell = cell_of_pair(select(first, end - 1u, begins_here));
+    let list = list_of(cell);
+    if !is_dense(list) || (list.x >= first) != begins_here {
         return CellPart(0u, vec2u(0u, 0u));
     }
-    return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
+    return CellPart(cell, vec2u(max(list.x, first), min(list.y, end)));
 }
 
 // Returns the number of the k-th part, from 0, of a dense cell with the pairs `range`.
@@ -160,7 +188,7 @@ fn put_part_sums(part: u32, i: u32, drawn: u32, sums: CellSums) {
 
 // Returns the first pixel, in the targets, of the cell with this number.
 fn corner_of_cell(cell: u32) -> vec2u {
-    return vec2u(cell % frame.cell_columns, cell / frame.cell_columns) * CELL_SIDE;
+    return numbered_cell(cell) * CELL_SIDE;
 }
 
 // Finds the depth thresholds of the pixels of part `number`, among the part's pairs alone. The entry points below call
@@ -213,7 +241,7 @@ fn sum_part(number: u32, i: u32, drawn: u32) {
     if part.range.x == part.range.y {
         return;
     }
-    let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
+    let of_cell = list_of(part.cell);
     let limit = limit_by(maxima_of_parts(of_cell, i, drawn), drawn);
     var nearest = 0.0;
     if has(drawn, DRAW_BEHIND) {

@@ -1,4 +1,4 @@
-// Drawing of sorted pairs in the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records
+// Drawing of cells' lists in the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records
 // pass through workgroup memory in batches, twice. The first loop finds the depth threshold of each pixel, the second
 // sums attributes up to it. Then the pixel's sums are divided by Σw, lit and written from registers. Cells and records
 // are defined in cells.wgsl.
@@ -132,7 +132,7 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
     if r >= count {
         return;
     }
-    let record = pairs_in[first + r].record;
+    let record = cell_lists[first + r];
     if i % 2u == 0u {
         let boxes = cell_records[part_at(8u, record)];
         var more = cell_records[part_at(3u, record)];
@@ -199,7 +199,7 @@ fn staged_record(batch: u32, r: u32, drawn: u32) -> CellRecord {
     }
     var clipped = ABSENT;
     if has(drawn, DRAW_CLIPPED) && (more.w & RECORD_CLIPPED) != 0u {
-        clipped = pairs_in[batch + r].record;
+        clipped = cell_lists[batch + r];
     }
     return CellRecord(
         bitcast<vec2i>(anchor.xy),
@@ -448,7 +448,7 @@ fn add_contribution(
     (*sums).fragments += 1.0;
     if frame.nearest_at != ABSENT && !has(drawn, DRAW_BEHIND) && c.z < (*sums).nearest_z {
         (*sums).nearest_z = c.z;
-        (*sums).nearest = pairs_in[first + r].record;
+        (*sums).nearest = cell_lists[first + r];
     }
 }
 
@@ -779,10 +779,15 @@ fn sum_lit_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: u
     return sums;
 }
 
-// Returns the index of the first pair of a cell (column, row), and one past that of its last.
+// Returns the range of the list of the cell with this number (`cell_number`, or among active cells in a frame of
+// samples): the index in `cell_lists` of its first record, and one past that of its last.
+fn list_of(number: u32) -> vec2u {
+    return vec2u(cell_lists[2u * number], cell_lists[2u * number + 1u]);
+}
+
+// Returns the range of the list of a cell (column, row).
 fn pairs_of(cell: vec2u) -> vec2u {
-    let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
-    return vec2u(pairs.cell, pairs.record);
+    return list_of(cell_number(cell));
 }
 
 // Draws a cell (column, row), unless it is dense: dense cells are drawn in parts.

@@ -101,16 +101,17 @@ fn cell_sum_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocatio
     }
 }
 
-// Writes the list of active cells after the header of the pairs (see CellPair).
+// Writes the list of active cells into the header of the lists (see `cell_lists`).
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_list_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = workgroup_number(group) * CELL_WORKGROUP + i;
-    if cell >= frame.cell_count {
+    let index = workgroup_number(group) * CELL_WORKGROUP + i;
+    if index >= frame.cell_count {
         return;
     }
-    let number = cell_active[cell];
-    if number < cell_active[cell + 1u] && number < frame.cell_active_room {
-        pairs_out[frame.cell_active_room + number] = CellPair(cell, 1u);
+    let number = cell_active[index];
+    if number < cell_active[index + 1u] && number < frame.cell_active_room {
+        let cell = vec2u(index % frame.cell_columns, index / frame.cell_columns);
+        cell_lists_out[2u * frame.cell_active_room + number] = cell_number(cell) + 1u;
     }
 }
 
@@ -137,10 +138,12 @@ fn active_cell(number: u32, cell: ptr<function, DrawnCell>) -> bool {
     if number >= frame.cell_active_room {
         return false;
     }
-    let listed = pairs_in[frame.cell_active_room + number];
-    let range = vec2u(pairs_in[number].cell, pairs_in[number].record);
-    *cell = DrawnCell(number, corner_of_cell(listed.cell), range);
-    return listed.record != 0u;
+    let listed = cell_lists[2u * frame.cell_active_room + number];
+    if listed == 0u {
+        return false;
+    }
+    *cell = DrawnCell(number, corner_of_cell(listed - 1u), list_of(number));
+    return true;
 }
 
 // Opaque surface of a sample.

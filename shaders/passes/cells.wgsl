@@ -1,19 +1,20 @@
 // The compute path: draws splats without raster hardware. The targets are cut into cells of 16×16 pixels.
 //
-// Setup writes the records of the splats that are drawn, without gaps. Each record and each cell that it may touch
-// become a pair. The pairs are sorted by cell, and one workgroup draws each cell (cell_raster.wgsl). The sort is
-// stable, and pairs are emitted in the order of splats. So a pixel's sums are added in one order, whatever the device
-// does in parallel.
+// Setup writes the records of the splats that are drawn, without gaps. Each cell gets a list of the records that may
+// touch it (cell_lists.wgsl), and one workgroup draws each cell (cell_raster.wgsl). Lists are in the order of splats.
+// So a pixel's sums are added in one order, whatever the device does in parallel.
 //
 // No pass sorts by depth: the visibility loop finds a minimum of depths, and attributes are sums.
 //
 // Samples of edge pixels are drawn by the same passes, as pixels of a view four times as fine (cell_samples.wgsl). Few
-// cells of that view contain a sampled pixel. Only these active cells are numbered, and only they have pairs.
+// cells of that view contain a sampled pixel. Only these active cells are numbered, and only they have lists.
 
 // Side of a cell in pixels.
 const CELL_SIDE: u32 = 16u;
+// Side of a bin in cells. A bin is a square of cells whose lists are written together (cell_lists.wgsl).
+const BIN_SIDE: u32 = 16u;
 // Number of invocations of each workgroup of the passes in this file. It is also the largest number of splats of a
-// chunk, and of values of a digit of the sort.
+// chunk and of bins of a tile, and the number of cells of a bin.
 const CELL_WORKGROUP: u32 = 256u;
 // Workgroups in a row of a dispatch: a device allows at most 65535 along an axis.
 const CELL_ROW: u32 = 32768u;
@@ -29,15 +30,15 @@ const RECORD_PLACE: u32 = 9u;
 // clip. The clip of the unfiltered footprint precedes that of the filtered one.
 const CLIP_PART: u32 = 10u;
 const CLIP_PARTS: u32 = 6u;
-// Number of words that `cell_groups` stores for each group, the records of one workgroup of setup, after the counts of
-// pairs: the index of the group's first record, and its number of records.
+// Number of words that `cell_groups` stores for each group, the records of one workgroup of setup, after the numbers of
+// bin pairs: the index of the group's first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
-// Values of CellRound.scanned, the numbers whose prefix sums a scan computes: counts of pairs per group, counts of
-// pairs per digit and block, or a number per cell that is 1 if the cell is active.
+// Values of CellRound.scanned, the numbers whose prefix sums a scan computes: numbers of bin pairs per bin and group, a
+// number per cell that is 1 if the cell is active, or numbers of pairs per cell and block of its bin's records.
 const SCANNED_GROUPS: u32 = 0u;
-const SCANNED_DIGITS: u32 = 1u;
-const SCANNED_ACTIVE: u32 = 2u;
+const SCANNED_ACTIVE: u32 = 1u;
+const SCANNED_LISTS: u32 = 2u;
 
 // A chunk that may touch the tile. One workgroup sets up its splats, and their records form a group. If the application
 // places the splats, several workgroups divide the chunk, and each has its own group.
@@ -56,9 +57,12 @@ struct CellChunk {
 
 // Counts of a tile, or of a frame of samples, which the host reads back.
 struct CellCounters {
-    // Number of records that the tile needs: one for each splat that was set up and has a pair.
+    // Number of records that the tile needs: one for each splat that was set up and may touch a cell.
     records: atomic<u32>,
-    // Number of pairs that the records need, saturated at the largest u32.
+    // Number of bin pairs, of a record and a bin that it may touch, saturated at the largest u32.
+    bin_pairs: atomic<u32>,
+    // Number of pairs of a record and a cell, which is the length of all lists. It is saturated at the largest u32, and
+    // 0 if records or bin pairs exceed their buffers.
     pairs: atomic<u32>,
     // Number of active cells of a tile of samples.
     active_cells: atomic<u32>,
@@ -73,6 +77,7 @@ struct CellCounters {
 // CellCounters for passes that only read them.
 struct CellCounts {
     records: u32,
+    bin_pairs: u32,
     pairs: u32,
     active_cells: u32,
     is_crowded: u32,
@@ -80,27 +85,23 @@ struct CellCounts {
     layers_remain: u32,
 }
 
-// A record and a cell that it may touch. A buffer of pairs begins with a header of one element per cell, whose fields
-// `cell` and `record` store the index of the first of the cell's sorted pairs, and one past that of the last. In a
-// frame of samples the header has elements for active cells alone. A second list follows them: per active cell, its
-// number in the grid (`cell`), and 1 (`record`) to mark the element as used.
-struct CellPair {
-    cell: u32,
-    record: u32,
+// A bin's elements of `bin_records`: the index of the first, and one past that of the last. They are divided into
+// blocks of up to CELL_WORKGROUP records, which are numbered through all bins; `block` is the number of the first.
+struct CellBin {
+    first: u32,
+    end: u32,
+    block: u32,
 }
 
-// Parameters of a pass that runs several times: the kind of numbers to scan, SCANNED_…, and the digit of the cell's
-// number to sort by. The digit is the bits from `shift` on; it has `digits` values, a power of two.
+// Parameter of a scan: the kind of numbers to scan, SCANNED_….
 struct CellRound {
     scanned: u32,
-    shift: u32,
-    digits: u32,
 }
 
 // Records of all splats, part by part (see `part_at`).
 @group(1) @binding(40) var<storage, read_write> cell_records_out: array<vec4u>;
-// One word per group: its number of pairs and, after a scan, the index of its first pair, without the header.
-// GROUP_WORDS words per group follow: the index of its first record, and its number of records.
+// One word per bin and group, bin by bin: the number of the group's bin pairs and, after a scan, the index in
+// `bin_records` of the first of them. GROUP_WORDS words per group follow (see `group_at`).
 @group(1) @binding(41) var<storage, read_write> cell_groups: array<u32>;
 // Counts of the tile of pixels, then of the frames of its samples.
 @group(1) @binding(42) var<storage, read_write> cell_counters: array<CellCounters>;
@@ -110,13 +111,10 @@ struct CellRound {
 // part RECORD_PLACE included, and in a frame with clipped splats the two clips.
 @group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
 @group(1) @binding(45) var<uniform> cell_round: CellRound;
-// Numbers to scan. Counts of digits are stored digit by digit, and for each digit block by block.
+// Numbers to scan. Those of lists are stored bin by bin, for each bin cell by cell, and for each cell block by block.
 @group(1) @binding(46) var<storage, read_write> scanned: array<u32>;
 // Sum of each block of `scanned`.
 @group(1) @binding(47) var<storage, read_write> scan_sums: array<u32>;
-// Pairs that a pass reads and, in the next binding, pairs that it writes: a header, then the pairs.
-@group(1) @binding(48) var<storage, read> pairs_in: array<CellPair>;
-@group(1) @binding(49) var<storage, read_write> pairs_out: array<CellPair>;
 // The buffers `cell_records_out` and `cell_counters`, for passes that only read them.
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
 @group(1) @binding(53) var<storage, read> cell_counts: array<CellCounts>;
@@ -124,6 +122,19 @@ struct CellRound {
 // active cells follows: for each row r up to the number of rows, and each column c up to the number of columns, the
 // number of active cells in rows before r and columns before c. Only read in frames of samples.
 @group(1) @binding(56) var<storage, read> cell_active: array<u32>;
+// The bin pairs, bin by bin, and within a bin in the order of splats: for each, the cells of the bin that the record
+// may touch (`packed_cells`). After `frame.cell_bin_pair_room` words, the index of each record follows.
+@group(1) @binding(58) var<storage, read_write> bin_records_out: array<u32>;
+@group(1) @binding(59) var<storage, read> bin_records: array<u32>;
+// Bins of the tile, at most CELL_WORKGROUP, and an element that begins after the last of them.
+@group(1) @binding(60) var<storage, read_write> cell_bins_out: array<CellBin>;
+@group(1) @binding(61) var<storage, read> cell_bins: array<CellBin>;
+// Lists of cells: a header of `frame.cell_header` words, then the indices of records. The header has two words per
+// cell: the index of the first word of the cell's list, and one past that of the last. Cells are counted as by
+// `cell_number`. In a frame of samples the header has these words for active cells alone. One word per active cell
+// follows: its `cell_number` plus 1, or 0 if the element is unused.
+@group(1) @binding(62) var<storage, read_write> cell_lists_out: array<u32>;
+@group(1) @binding(63) var<storage, read> cell_lists: array<u32>;
 
 // Sum of the values of all invocations up to each one, its own included.
 var<workgroup> scan_partial: array<u32, CELL_WORKGROUP>;
@@ -165,12 +176,17 @@ fn workgroup_number(group: vec3u) -> u32 {
     return group.y * CELL_ROW + group.x;
 }
 
-// Returns the number of pairs to draw. It is 0 if records, pairs or active cells exceed their buffers: the host then
-// draws the tile again.
-fn drawn_pairs(counts: CellCounts) -> u32 {
-    let fits = counts.records <= frame.cell_record_room && counts.pairs <= frame.cell_pair_room
+// Returns the number of bin pairs to sort. It is 0 if records, bin pairs or active cells exceed their buffers: the host
+// then draws the tile again.
+fn fitting_bin_pairs(counts: CellCounts) -> u32 {
+    let fits = counts.records <= frame.cell_record_room && counts.bin_pairs <= frame.cell_bin_pair_room
         && counts.active_cells <= frame.cell_active_room;
-    return select(0u, counts.pairs, fits);
+    return select(0u, counts.bin_pairs, fits);
+}
+
+// Returns the number of pairs to draw. It is 0 if anything exceeds its buffer.
+fn fitting_pairs(counts: CellCounts) -> u32 {
+    return select(0u, counts.pairs, fitting_bin_pairs(counts) > 0u && counts.pairs <= frame.cell_pair_room);
 }
 
 // Returns the counts of this frame, for passes that also write them.
@@ -178,6 +194,7 @@ fn counted() -> CellCounts {
     let part = frame.cell_part;
     return CellCounts(
         atomicLoad(&cell_counters[part].records),
+        atomicLoad(&cell_counters[part].bin_pairs),
         atomicLoad(&cell_counters[part].pairs),
         atomicLoad(&cell_counters[part].active_cells),
         0u,
@@ -186,25 +203,47 @@ fn counted() -> CellCounts {
     );
 }
 
-// Returns the number of pairs to draw in this frame.
-fn pair_count() -> u32 {
-    return drawn_pairs(cell_counts[frame.cell_part]);
+// Returns the number of columns of bins.
+fn bin_columns() -> u32 {
+    return (frame.cell_columns + (BIN_SIDE - 1u)) / BIN_SIDE;
 }
 
-// Starts a tile: clears its counts and the header of its pairs.
+// Returns the number of bins.
+fn bin_count() -> u32 {
+    let rows = frame.cell_count / frame.cell_columns;
+    return bin_columns() * ((rows + (BIN_SIDE - 1u)) / BIN_SIDE);
+}
+
+// Returns the number of a cell (column, row). Cells are numbered bin by bin, and row by row in a bin. Bins are numbered
+// row by row.
+fn cell_number(cell: vec2u) -> u32 {
+    let bin = (cell.y / BIN_SIDE) * bin_columns() + cell.x / BIN_SIDE;
+    return bin * CELL_WORKGROUP + (cell.y % BIN_SIDE) * BIN_SIDE + cell.x % BIN_SIDE;
+}
+
+// Returns the cell (column, row) with this number.
+fn numbered_cell(number: u32) -> vec2u {
+    let bin = number / CELL_WORKGROUP;
+    let in_bin = number % CELL_WORKGROUP;
+    let corner = vec2u(bin % bin_columns(), bin / bin_columns()) * BIN_SIDE;
+    return corner + vec2u(in_bin % BIN_SIDE, in_bin / BIN_SIDE);
+}
+
+// Starts a tile: clears its counts and the header of its lists.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let cell = workgroup_number(group) * CELL_WORKGROUP + i;
-    if cell == 0u {
+    let word = workgroup_number(group) * CELL_WORKGROUP + i;
+    if word == 0u {
         atomicStore(&cell_counters[frame.cell_part].records, 0u);
+        atomicStore(&cell_counters[frame.cell_part].bin_pairs, 0u);
         atomicStore(&cell_counters[frame.cell_part].pairs, 0u);
         atomicStore(&cell_counters[frame.cell_part].active_cells, 0u);
         atomicStore(&cell_counters[frame.cell_part].is_crowded, 0u);
         atomicStore(&cell_counters[frame.cell_part].layers, 0u);
         atomicStore(&cell_counters[frame.cell_part].layers_remain, 0u);
     }
-    if cell < frame.cell_header {
-        pairs_out[cell] = CellPair(0u, 0u);
+    if word < frame.cell_header {
+        cell_lists_out[word] = 0u;
     }
 }
 
@@ -233,80 +272,57 @@ fn active_area_at(row: u32, column: u32) -> u32 {
     return frame.cell_count + 1u + row * (frame.cell_columns + 1u) + column;
 }
 
-// Returns the number of active cells in the first `rows` rows of the cells of a record, as `cells_of` returns them.
-fn active_in_rows(cells: vec4u, rows: u32) -> u32 {
-    let end = cells.x + cells.z;
-    let below = cell_active[active_area_at(cells.y + rows, end)] - cell_active[active_area_at(cells.y + rows, cells.x)];
-    return below - (cell_active[active_area_at(cells.y, end)] - cell_active[active_area_at(cells.y, cells.x)]);
+// True if a record with these cells, as `cells_of` returns them, touches an active cell.
+fn touches_active_cell(cells: vec4u) -> bool {
+    let end = cells.xy + cells.zw;
+    let below = cell_active[active_area_at(end.y, end.x)] - cell_active[active_area_at(end.y, cells.x)];
+    return below > cell_active[active_area_at(cells.y, end.x)] - cell_active[active_area_at(cells.y, cells.x)];
 }
 
-// Returns the number of pairs of a record with these cells, as `cells_of` returns them: all cells, or the active ones
-// in a frame of samples.
-fn pairs_of_cells(cells: vec4u) -> u32 {
-    if frame.is_of_samples == 0u {
-        return cells.z * cells.w;
+// Returns the bins that contain these cells: first column and row, then numbers of columns and rows.
+fn bins_of(cells: vec4u) -> vec4u {
+    let first = cells.xy / BIN_SIDE;
+    return vec4u(first, (cells.xy + cells.zw + (BIN_SIDE - 1u)) / BIN_SIDE - first);
+}
+
+// Returns the bins of a record with these cells, as `bins_of` does, or none in a frame of samples if the record touches
+// no active cell.
+fn bins_of_record(cells: vec4u) -> vec4u {
+    if frame.is_of_samples != 0u && !touches_active_cell(cells) {
+        return vec4u(0u, 0u, 0u, 0u);
     }
-    return active_in_rows(cells, cells.w);
+    return bins_of(cells);
 }
 
-// Returns `rows` plus `step` if the k-th active cell of a record lies behind so many rows, else `rows`.
-fn rows_before(cells: vec4u, k: u32, rows: u32, step: u32) -> u32 {
-    // All rows together have more than k active cells.
-    let next = min(rows + step, cells.w);
-    return select(rows, next, active_in_rows(cells, next) <= k);
-}
-
-// Returns the number of the k-th cell, from 0, that has a pair with a record with these cells. In a frame of samples it
-// is the number among active cells; those of a row have consecutive numbers.
-fn nth_cell(cells: vec4u, k: u32) -> u32 {
-    if frame.is_of_samples == 0u {
-        return (cells.y + k / cells.z) * frame.cell_columns + cells.x + k % cells.z;
-    }
-    // A binary search, without a loop like `first_after`, and without branches: SwiftShader's compiler takes minutes
-    // and gigabytes for sixteen of them. A grid has at most 65536 rows.
-    var rows = rows_before(cells, k, 0u, 32768u);
-    rows = rows_before(cells, k, rows, 16384u);
-    rows = rows_before(cells, k, rows, 8192u);
-    rows = rows_before(cells, k, rows, 4096u);
-    rows = rows_before(cells, k, rows, 2048u);
-    rows = rows_before(cells, k, rows, 1024u);
-    rows = rows_before(cells, k, rows, 512u);
-    rows = rows_before(cells, k, rows, 256u);
-    rows = rows_before(cells, k, rows, 128u);
-    rows = rows_before(cells, k, rows, 64u);
-    rows = rows_before(cells, k, rows, 32u);
-    rows = rows_before(cells, k, rows, 16u);
-    rows = rows_before(cells, k, rows, 8u);
-    rows = rows_before(cells, k, rows, 4u);
-    rows = rows_before(cells, k, rows, 2u);
-    rows = rows_before(cells, k, rows, 1u);
-    let left = k - active_in_rows(cells, rows);
-    return cell_active[(cells.y + rows) * frame.cell_columns + cells.x] + left;
+// Returns the index in `cell_groups` of the words of a group after the numbers of bin pairs: the index of the group's
+// first record, and its number of records.
+fn group_at(group: u32) -> u32 {
+    return bin_count() * frame.cell_group_count + GROUP_WORDS * group;
 }
 
 // Index of the first record of the workgroup's group.
 var<workgroup> group_first_record: u32;
-// Number of pairs of the workgroup's group.
-var<workgroup> group_pairs: atomic<u32>;
+// Number of bin pairs of the workgroup's group, per bin.
+var<workgroup> group_pairs: array<atomic<u32>, CELL_WORKGROUP>;
 
-// Writes a group's records without gaps and counts its pairs. Invocation i of the workgroup passes one record and the
-// view position of its splat's centre. Records without pairs are left out. All invocations of the workgroup have to
-// call it, with `may_be_there` false if they have no record. Returns the index of the invocation's record, or ABSENT if
-// it wasn't written.
+// Writes a group's records without gaps and counts its bin pairs. Invocation i of the workgroup passes one record and
+// the view position of its splat's centre. Records without bin pairs are left out. All invocations of the workgroup
+// have to call it, with `may_be_there` false if they have no record. Returns the index of the invocation's record, or
+// ABSENT if it wasn't written.
 fn write_group(group: u32, i: u32, record: Record, center: vec3f, may_be_there: bool) -> u32 {
-    if i == 0u {
-        atomicStore(&group_pairs, 0u);
-    }
+    atomicStore(&group_pairs[i], 0u);
     let boxes = vec4u(record.visible_box, record.filtered_box);
-    var own_pairs = 0u;
+    var bins = vec4u(0u, 0u, 0u, 0u);
     if may_be_there {
-        own_pairs = pairs_of_cells(cells_of(boxes));
+        bins = bins_of_record(cells_of(boxes));
     }
-    let is_there = own_pairs > 0u;
+    let is_there = bins.z > 0u;
     let rank = workgroup_scan(i, select(0u, 1u, is_there));
     let live = scan_partial[CELL_WORKGROUP - 1u];
-    if is_there {
-        atomicAdd(&group_pairs, own_pairs);
+    for (var row = bins.y; row < bins.y + bins.w; row++) {
+        for (var column = bins.x; column < bins.x + bins.z; column++) {
+            atomicAdd(&group_pairs[row * bin_columns() + column], 1u);
+        }
     }
     if i == 0u {
         var first = 0u;
@@ -317,9 +333,11 @@ fn write_group(group: u32, i: u32, record: Record, center: vec3f, may_be_there: 
     }
     workgroupBarrier();
     let first = group_first_record;
+    if i < bin_count() {
+        cell_groups[i * frame.cell_group_count + group] = atomicLoad(&group_pairs[i]);
+    }
     if i == 0u {
-        cell_groups[group] = atomicLoad(&group_pairs);
-        let at = frame.cell_group_count + GROUP_WORDS * group;
+        let at = group_at(group);
         cell_groups[at] = first;
         cell_groups[at + 1u] = live;
     }
@@ -490,242 +508,5 @@ fn cell_clipped_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
         for (var k = 0u; k < 2u * CLIP_PARTS; k++) {
             cell_records_out[part_at(CLIP_PART + k, at)] = near_records[clips + k];
         }
-    }
-}
-
-// Returns the number of blocks, of up to CELL_BLOCK elements, that `count` elements fill.
-fn blocks_of(count: u32) -> u32 {
-    return (count + (CELL_BLOCK - 1u)) / CELL_BLOCK;
-}
-
-// Returns the number of elements to scan in this round, if the tile has this number of pairs.
-fn scan_length(pairs: u32) -> u32 {
-    if cell_round.scanned == SCANNED_GROUPS {
-        return frame.cell_group_count;
-    }
-    if cell_round.scanned == SCANNED_ACTIVE {
-        return frame.cell_count + 1u;
-    }
-    return cell_round.digits * blocks_of(pairs);
-}
-
-// Number of elements that an invocation scans: CELL_BLOCK/CELL_WORKGROUP.
-const SCAN_PER_INVOCATION: u32 = 8u;
-
-// First pass of a scan, which replaces each element of `scanned` by the sum of all elements before it. This pass sums
-// each block. The second, cell_scan_add, scans each block from the sum of all blocks before it.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let block = workgroup_number(group);
-    let length = scan_length(pair_count());
-    if block * CELL_BLOCK >= length {
-        return;
-    }
-    let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
-    var sum = 0u;
-    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
-        if first + k < length {
-            sum = saturating_sum(sum, scanned[first + k]);
-        }
-    }
-    let before = workgroup_scan(i, sum);
-    if i == CELL_WORKGROUP - 1u {
-        scan_sums[block] = saturating_sum(before, sum);
-    }
-}
-
-// Second pass of a scan. A scan of groups also writes the number of pairs of the tile to its counters, and a scan of
-// active cells the number of these.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let block = workgroup_number(group);
-    let part = frame.cell_part;
-    let length = scan_length(drawn_pairs(counted()));
-    var of_blocks = 0u;
-    for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
-        of_blocks = saturating_sum(of_blocks, scan_sums[earlier]);
-    }
-    let unused = workgroup_scan(i, of_blocks);
-    let before_block = scan_partial[CELL_WORKGROUP - 1u];
-    workgroupBarrier();
-    let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
-    var values: array<u32, SCAN_PER_INVOCATION>;
-    var sum = 0u;
-    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
-        if first + k < length {
-            values[k] = scanned[first + k];
-            sum = saturating_sum(sum, values[k]);
-        }
-    }
-    var before = saturating_sum(before_block, workgroup_scan(i, sum));
-    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
-        if first + k < length {
-            scanned[first + k] = before;
-            before = saturating_sum(before, values[k]);
-        }
-    }
-    if i == CELL_WORKGROUP - 1u && block + 1u == blocks_of(length) {
-        if cell_round.scanned == SCANNED_GROUPS {
-            atomicStore(&cell_counters[part].pairs, before);
-        }
-        if cell_round.scanned == SCANNED_ACTIVE {
-            atomicStore(&cell_counters[part].active_cells, before);
-        }
-    }
-}
-
-// Returns the smallest number at which `scan_partial` is greater than k, or the last number.
-fn first_after(k: u32) -> u32 {
-    // Without a loop, because some software drivers end a shader after 65535 iterations.
-    var at = 0u;
-    at += select(0u, 128u, scan_partial[at + 127u] <= k);
-    at += select(0u, 64u, scan_partial[at + 63u] <= k);
-    at += select(0u, 32u, scan_partial[at + 31u] <= k);
-    at += select(0u, 16u, scan_partial[at + 15u] <= k);
-    at += select(0u, 8u, scan_partial[at + 7u] <= k);
-    at += select(0u, 4u, scan_partial[at + 3u] <= k);
-    at += select(0u, 2u, scan_partial[at + 1u] <= k);
-    at += select(0u, 1u, scan_partial[at] <= k);
-    return min(at, CELL_WORKGROUP - 1u);
-}
-
-// Writes the pairs of a group, in the order of its records. Each invocation writes every 256th pair, so that the pairs
-// of large splats are spread over all invocations.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let number = workgroup_number(group);
-    if number >= frame.cell_group_count || pair_count() == 0u {
-        return;
-    }
-    let at = frame.cell_group_count + GROUP_WORDS * number;
-    let first = cell_groups[at];
-    let live = cell_groups[at + 1u];
-    var own = 0u;
-    if i < live {
-        own = pairs_of_cells(cells_of(cell_records[part_at(8u, first + i)]));
-    }
-    let unused = workgroup_scan(i, own);
-    let count = scan_partial[CELL_WORKGROUP - 1u];
-    let to = frame.cell_header + cell_groups[number];
-    for (var k = i; k < count; k += CELL_WORKGROUP) {
-        // Finds the first record whose pairs end after k.
-        let low = first_after(k);
-        let record = first + low;
-        let cells = cells_of(cell_records[part_at(8u, record)]);
-        var before = 0u;
-        if low > 0u {
-            before = scan_partial[low - 1u];
-        }
-        pairs_out[to + k] = CellPair(nth_cell(cells, k - before), record);
-    }
-}
-
-// Returns the digit of a pair's cell by which this round sorts.
-fn digit_of(pair: CellPair) -> u32 {
-    return (pair.cell >> cell_round.shift) & (cell_round.digits - 1u);
-}
-
-// Number of pairs of the block per value of the digit.
-var<workgroup> digit_counts: array<atomic<u32>, CELL_WORKGROUP>;
-
-// Counts the pairs of a block per value of the digit.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let block = workgroup_number(group);
-    let count = pair_count();
-    if block * CELL_BLOCK >= count {
-        return;
-    }
-    atomicStore(&digit_counts[i], 0u);
-    workgroupBarrier();
-    for (var k = 0u; k < CELL_BLOCK; k += CELL_WORKGROUP) {
-        let at = block * CELL_BLOCK + k + i;
-        if at < count {
-            atomicAdd(&digit_counts[digit_of(pairs_in[frame.cell_header + at])], 1u);
-        }
-    }
-    workgroupBarrier();
-    if i < cell_round.digits {
-        scanned[i * blocks_of(count) + block] = atomicLoad(&digit_counts[i]);
-    }
-}
-
-// Number of words with one bit for each of 256 pairs.
-const ROUND_WORDS: u32 = 8u;
-
-// One bit for each of the 256 pairs that are moved at a time, per value of the digit: word w, for pairs 32·w to 32·w +
-// 31, of value v is at w·CELL_WORKGROUP + v.
-var<workgroup> round_bits: array<atomic<u32>, 2048>;
-// Position, without the header, to which the next pair with each value of the digit moves.
-var<workgroup> digit_ends: array<u32, CELL_WORKGROUP>;
-
-// Moves the pairs of a block to their positions in the order of one digit; pairs with equal digits stay in their order.
-// The bits of 256 pairs at a time give each pair the number of earlier pairs with the same digit.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let block = workgroup_number(group);
-    let count = pair_count();
-    if block * CELL_BLOCK >= count {
-        return;
-    }
-    for (var word = 0u; word < ROUND_WORDS; word++) {
-        atomicStore(&round_bits[word * CELL_WORKGROUP + i], 0u);
-    }
-    if i < cell_round.digits {
-        digit_ends[i] = scanned[i * blocks_of(count) + block];
-    }
-    workgroupBarrier();
-    let own_word = i / 32u;
-    let own_bit = 1u << (i % 32u);
-    for (var k = 0u; k < CELL_BLOCK; k += CELL_WORKGROUP) {
-        let at = block * CELL_BLOCK + k + i;
-        var pair: CellPair;
-        var digit = 0u;
-        if at < count {
-            pair = pairs_in[frame.cell_header + at];
-            digit = digit_of(pair);
-            atomicOr(&round_bits[own_word * CELL_WORKGROUP + digit], own_bit);
-        }
-        workgroupBarrier();
-        if at < count {
-            var rank = countOneBits(atomicLoad(&round_bits[own_word * CELL_WORKGROUP + digit]) & (own_bit - 1u));
-            for (var word = 0u; word < own_word; word++) {
-                rank += countOneBits(atomicLoad(&round_bits[word * CELL_WORKGROUP + digit]));
-            }
-            pairs_out[frame.cell_header + digit_ends[digit] + rank] = pair;
-        }
-        workgroupBarrier();
-        var found = 0u;
-        for (var word = 0u; word < ROUND_WORDS; word++) {
-            found += countOneBits(atomicExchange(&round_bits[word * CELL_WORKGROUP + i], 0u));
-        }
-        digit_ends[i] += found;
-        workgroupBarrier();
-    }
-}
-
-// Largest number of pairs of an active cell of samples. Such cells aren't drawn in parts, and the host draws a tile
-// with more by raster hardware.
-const CROWDED_PAIRS: u32 = 12288u;
-
-// Writes the header of the sorted pairs: the begin and end of the pairs of each cell.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let index = workgroup_number(group) * CELL_WORKGROUP + i;
-    let part = frame.cell_part;
-    let count = drawn_pairs(counted());
-    if index >= count {
-        return;
-    }
-    let at = frame.cell_header + index;
-    let cell = pairs_out[at].cell;
-    if frame.is_of_samples != 0u && index >= CROWDED_PAIRS && pairs_out[at - CROWDED_PAIRS].cell == cell {
-        atomicStore(&cell_counters[part].is_crowded, 1u);
-    }
-    if index == 0u || pairs_out[at - 1u].cell != cell {
-        pairs_out[cell].cell = at;
-    }
-    if index + 1u == count || pairs_out[at + 1u].cell != cell {
-        pairs_out[cell].record = at + 1u;
     }
 }

@@ -128,15 +128,16 @@ struct Frame {
     // Numbers x and y of the embedding application's depth buffer, which stores x + y/z (perspective) or x + y·z
     // (orthographic) for the depth z.
     host_depth: vec2f,
-    // For the compute path (cells.wgsl): number of cells in a row and in all; number of header elements before the
-    // pairs in a buffer of pairs; number of chunks that may touch the tile; number of groups of records; capacity of
-    // the buffers in records and in pairs.
+    // For the compute path (cells.wgsl): number of cells in a row and in all; number of header words before the lists
+    // of cells; number of chunks that may touch the tile; number of groups of records; capacity of
+    // the buffers in records, in pairs of a record and a bin, and in pairs of a record and a cell.
     cell_columns: u32,
     cell_count: u32,
     cell_header: u32,
     cell_chunk_count: u32,
     cell_group_count: u32,
     cell_record_room: u32,
+    cell_bin_pair_room: u32,
     cell_pair_room: u32,
     // In a frame of samples in the compute path: maximum number of active cells, those with a sampled pixel. 0 in other
     // frames.

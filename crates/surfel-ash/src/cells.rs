@@ -76,15 +76,14 @@ struct SegmentBuffers {
 }
 
 impl<'a> CellTile<'a> {
-    /// Creates the resources of a tile. `room` is the capacity of the buffers `cells`, and `stages` draw the tile.
+    /// Creates the resources of a tile. `cells` are the buffers of the compute path, and `stages` draw the tile.
     pub(crate) fn new(
         device: &Arc<Device>,
         inputs: &TileInputs<'a>,
-        (cells, room): (&CellBuffers, CellCapacity),
+        cells: &CellBuffers,
         stages: &'a [CellStage],
     ) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
-        let counts = data.cells.as_ref().ok_or_else(|| Failure::other("a tile has no cells"))?;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         let dispatches: usize = stages.iter().map(|stage| stage.steps.len()).sum();
         // Each dispatch has one set of the frame and one of its own.
@@ -93,7 +92,7 @@ impl<'a> CellTile<'a> {
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
         let frame_resources = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
         let round = |round: CellRound| {
-            let words = round.words(counts, room);
+            let words = round.words();
             Ok((round, Buffer::filled(device, "round", &words, vk::BufferUsageFlags::UNIFORM_BUFFER)?))
         };
         let rounds: HashMap<CellRound, Buffer> =

@@ -354,7 +354,7 @@ impl Renderer {
                 shadow_texels: job.shadow_texels,
                 drawn_shadow_texels: &none,
             };
-            CellTile::new(&self.device, &inputs, (&self.cells, room), stages)
+            CellTile::new(&self.device, &inputs, &self.cells, stages)
         };
         let drawn = tiles.tiles().iter().zip(&stages).map(|(data, stages)| tile(data, stages));
         let drawn: Vec<CellTile<'_>> = drawn.collect::<Result<_, _>>()?;

@@ -7,9 +7,7 @@ use crate::queries::Queries;
 use crate::queue::Queue;
 use crate::scene::{empty, filled};
 use std::collections::HashMap;
-use surfel_gpu::{
-    CellBinding, CellBuffer, CellCapacity, CellCounts, CellRound, CellStage, CellStep, CellTiles, binding_slots,
-};
+use surfel_gpu::{CellBinding, CellBuffer, CellCapacity, CellRound, CellStage, CellStep, CellTiles, binding_slots};
 
 /// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
@@ -55,15 +53,12 @@ pub(crate) struct CellTile<'a> {
 }
 
 impl<'a> CellTile<'a> {
-    /// Creates the resources of a tile. `counts` are its counts for the compute path, `room` is the capacity of
-    /// `buffers`, and `stages` draw the tile.
+    /// Creates the resources of a tile. `buffers` are those of the compute path, and `stages` draw the tile.
     pub(crate) fn new(
         device: &wgpu::Device,
         queue: &Queue,
         inputs: &TileInputs<'a>,
-        counts: &CellCounts,
         buffers: &CellBuffers,
-        room: CellCapacity,
         stages: &'a [CellStage],
     ) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
@@ -78,7 +73,7 @@ impl<'a> CellTile<'a> {
         ];
         let rounds: HashMap<CellRound, wgpu::Buffer> = CellRound::ALL
             .into_iter()
-            .map(|round| (round, filled(device, queue, "round", &round.words(counts, room), uniforms)))
+            .map(|round| (round, filled(device, queue, "round", &round.words(), uniforms)))
             .collect();
         let near = data.cell_near_words();
         let near = filled(device, queue, "near records", &near, storage);

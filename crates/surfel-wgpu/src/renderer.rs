@@ -378,8 +378,7 @@ impl Renderer {
                 drawn_shadow_texels: &none,
                 host_depth: None,
             };
-            let counts = data.cells.as_ref()?;
-            let tile = CellTile::new(&device, &self.queue, &inputs, counts, &self.cells, room, stages);
+            let tile = CellTile::new(&device, &self.queue, &inputs, &self.cells, stages);
             tile.record(&mut encoder, &mut self.queries);
         }
         let costs = self.queries.resolve(&device, &mut encoder);

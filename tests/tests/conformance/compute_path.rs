@@ -2,7 +2,7 @@
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_ash::Limits;
 use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, cloud, object, scene, with_alpha};
@@ -326,6 +326,27 @@ fn every_run_and_both_backends_have_the_same_bits() {
         }
     }
     validated_gpu::no_messages();
+}
+
+/// Draws an image of 5×3 bins, of which the last column and row are cut off. Most splats are small, some touch more
+/// cells than one invocation marks, and two cover all bins.
+fn draws_splats_of_every_size(renderer: &mut impl Renderer) {
+    let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
+    let size = [1200, 540];
+    let mut case = wall(6000, 0.01, 1.8, size);
+    for (count, radius, z) in [(90, 0.12, -0.1), (9, 0.5, -0.2), (2, 4.0, -0.3)] {
+        let mut behind = wall(count, radius, 1.6, size).scene.objects.remove(0);
+        behind.world_from_object = DAffine3::from_translation(DVec3::Z * z);
+        case.scene.objects.push(behind);
+    }
+    let (ours, stats) = drawn_once(renderer, &case, planes());
+    assert!(is_by_cells(&stats));
+    are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &case.name);
+}
+
+#[test]
+fn splats_of_every_size_are_listed_in_every_bin() {
+    with_each!(GpuPath::Compute, draws_splats_of_every_size);
 }
 
 /// Draws cells with more pairs of a splat and a cell than one workgroup draws, so that these cells are drawn in parts.

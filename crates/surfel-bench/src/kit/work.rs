@@ -11,10 +11,12 @@ use surfel_render::{FramePlan, Pass};
 
 /// Number of floating-point operations to set up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
+/// Bytes that sorting moves per drawn splat, if it touches a single bin: its box is read, its cells and index are
+/// written and read to count and to write lists, and so is a share of the counts (`cell_lists.wgsl`).
+const SORT_SPLAT_BYTES: f64 = 16.0 + 8.0 + 12.0 + 20.0;
 /// Bytes that sorting moves per pair of a splat and a cell, which is a square of pixels that the compute path draws at
-/// once. Each pair is emitted once, read twice and written once for each of two digits, and read once more
-/// (`cells.wgsl`).
-const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
+/// once: the splat's index is read and written.
+const SORT_PAIR_BYTES: f64 = 8.0;
 /// Bytes that the two loops over a cell's splats read per pair of a splat and a cell: the record of the projected
 /// splat, once per loop (`cell_raster.wgsl`).
 const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
@@ -104,7 +106,8 @@ impl Work {
         let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
         // The second loop evaluates each fragment again, and sums it.
         let of_fragment = VISIBILITY_FLOPS + 2.0 * ATTRIBUTE_FLOPS;
-        let sort = Self { pass: "sort".to_owned(), bytes: counts.pairs * SORT_PAIR_BYTES, ..Self::default() };
+        let sorted = counts.drawn * SORT_SPLAT_BYTES + counts.pairs * SORT_PAIR_BYTES;
+        let sort = Self { pass: "sort".to_owned(), bytes: sorted, ..Self::default() };
         let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
         let edge_data = if has_edges { counts.pixels * EDGE_DATA_BYTES } else { 0.0 };
         let raster = Self {
@@ -232,7 +235,8 @@ mod tests {
         let all = work(Settings::default(), 700.0);
         let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
         assert_eq!(names, ["setup", "sort", "raster"]);
-        assert_eq!(all[1].bytes, 700.0 * 64.0);
+        // Each of 500 splats is moved once, and listed in each of its cells.
+        assert_eq!(all[1].bytes, 500.0 * 56.0 + 700.0 * 8.0);
         // Each pair's record is read twice, and colours are written.
         assert_eq!(all[2].bytes, 700.0 * 240.0 + 100.0 * 16.0);
         assert!(all.iter().all(|work| work.fill.is_empty() && work.quads == 0.0));

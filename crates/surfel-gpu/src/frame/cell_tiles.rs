@@ -4,14 +4,11 @@
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
 use crate::passes::cell_stages::{CellStage, cell_stages, sample_stages};
-use crate::passes::cells::{CellBuffer, CellCapacity, CellCounts};
+use crate::passes::cells::{BIN_SIDE, CellBuffer, CellCapacity, CellCounts, MAX_BINS};
 use crate::scene::limits::Limits;
 use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
-
-/// Maximum number of cells of a tile of samples. The radix sort of cells uses two digits of eight bits.
-const MAX_SAMPLE_CELLS: u32 = 1 << 16;
 
 /// Number of image pixels along the side of a cell whose pixels are samples. Each image pixel has [`SAMPLES_SIDE`]
 /// samples along its side.
@@ -94,10 +91,10 @@ impl CellTiles {
     }
 }
 
-/// Splits a tile of pixels into bands of rows. The samples of a band have at most [`MAX_SAMPLE_CELLS`] cells.
+/// Splits a tile of pixels into bands of rows. The samples of a band have at most [`MAX_BINS`] bins.
 fn sampled_parts(tile: Region) -> Vec<Region> {
-    let columns = tile.width.div_ceil(PIXELS_OF_CELL).max(1);
-    let height = (MAX_SAMPLE_CELLS / columns).max(1) * PIXELS_OF_CELL;
+    let columns = tile.width.div_ceil(PIXELS_OF_CELL * BIN_SIDE).max(1);
+    let height = (MAX_BINS / columns).max(1) * PIXELS_OF_CELL * BIN_SIDE;
     let rows = (0..tile.height).step_by(height as usize);
     rows.map(|y| Region { y: tile.y + y, height: height.min(tile.height - y), ..tile }).collect()
 }
@@ -105,9 +102,10 @@ fn sampled_parts(tile: Region) -> Vec<Region> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::passes::cells::bins_of;
 
     #[test]
-    fn parts_of_samples_hold_every_pixel_once_and_have_few_enough_cells() {
+    fn parts_of_samples_hold_every_pixel_once_and_have_few_enough_bins() {
         for size in [[1, 1], [70, 50], [1024, 1024], [1920, 1080], [4096, 4096]] {
             let tile = Region { x: 3, y: 5, width: size[0], height: size[1] };
             let parts = sampled_parts(tile);
@@ -115,8 +113,8 @@ mod tests {
             for part in &parts {
                 assert_eq!((part.x, part.y, part.width), (tile.x, next, tile.width));
                 let samples = part.of_samples();
-                let cells: u32 = CellCounts::size_of([samples.width, samples.height]).iter().product();
-                assert!(cells <= MAX_SAMPLE_CELLS, "{size:?}: {cells}");
+                let bins = bins_of(CellCounts::size_of([samples.width, samples.height]));
+                assert!(bins <= MAX_BINS, "{size:?}: {bins}");
                 next += part.height;
             }
             assert_eq!(next, tile.y + tile.height);

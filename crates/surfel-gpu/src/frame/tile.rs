@@ -194,6 +194,7 @@ impl TileData {
         let Some(cells) = &self.cells else { return };
         let words = [
             (at::CELL_RECORD_ROOM, room.records),
+            (at::CELL_BIN_PAIR_ROOM, room.bin_pairs),
             (at::CELL_PAIR_ROOM, room.pairs),
             (at::CELL_ACTIVE_ROOM, if cells.is_of_samples { room.active } else { 0 }),
             (at::CELL_HEADER, cells.header(room)),

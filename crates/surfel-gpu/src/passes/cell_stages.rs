@@ -172,10 +172,10 @@ fn blocks(count: u64) -> u64 {
     count.div_ceil(u64::from(layout::CELL_BLOCK))
 }
 
-/// Returns the step that clears the tile's counters and the header of its pairs.
+/// Returns the step that clears the tile's counters and the header of its lists.
 fn begin(cells: &CellCounts, room: CellCapacity) -> CellStep {
-    let elements = u64::from(cells.header(room)).max(1);
-    CellStep::of("cell_begin", CellRound::Groups, elements.div_ceil(layout::CELL_WORKGROUP.into()))
+    let words = u64::from(cells.header(room)).max(1);
+    CellStep::of("cell_begin", CellRound::Groups, words.div_ceil(layout::CELL_WORKGROUP.into()))
 }
 
 /// Returns the steps that write the records of a tile's splats.
@@ -199,20 +199,17 @@ fn scan(round: CellRound, length: u64) -> [CellStep; 2] {
     ["cell_scan_blocks", "cell_scan_add"].map(|entry| CellStep::of(entry, round, blocks(length)))
 }
 
-/// Returns the steps that emit pairs of a splat and a cell, and sort them by cell.
+/// Returns the steps that sort a tile's records by bin, and write the lists of cells.
 fn sort(cells: &CellCounts, room: CellCapacity) -> Vec<CellStep> {
-    let groups = u64::from(cells.groups());
-    let mut steps = scan(CellRound::Groups, groups).to_vec();
-    steps.push(CellStep::of("cell_emit", CellRound::Groups, groups));
-    let pair_blocks = blocks(u64::from(room.pairs));
-    for round in [CellRound::Low, CellRound::High] {
-        let digits = round.words(cells, room).get(2).copied().map_or(1, u64::from);
-        steps.push(CellStep::of("cell_count_digits", round, pair_blocks));
-        steps.extend(scan(round, digits * pair_blocks));
-        steps.push(CellStep::of("cell_scatter", round, pair_blocks));
-    }
-    let ranges = u64::from(room.pairs).div_ceil(layout::CELL_WORKGROUP.into());
-    steps.push(CellStep::of("cell_find_ranges", CellRound::Sorted, ranges));
+    use CellRound::{Groups, Lists};
+    let bin_blocks = room.bin_blocks(cells);
+    let mut steps = scan(Groups, cells.group_counts()).to_vec();
+    steps.push(CellStep::of("cell_sort_bins", Groups, cells.groups().into()));
+    steps.push(CellStep::of("cell_find_bins", Groups, 1));
+    steps.push(CellStep::of("cell_count_lists", Lists, bin_blocks));
+    steps.extend(scan(Lists, u64::from(layout::CELL_WORKGROUP) * bin_blocks));
+    steps.push(CellStep::of("cell_write_lists", Lists, bin_blocks));
+    steps.push(CellStep::of("cell_find_lists", Lists, cells.bins().into()));
     steps
 }
 
@@ -409,10 +406,11 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         near,
         "cell_scan_blocks",
         "cell_scan_add",
-        "cell_emit",
-        "cell_count_digits",
-        "cell_scatter",
-        "cell_find_ranges",
+        "cell_sort_bins",
+        "cell_find_bins",
+        "cell_count_lists",
+        "cell_write_lists",
+        "cell_find_lists",
     ];
     let of_samples =
         samples.into_iter().flat_map(|samples| ["cell_steps", "cell_sum_active", "cell_list_active", samples]);
@@ -443,7 +441,7 @@ mod tests {
     }
 
     fn room(pairs: u32) -> CellCapacity {
-        CellCapacity { records: 100, pairs, active: 9 }
+        CellCapacity { records: 100, bin_pairs: 100, pairs, active: 9 }
     }
 
     fn names(stages: &[CellStage]) -> Vec<&str> {
@@ -470,7 +468,9 @@ mod tests {
         let few = of(&cells(&[3, 0], 0, false), layout::DENSE_PAIRS);
         let few = names(&few);
         assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
-        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
+        assert!(
+            !few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_write_lists")
+        );
         let many = of(&cells(&[3, 2], 7, false), layout::DENSE_PAIRS + 1);
         let many = names(&many);
         assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
@@ -595,7 +595,7 @@ mod tests {
         let raster =
             ["cell_edged_surfaces", "cell_part_edged_thresholds", "cell_part_edged_surfaces", "cell_combine_edged"];
         let edges = ["cell_edges", "cell_part_edge_thresholds", "cell_part_edges", "cell_combine_edges"];
-        assert_eq!(names(&coverage)[14..], [raster, edges].concat());
+        assert_eq!(names(&coverage)[11..], [raster, edges].concat());
         assert!(sample_stages(&by(EdgeAa::Coverage), &samples, room(pairs), [8, 8]).is_empty());
         let plan = by(EdgeAa::Samples);
         assert!(!names(&cell_stages(&plan, &pixels, room(pairs), [8, 8])).contains(&"cell_edges"));

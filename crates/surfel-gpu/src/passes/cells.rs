@@ -1,7 +1,8 @@
 //! Compute path: draws splats by compute shaders, without raster hardware. This module decides which frames it
 //! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm. A *cell* is a square of 16×16
-//! pixels of a tile, which one workgroup draws. A *record* is a splat as set up for a tile: its projected forms, pixel
-//! boxes and colour in a buffer. A *pair* is a record and a cell that the record may touch.
+//! pixels of a tile, which one workgroup draws. A *bin* is a square of 16×16 cells. A *record* is a splat as set up for
+//! a tile: its projected forms, pixel boxes and colour in a buffer. A *pair* is a record and a cell that the record may
+//! touch, a *bin pair* a record and a bin.
 
 use crate::passes::layer_draws::LAYERS_DRAWN;
 use crate::passes::memory::{add_counter, raise_counter};
@@ -9,9 +10,14 @@ use crate::scene::limits::Limits;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
-/// Largest side of a tile that the compute path draws, in pixels. The radix sort of cells uses two digits of eight
-/// bits.
-pub(crate) const MAX_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
+/// Side of a bin, in cells.
+pub(crate) const BIN_SIDE: u32 = layout::BIN_SIDE;
+
+/// Maximum number of bins of a tile, or of a tile of samples. A workgroup has one invocation per bin.
+pub(crate) const MAX_BINS: u32 = layout::CELL_WORKGROUP;
+
+/// Largest side of a tile that the compute path draws, in pixels: a square of [`MAX_BINS`].
+pub(crate) const MAX_CELL_TILE: u32 = 16 * BIN_SIDE * layout::CELL_SIDE;
 
 /// Way in which the GPU draws a frame: by raster hardware or by compute shaders. All paths draw the same image up to
 /// the rounding of sums.
@@ -59,15 +65,13 @@ const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 /// bindings and their uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellRound {
-    /// Counts the pairs of each group of records, and emits them.
+    /// Counts the bin pairs of each group of records, and sorts them by bin.
     Groups,
     /// Numbers the active cells of a tile of samples, which are the cells with a sampled pixel.
     Active,
-    /// Sorts pairs by the lower digit of their cell's number.
-    Low,
-    /// Sorts pairs by the upper digit of their cell's number, after [`CellRound::Low`].
-    High,
-    /// Reads the pairs after they are sorted, to draw the cells.
+    /// Writes the lists of cells from the records of their bins.
+    Lists,
+    /// Reads the lists, to draw the cells.
     Sorted,
 }
 
@@ -76,18 +80,22 @@ pub enum CellRound {
 pub enum CellBuffer {
     /// Records of splats: the shaders' `cell_records`.
     Records,
-    /// Groups of records, which are set up together: those of a chunk, or those of up to 256 splats that reach the near
-    /// plane or that the application places. They are the shaders' `cell_groups`.
+    /// Groups of records, which are set up together, and numbers of their bin pairs: the shaders' `cell_groups`. A
+    /// group has the records of a chunk, or those of up to 256 splats that reach the near plane or that the application
+    /// places.
     Groups,
     /// Counts of records, pairs and active cells of each tile: the shaders' `cell_counters`. The host reads them back
     /// for [`CellCapacity::holds`].
     Counters,
-    /// Pairs of a splat and a cell: as emitted, and later fully sorted by cell.
-    Pairs,
-    /// Pairs sorted only by the lower digit of their cell's number.
-    HalfSortedPairs,
-    /// Histograms of the radix sort: number of pairs per value of the digit and block of pairs.
-    Digits,
+    /// Pairs of a record and a bin, sorted by bin: the shaders' `bin_records`.
+    BinRecords,
+    /// Ranges of the bins in [`CellBuffer::BinRecords`].
+    Bins,
+    /// Lists of cells: the index of each record that may touch the cell, in the order of splats. A header stores the
+    /// range of each list.
+    Lists,
+    /// Number of pairs per cell and block of its bin's records.
+    Counts,
     /// Sums of blocks of numbers, which the first pass of a prefix sum (scan) computes.
     Sums,
     /// Depth thresholds and sums of the parts into which dense cells, those with very many pairs, are split.
@@ -99,13 +107,14 @@ pub enum CellBuffer {
 
 impl CellBuffer {
     /// All buffers.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Records,
         Self::Groups,
         Self::Counters,
-        Self::Pairs,
-        Self::HalfSortedPairs,
-        Self::Digits,
+        Self::BinRecords,
+        Self::Bins,
+        Self::Lists,
+        Self::Counts,
         Self::Sums,
         Self::Parts,
         Self::Active,
@@ -117,9 +126,10 @@ impl CellBuffer {
             Self::Records => "records of cells",
             Self::Groups => "groups",
             Self::Counters => "counters",
-            Self::Pairs => "pairs",
-            Self::HalfSortedPairs => "half-sorted pairs",
-            Self::Digits => "digits",
+            Self::BinRecords => "records of bins",
+            Self::Bins => "bins",
+            Self::Lists => "lists of cells",
+            Self::Counts => "counts of lists",
             Self::Sums => "scanned sums",
             Self::Parts => "parts of cells",
             Self::Active => "active cells",
@@ -138,22 +148,23 @@ impl CellBuffer {
     /// Returns the buffer's size in bytes for a single tile.
     fn bytes_of_one(self, cells: &CellCounts, room: CellCapacity) -> u64 {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
-        let digits = DIGITS * blocks(u64::from(room.pairs));
         match self {
             Self::Records => room.record_bytes(cells),
-            Self::Groups => 4 * u64::from(1 + layout::GROUP_WORDS) * u64::from(cells.groups()),
+            Self::Groups => cells.group_bytes(),
             Self::Counters => COUNTER_BYTES,
-            Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
-            Self::Digits => 4 * digits,
-            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups())).max(u64::from(cells.cells()) + 1)),
+            Self::BinRecords => room.bin_pair_bytes(),
+            Self::Bins => layout::cell_bin::SIZE as u64 * (u64::from(MAX_BINS) + 1),
+            Self::Lists => room.list_bytes(cells),
+            Self::Counts => 4 * room.list_counts(cells),
+            Self::Sums => {
+                let scanned = room.list_counts(cells).max(cells.group_counts());
+                4 * blocks(scanned.max(u64::from(cells.cells()) + 1))
+            }
             Self::Parts => room.part_bytes(cells),
             Self::Active => 4 * cells.active_words(),
         }
     }
 }
-
-/// Number of values of a digit of the radix sort.
-const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
 /// Size of one tile's counters in [`CellBuffer::Counters`], in bytes.
 const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
@@ -182,7 +193,7 @@ pub enum CellBinding {
 impl CellBinding {
     /// Returns the resource at binding number `binding` of group 1 in a round; `None` if no step uses the number.
     pub fn of(binding: u32, round: CellRound) -> Option<Self> {
-        use CellBuffer::{Active, Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
+        use CellBuffer::{Active, BinRecords, Bins, Counters, Counts, Groups, Lists, Parts, Records, Sums};
         Some(match binding {
             0 => Self::Segment,
             1 => Self::Splats,
@@ -197,13 +208,14 @@ impl CellBinding {
             46 => Self::Buffer(match round {
                 CellRound::Groups => Groups,
                 CellRound::Active => Active,
-                _ => Digits,
+                _ => Counts,
             }),
             47 => Self::Buffer(Sums),
-            48 => Self::Buffer(if round == CellRound::High { HalfSortedPairs } else { Pairs }),
-            49 => Self::Buffer(if round == CellRound::Low { HalfSortedPairs } else { Pairs }),
             54 => Self::Buffer(Parts),
             56 | 57 => Self::Buffer(Active),
+            58 | 59 => Self::Buffer(BinRecords),
+            60 | 61 => Self::Buffer(Bins),
+            62 | 63 => Self::Buffer(Lists),
             _ => return None,
         })
     }
@@ -211,19 +223,16 @@ impl CellBinding {
 
 impl CellRound {
     /// All rounds.
-    pub const ALL: [Self; 5] = [Self::Groups, Self::Active, Self::Low, Self::High, Self::Sorted];
+    pub const ALL: [Self; 4] = [Self::Groups, Self::Active, Self::Lists, Self::Sorted];
 
-    /// Returns the words of the shaders' `CellRound` for this round in a tile with the capacity `room`.
-    pub fn words(self, cells: &CellCounts, room: CellCapacity) -> Vec<u32> {
-        let bits = u32::BITS - cells.sorted_cells(room).saturating_sub(1).leading_zeros();
-        let low = bits.div_ceil(2);
-        let (scanned, shift, digits) = match self {
-            Self::Groups | Self::Sorted => (layout::SCANNED_GROUPS, 0, 1),
-            Self::Active => (layout::SCANNED_ACTIVE, 0, 1),
-            Self::Low => (layout::SCANNED_DIGITS, 0, 1 << low),
-            Self::High => (layout::SCANNED_DIGITS, low, 1 << (bits - low)),
+    /// Returns the words of the shaders' `CellRound` for this round.
+    pub fn words(self) -> Vec<u32> {
+        let scanned = match self {
+            Self::Groups | Self::Sorted => layout::SCANNED_GROUPS,
+            Self::Active => layout::SCANNED_ACTIVE,
+            Self::Lists => layout::SCANNED_LISTS,
         };
-        let mut words = vec![scanned, shift, digits];
+        let mut words = vec![scanned];
         words.resize(layout::cell_round::SIZE.next_multiple_of(16) / 4, 0);
         words
     }
@@ -241,7 +250,7 @@ pub struct CellCounts {
     pub splats: u64,
     /// Number of records of splats that reach the near plane.
     pub near: u32,
-    /// True for a tile of samples: only its active cells have pairs.
+    /// True for a tile of samples: only its active cells have lists.
     pub is_of_samples: bool,
     /// True if records store the index and centre of their splat, which planes such as `index` and layers that are lit
     /// splat by splat need.
@@ -291,16 +300,25 @@ impl CellCounts {
         self.has_layers && self.groups() > 0
     }
 
-    /// Returns the number of different cell numbers by which pairs may be sorted: all cells, or the active ones of
-    /// samples.
-    fn sorted_cells(&self, room: CellCapacity) -> u32 {
-        if self.is_of_samples { room.active } else { self.cells() }
+    /// Returns the number of counts of bin pairs: one per bin and group.
+    pub(crate) fn group_counts(&self) -> u64 {
+        u64::from(self.bins()) * u64::from(self.groups())
     }
 
-    /// Returns the number of header elements before the pairs in a buffer of pairs: one per cell, or two per active
-    /// cell of samples.
+    /// Returns the size of [`CellBuffer::Groups`], in bytes.
+    fn group_bytes(&self) -> u64 {
+        4 * (self.group_counts() + u64::from(layout::GROUP_WORDS) * u64::from(self.groups()))
+    }
+
+    /// Returns the number of bins.
+    pub(crate) fn bins(&self) -> u32 {
+        bins_of(self.size)
+    }
+
+    /// Returns the number of header words before the lists of cells: two per cell of the bins, or three per active cell
+    /// of samples.
     pub(crate) fn header(&self, room: CellCapacity) -> u32 {
-        if self.is_of_samples { 2 * room.active } else { self.cells() }
+        if self.is_of_samples { 3 * room.active } else { 2 * BIN_SIDE * BIN_SIDE * self.bins() }
     }
 
     /// Returns the number of words of [`CellBuffer::Active`], at least one.
@@ -310,21 +328,30 @@ impl CellCounts {
     }
 }
 
+/// Returns the number of bins of a tile with these numbers of columns and rows of cells.
+pub(crate) fn bins_of(size: [u32; 2]) -> u32 {
+    size.map(|cells| cells.div_ceil(BIN_SIDE)).iter().product()
+}
+
 /// Capacity of the compute path's buffers. Tiles that exceed it aren't drawn, and the host draws them again with more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellCapacity {
     /// Maximum number of records.
     pub records: u32,
+    /// Maximum number of pairs of a record and a bin.
+    pub bin_pairs: u32,
     /// Maximum number of pairs of a record and a cell.
     pub pairs: u32,
     /// Maximum number of active cells of a tile of samples; 0 if there are no samples.
     pub active: u32,
 }
 
-/// Capacity that a tile requires of the buffers: numbers of records, pairs and active cells, as in [`CellCapacity`].
+/// Capacity that a tile requires of the buffers, as in [`CellCapacity`]. The number of pairs is 0 if the other numbers
+/// exceeded the capacity: then pairs weren't counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct CellNeeds {
     records: u64,
+    bin_pairs: u64,
     pairs: u64,
     active: u64,
 }
@@ -332,10 +359,10 @@ struct CellNeeds {
 impl CellNeeds {
     /// Returns the required capacity of a tile, from the words of its counters.
     fn of_one(counters: &[u32]) -> Self {
-        use layout::cell_counters::{ACTIVE_CELLS, PAIRS, RECORDS};
-        let [records, pairs, active] =
-            [RECORDS, PAIRS, ACTIVE_CELLS].map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from));
-        Self { records, pairs, active }
+        use layout::cell_counters::{ACTIVE_CELLS, BIN_PAIRS, PAIRS, RECORDS};
+        let [records, bin_pairs, pairs, active] = [RECORDS, BIN_PAIRS, PAIRS, ACTIVE_CELLS]
+            .map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from));
+        Self { records, bin_pairs, pairs, active }
     }
 
     /// Returns the largest required capacity of all tiles, from the words of [`CellBuffer::Counters`].
@@ -343,10 +370,11 @@ impl CellNeeds {
         of_tiles(counters).fold(Self::default(), Self::max)
     }
 
-    /// Returns the larger of the two numbers of records, of pairs, and of active cells.
+    /// Returns the larger of each two numbers.
     fn max(self, other: Self) -> Self {
         Self {
             records: self.records.max(other.records),
+            bin_pairs: self.bin_pairs.max(other.bin_pairs),
             pairs: self.pairs.max(other.pairs),
             active: self.active.max(other.active),
         }
@@ -354,7 +382,12 @@ impl CellNeeds {
 
     /// Returns the needs that a capacity just meets.
     fn of_room(room: CellCapacity) -> Self {
-        Self { records: room.records.into(), pairs: room.pairs.into(), active: room.active.into() }
+        Self {
+            records: room.records.into(),
+            bin_pairs: room.bin_pairs.into(),
+            pairs: room.pairs.into(),
+            active: room.active.into(),
+        }
     }
 }
 
@@ -386,9 +419,9 @@ const FIRST_LAYERED_ACTIVE: u32 = 1 << 12;
 
 impl CellCapacity {
     /// Estimates the capacity for a tile and its samples, whose counts are `all`, before the first frame. Records are
-    /// estimated as 3/5 of the splats in visible chunks, but as all of up to 2¹⁸ splats. Pairs are estimated as two per
-    /// record plus four per cell or, in a tile of samples, per active cell. `None` if the buffers would exceed the
-    /// limits.
+    /// estimated as 3/5 of the splats in visible chunks, but as all of up to 2¹⁸ splats. Bin pairs are estimated as 5/4
+    /// per record plus 64 per bin. Pairs are estimated as two per record plus four per cell or, in a tile of samples,
+    /// per active cell. `None` if the buffers would exceed the limits.
     fn estimate(all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_one = |cells: &CellCounts| {
             let splats = cells.splats + u64::from(cells.near);
@@ -396,7 +429,9 @@ impl CellCapacity {
             let first = if cells.has_layered_samples { FIRST_LAYERED_ACTIVE } else { FIRST_ACTIVE };
             let active = if cells.is_of_samples { u64::from(cells.cells().min(first)) } else { 0 };
             let drawn_cells = if cells.is_of_samples { active } else { u64::from(cells.cells()) };
-            CellNeeds { records: records.max(1), pairs: (2 * records + 4 * drawn_cells).min(u32::MAX.into()), active }
+            let most = |count: u64| count.min(u32::MAX.into());
+            let bin_pairs = most(records + records / 4 + 64 * u64::from(cells.bins()));
+            CellNeeds { records: records.max(1), bin_pairs, pairs: most(2 * records + 4 * drawn_cells), active }
         };
         let needs = all.iter().map(of_one).fold(CellNeeds::default(), CellNeeds::max);
         Self::within(needs, all, limits)
@@ -456,9 +491,16 @@ impl CellCapacity {
         }
         let needs = CellNeeds::of(counters);
         let more = |count: u64| count + count / 4;
-        let ample = CellNeeds { records: more(needs.records), pairs: more(needs.pairs), active: more(needs.active) };
+        let ample = CellNeeds {
+            records: more(needs.records),
+            bin_pairs: more(needs.bin_pairs),
+            pairs: more(needs.pairs),
+            active: more(needs.active),
+        };
         let ample = ample.max(CellNeeds::of_room(self));
-        Self::within(ample, all, limits).or_else(|| Self::within(needs, all, limits))
+        // Pairs that weren't counted need at least the room that they had.
+        let least = CellNeeds { pairs: if needs.pairs == 0 { self.pairs.into() } else { needs.pairs }, ..needs };
+        Self::within(ample, all, limits).or_else(|| Self::within(least, all, limits))
     }
 
     /// Returns the capacity for the given needs; `None` if the buffers would exceed the limits. Active cells are
@@ -466,12 +508,14 @@ impl CellCapacity {
     fn within(needs: CellNeeds, all: &[CellCounts], limits: Limits) -> Option<Self> {
         let of_samples = all.iter().filter(|cells| cells.is_of_samples);
         let active = needs.active.min(of_samples.map(|cells| u64::from(cells.cells())).max().unwrap_or(0));
-        let (records, pairs) = (needs.records.try_into().ok()?, needs.pairs.try_into().ok()?);
-        let room = Self { records, pairs, active: active as u32 };
+        let [records, bin_pairs, pairs] = [needs.records, needs.bin_pairs, needs.pairs].map(u32::try_from);
+        let room =
+            Self { records: records.ok()?, bin_pairs: bin_pairs.ok()?, pairs: pairs.ok()?, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
         let bytes = |cells: &CellCounts| {
             let of_samples = 4 * room.sample_floats(cells);
-            room.pair_bytes(cells).max(room.record_bytes(cells)).max(room.part_bytes(cells)).max(of_samples)
+            let of_lists = room.list_bytes(cells).max(4 * room.list_counts(cells)).max(room.bin_pair_bytes());
+            of_lists.max(cells.group_bytes()).max(room.record_bytes(cells)).max(room.part_bytes(cells)).max(of_samples)
         };
         let is_within = all.iter().map(bytes).max().unwrap_or(0) <= most;
         let floats_fit = 4 * room.all_floats(all) <= limits.buffer_bytes.min(u32::MAX.into());
@@ -514,9 +558,25 @@ impl CellCapacity {
         4 * u64::from(words * layout::CELL_WORKGROUP) * self.parts()
     }
 
-    /// Returns the size of a buffer of pairs for a tile, in bytes, header included.
-    fn pair_bytes(self, cells: &CellCounts) -> u64 {
-        layout::cell_pair::SIZE as u64 * (u64::from(cells.header(self)) + u64::from(self.pairs))
+    /// Returns the size of the buffer of bin pairs, in bytes. A pair has two words.
+    fn bin_pair_bytes(self) -> u64 {
+        8 * u64::from(self.bin_pairs)
+    }
+
+    /// Returns the size of the buffer of lists for a tile, in bytes, header included.
+    fn list_bytes(self, cells: &CellCounts) -> u64 {
+        4 * (u64::from(cells.header(self)) + u64::from(self.pairs))
+    }
+
+    /// Returns the maximum number of blocks into which the records of all bins of a tile are divided.
+    pub(crate) fn bin_blocks(self, cells: &CellCounts) -> u64 {
+        u64::from(self.bin_pairs).div_ceil(layout::CELL_WORKGROUP.into()) + u64::from(cells.bins())
+    }
+
+    /// Returns the maximum number of counts from which the lists of a tile are made: one per cell of a bin and block of
+    /// its records.
+    fn list_counts(self, cells: &CellCounts) -> u64 {
+        u64::from(layout::CELL_WORKGROUP) * self.bin_blocks(cells)
     }
 }
 
@@ -605,22 +665,15 @@ mod tests {
     }
 
     #[test]
-    fn digits_tell_all_cells_apart() {
-        let tell_apart = |counts: &CellCounts, room, cells: u32| {
-            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(counts, room));
-            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{counts:?}");
-            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(cells), "{counts:?}");
-            assert!(low[2].max(high[2]) <= DIGITS as u32, "{counts:?}");
-        };
-        for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
+    fn a_workgroup_has_an_invocation_for_each_bin() {
+        assert_eq!(bins_of(CellCounts::size_of([MAX_CELL_TILE; 2])), MAX_BINS);
+        for (size, bins) in [([1, 1], 1), ([16, 16], 1), ([17, 16], 2), ([120, 68], 40), ([256, 256], 256)] {
             let counts = CellCounts { size, ..CellCounts::default() };
-            tell_apart(&counts, CellCapacity { records: 1, pairs: 1, active: 0 }, counts.cells());
-        }
-        assert!(CellCounts::size_of([MAX_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
-        // Only the active cells of samples are numbered.
-        let samples = CellCounts { size: [256, 256], is_of_samples: true, ..CellCounts::default() };
-        for active in [1, 100, 1 << 16] {
-            tell_apart(&samples, CellCapacity { records: 1, pairs: 1, active }, active);
+            let room = CellCapacity { records: 1, bin_pairs: 257, pairs: 1, active: 7 };
+            assert_eq!((counts.bins(), room.bin_blocks(&counts)), (bins, 2 + u64::from(bins)));
+            // Two words for every cell of the bins, or three for every active cell of samples.
+            assert_eq!(counts.header(room), 512 * bins);
+            assert_eq!(CellCounts { is_of_samples: true, ..counts }.header(room), 21);
         }
     }
 
@@ -629,9 +682,10 @@ mod tests {
         let (counts, all) = ([cells(&[4], 3)], Limits::default());
         let room = CellCapacity::start(None, &counts, all).unwrap();
         assert_eq!((room.records, room.active), (4 * 256 + 3, 0));
-        let counters = |records, pairs, active| {
+        let counters = |records, pairs: u32, active| {
             let mut words = vec![0; layout::cell_counters::SIZE / 4];
             words[layout::cell_counters::RECORDS / 4] = records;
+            words[layout::cell_counters::BIN_PAIRS / 4] = pairs / 2;
             words[layout::cell_counters::PAIRS / 4] = pairs;
             words[layout::cell_counters::ACTIVE_CELLS / 4] = active;
             words
