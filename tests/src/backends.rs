@@ -61,6 +61,8 @@ pub struct Start<'a> {
     pub validation: bool,
     /// GPU path: compute shaders or raster hardware.
     pub path: GpuPath,
+    /// True if wgpu translates shaders from WGSL on Vulkan, too.
+    pub wgsl: bool,
 }
 
 /// Frames of a case that was drawn several times.
@@ -105,7 +107,7 @@ impl Session {
     /// # Errors
     /// [`RenderError`] if the backend doesn't start.
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
-        Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto })
+        Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto, wgsl: false })
     }
 
     /// Starts a backend with the options in `start`.
@@ -121,7 +123,7 @@ impl Session {
                     listen();
                 }
                 let options = surfel_wgpu::Options::default().with_adapter(adapter).with_validation(start.validation);
-                let options = options.with_path(start.path);
+                let options = options.with_path(start.path).with_wgsl(start.wgsl);
                 Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::new(options)?))
             }
             Backend::Ash => {
@@ -188,7 +190,13 @@ impl Session {
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
 pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
-    run_reporting(backend, Start { adapter, validation: true, path: GpuPath::Auto }, truths, extent, |_, _, _, _| ())
+    run_reporting(
+        backend,
+        Start { adapter, validation: true, path: GpuPath::Auto, wgsl: false },
+        truths,
+        extent,
+        |_, _, _, _| (),
+    )
 }
 
 /// Compares a backend with the reference like [`run`]. Passes the report and drawing time of each scene to `report` as

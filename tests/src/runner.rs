@@ -32,6 +32,7 @@ Options:
   --out FOLDER     Append a line of JSON for each scene to FOLDER/results.jsonl, as soon as it is drawn, with hashes of
                    repeated frames of it
   --path PATH      compute or raster: the path that wgpu and ash draw by; auto by default
+  --wgsl           wgpu translates shaders from WGSL on Vulkan, too, instead of passing SPIR-V to the driver
   --no-validation  Draw without validation layers
   -h, --help       Print this
 
@@ -54,6 +55,7 @@ struct Arguments {
     out: Option<PathBuf>,
     no_validation: bool,
     path: GpuPath,
+    wgsl: bool,
 }
 
 const FLAGS: [&str; 12] = [
@@ -82,9 +84,16 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
         if matches!(word.as_str(), "-h" | "--help") {
             return Ok(None);
         }
-        if word == "--no-validation" {
-            found.no_validation = true;
-            continue;
+        match word.as_str() {
+            "--no-validation" => {
+                found.no_validation = true;
+                continue;
+            }
+            "--wgsl" => {
+                found.wgsl = true;
+                continue;
+            }
+            _ => {}
         }
         let (flag, value) = match word.split_once('=') {
             Some((flag, value)) => (flag.to_owned(), Some(value.to_owned())),
@@ -176,8 +185,12 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
     }
     let extent = if arguments.scene.is_empty() { Extent::EveryScene } else { Extent::SomeScenes };
     let mut lines = arguments.out.as_deref().map(Lines::open).transpose()?;
-    let start =
-        Start { adapter: arguments.adapter.as_deref(), validation: !arguments.no_validation, path: arguments.path };
+    let start = Start {
+        adapter: arguments.adapter.as_deref(),
+        validation: !arguments.no_validation,
+        path: arguments.path,
+        wgsl: arguments.wgsl,
+    };
     let mut entries = Vec::new();
     for &backend in &arguments.backends {
         eprintln!("{}: {} scenes", backend.name(), truths.len());

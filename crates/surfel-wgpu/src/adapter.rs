@@ -94,8 +94,12 @@ pub(crate) struct OpenDevice {
 }
 
 /// Returns the optional features that are enabled if the adapter has them.
-fn wanted_features() -> wgpu::Features {
-    wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
+fn wanted_features(options: &Options) -> wgpu::Features {
+    let passed = if options.wgsl { wgpu::Features::empty() } else { wgpu::Features::PASSTHROUGH_SHADERS };
+    wgpu::Features::FLOAT32_BLENDABLE
+        | wgpu::Features::TIMESTAMP_QUERY
+        | wgpu::Features::PIPELINE_STATISTICS_QUERY
+        | passed
 }
 
 /// Opens the device of the adapter that the options select.
@@ -121,7 +125,7 @@ pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
     };
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("surfel"),
-        required_features: adapter.features() & wanted_features(),
+        required_features: adapter.features() & wanted_features(options),
         required_limits: adapter.limits(),
         ..wgpu::DeviceDescriptor::default()
     };

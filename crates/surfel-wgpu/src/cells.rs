@@ -120,7 +120,7 @@ impl<'a> CellTile<'a> {
         };
         let of_step = |step: &CellStep| {
             let CellPipeline { frame_group: frame_layout, group: layout, .. } = pipelines.cells(step.entry)?;
-            Some([frame_group(step.entry, frame_layout), group(step, layout)?])
+            Some([frame_group(step.entry, &frame_layout.layout), group(step, &layout.layout)?])
         };
         let groups = stages.iter().map(|stage| stage.steps.iter().map(of_step).collect()).collect();
         Self { inputs: *inputs, stages, groups }

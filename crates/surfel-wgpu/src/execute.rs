@@ -111,7 +111,7 @@ fn segment_groups(
             let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
             let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
             let buffers: Vec<&wgpu::Buffer> = buffers.into_iter().chain(clips).collect();
-            bind_with(device, "segment", &pipeline.setup_group, &buffers, &sampled)
+            bind_with(device, "segment", &pipeline.setup_group.layout, &buffers, &sampled)
         });
         let group = segment.records.group(device, pipeline, data.variant);
         let (variant, is_transparent) = (data.variant, data.is_transparent);
@@ -159,16 +159,17 @@ impl<'a> Tile<'a> {
         let frame_group = bind(
             device,
             "frame",
-            &pipelines.frame_group,
+            &pipelines.frame_group.layout,
             &[uniform, objects, lights, maps, inputs.shadow_texels, matcap],
         );
-        let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
+        let setup_frame_group =
+            bind(device, "frame of setup", &pipelines.setup_frame_group.layout, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
         let segments = segment_groups(device, queue, inputs, [&drawn, &again]);
         let near = near_draws(device, queue, inputs);
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
-        let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let polygons_group = bind(device, "polygons", &pipelines.polygons_group.layout, &[&polygons]);
         let balls = filled(device, queue, "balls", &data.balls, storage);
         let gaussians = data.gaussians.as_ref().map(|GaussianLists { records, lists, room_bytes, .. }| {
             [("Gaussians", records, 0), ("lists of Gaussians", lists, *room_bytes)]
@@ -216,19 +217,19 @@ impl<'a> Tile<'a> {
             pixels: inputs
                 .pixel_passes
                 .iter()
-                .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group))))
+                .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group.layout))))
                 .collect(),
-            composite_group: finish("composite_fragment", &pipelines.composite_group),
+            composite_group: finish("composite_fragment", &pipelines.composite_group.layout),
             host_planes_group: bind_some(
                 device,
                 "planes to compose",
-                &pipelines.host_planes_group,
+                &pipelines.host_planes_group.layout,
                 &[(HOST_PLANES_BINDING, &targets.planes)],
             ),
             steps_group: targets.key.draws.iter().find(|draw| draw.binds_as_pixel_pass()).and_then(|&draw| {
                 let [_, entry] = draw.entries(Variant::Whole);
                 let pipeline = pipelines.draw(draw, Variant::Whole, targets.key.precision)?;
-                Some(finish(&entry, &pipeline.reads_group))
+                Some(finish(&entry, &pipeline.reads_group.layout))
             }),
             scene,
             pipelines,

@@ -73,12 +73,17 @@
 //! `surfel-gpu` schedules the passes of a frame, and this crate executes them with the shaders of `surfel-shaders`. A
 //! compute shader sets up records of splats. Opaque splats are drawn by compute shaders, or as quads by raster
 //! hardware: visibility into a depth buffer, then attributes into float targets with additive blending ([`GpuPath`]). A
-//! compute shader shades the pixels into an array that is read back. The crate contains no `unsafe` code.
+//! compute shader shades the pixels into an array that is read back.
+//!
+//! On Vulkan, shaders are SPIR-V that was built with the crate, so that the driver compiles the same code as for
+//! `surfel-ash`. The call that hands it to the driver is the crate's only `unsafe` code. Elsewhere, on a device of the
+//! application without `wgpu::Features::PASSTHROUGH_SHADERS`, and with [`Options::wgsl`], wgpu translates WGSL.
 //!
 //! # Features
 //! Graphics APIs, each on the platforms that have it: `vulkan`, `metal` and `dx12` (on by default), `gles` and
 //! `webgpu`.
 
+#![deny(unsafe_code)]
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod adapter;
@@ -96,6 +101,8 @@ mod readback;
 mod renderer;
 mod scene;
 mod shader;
+#[allow(unsafe_code)]
+mod spirv;
 mod targets;
 
 pub use adapter::{AdapterSummary, adapters};

@@ -18,6 +18,9 @@ pub struct Options {
     pub storage: Storage,
     /// Way in which frames are drawn: by compute shaders or by raster hardware.
     pub path: GpuPath,
+    /// True if wgpu translates shaders from WGSL on Vulkan, too, as it does elsewhere. Else the driver gets the SPIR-V
+    /// that was built with this crate. Images are the same up to the rounding of the driver's code.
+    pub wgsl: bool,
 }
 
 impl Options {
@@ -33,5 +36,6 @@ impl Options {
         with_limits limits: Limits,
         with_storage storage: Storage,
         with_path path: GpuPath,
+        with_wgsl wgsl: bool,
     }
 }

@@ -1,5 +1,6 @@
 //! Bind group layouts and pipelines. Each is built when it is first used, and then kept.
 
+use crate::spirv;
 use std::collections::HashMap;
 use surfel_gpu::{
     BindingSlot, Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry,
@@ -81,22 +82,52 @@ struct DrawKey {
     precision: Precision,
 }
 
-/// Shader module, layouts and pipelines of a device; each is built once.
+/// Origin of the shaders of pipelines.
+pub(crate) enum Shaders {
+    /// A module of all passes in WGSL, with the application's shader function if there is one.
+    Wgsl(wgpu::ShaderModule),
+    /// The SPIR-V of each entry point, which was built with the project.
+    Spirv,
+}
+
+impl Shaders {
+    /// Returns the shaders of a device without a shader function of the application.
+    fn of(device: &wgpu::Device) -> Self {
+        if spirv::is_passed(device) { Self::Spirv } else { Self::Wgsl(module(device, PASSES)) }
+    }
+
+    /// Returns a module with an entry point. `groups` are the bind groups of the pipeline.
+    fn module(&self, device: &wgpu::Device, entry: &str, groups: &[&Group]) -> wgpu::ShaderModule {
+        let bindings: Vec<&[u32]> = groups.iter().map(|group| group.bindings.as_slice()).collect();
+        match self {
+            Self::Wgsl(module) => module.clone(),
+            Self::Spirv => spirv::module(device, entry, &bindings).unwrap_or_else(|| module(device, PASSES)),
+        }
+    }
+}
+
+/// Layout of a bind group.
+pub(crate) struct Group {
+    pub layout: wgpu::BindGroupLayout,
+    /// Numbers of the bindings, in ascending order.
+    bindings: Vec<u32>,
+}
+
+/// Layouts and pipelines of a device; each is built once.
 pub(crate) struct Pipelines {
-    /// Shader module of the passes, with the application's shader function if there is one.
-    module: wgpu::ShaderModule,
+    shaders: Shaders,
     /// Layout of the group `frame`: the frame's uniform, objects, lights, shadow maps and matcap.
-    pub frame_group: wgpu::BindGroupLayout,
+    pub frame_group: Group,
     /// Layout of those bindings of the group `frame` that splat setup uses. With the whole group, setup would bind more
     /// buffers than the limit that all adapters support.
-    pub setup_frame_group: wgpu::BindGroupLayout,
+    pub setup_frame_group: Group,
     splats: HashMap<Variant, SplatPipeline>,
     /// Layout of the sums and layers that are composited into the application's render target.
-    pub composite_group: wgpu::BindGroupLayout,
+    pub composite_group: Group,
     /// Layout of the planes that are composited into the application's render target.
-    pub host_planes_group: wgpu::BindGroupLayout,
+    pub host_planes_group: Group,
     /// Layout of the group of polygons.
-    pub polygons_group: wgpu::BindGroupLayout,
+    pub polygons_group: Group,
     pixels: HashMap<PixelPass, PixelPipeline>,
     draws: HashMap<DrawKey, DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
@@ -107,32 +138,33 @@ pub(crate) struct Pipelines {
 /// layout of the frame's group. With the whole group, some passes would use more buffers than every adapter supports.
 pub(crate) struct CellPipeline {
     pub raw: wgpu::ComputePipeline,
-    pub frame_group: wgpu::BindGroupLayout,
-    pub group: wgpu::BindGroupLayout,
+    pub frame_group: Group,
+    pub group: Group,
 }
 
 /// Pipeline of a pixel pass, with the layout of its bind group.
 pub(crate) struct PixelPipeline {
     pub raw: wgpu::ComputePipeline,
-    pub group: wgpu::BindGroupLayout,
+    pub group: Group,
 }
 
 /// Setup pipeline of a clip variant, with the layouts of the bind groups of setup and of records.
 pub(crate) struct SplatPipeline {
     pub setup: wgpu::ComputePipeline,
-    pub setup_group: wgpu::BindGroupLayout,
-    pub records_group: wgpu::BindGroupLayout,
+    pub setup_group: Group,
+    pub records_group: Group,
 }
 
 /// Pipeline of a draw, with the layout of the textures that it reads.
 pub(crate) struct DrawPipeline {
     pub raw: wgpu::RenderPipeline,
-    pub reads_group: wgpu::BindGroupLayout,
+    pub reads_group: Group,
 }
 
 /// Creates the layout of bind group number `number` from the bindings that the entry points use.
-fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number: u32) -> wgpu::BindGroupLayout {
-    let entries: Vec<wgpu::BindGroupLayoutEntry> = binding_slots(entries, number)
+fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number: u32) -> Group {
+    let slots = binding_slots(entries, number);
+    let entries: Vec<wgpu::BindGroupLayoutEntry> = slots
         .iter()
         .map(|slot| wgpu::BindGroupLayoutEntry {
             binding: slot.binding,
@@ -147,7 +179,9 @@ fn group(device: &wgpu::Device, label: &str, entries: &[impl AsRef<str>], number
             count: None,
         })
         .collect();
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+    let descriptor = wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries };
+    let bindings = slots.iter().map(|slot| slot.binding).collect();
+    Group { layout: device.create_bind_group_layout(&descriptor), bindings }
 }
 
 /// Returns the type of a binding in a layout.
@@ -196,11 +230,11 @@ fn drawn_entries() -> Vec<&'static str> {
 impl Pipelines {
     /// Creates the layouts for the passes without a shader function of the application. No pipeline is built yet.
     pub(crate) fn new(device: &wgpu::Device) -> Self {
-        Self::of(device, module(device, PASSES))
+        Self::of(device, Shaders::of(device))
     }
 
-    /// Creates the layouts for a shader module of the passes. No pipeline is built yet.
-    pub(crate) fn of(device: &wgpu::Device, module: wgpu::ShaderModule) -> Self {
+    /// Creates the layouts for shaders of the passes. No pipeline is built yet.
+    pub(crate) fn of(device: &wgpu::Device, shaders: Shaders) -> Self {
         let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
         let setup_frame_group = group(device, "frame of setup", &setups, 0);
         let frame_group = group(device, "frame", &drawn_entries(), 0);
@@ -208,7 +242,7 @@ impl Pipelines {
         let host_planes_group = group(device, "planes to compose", &[Part::Planes.fragment()], 1);
         let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);
         Self {
-            module,
+            shaders,
             frame_group,
             setup_frame_group,
             composite_group,
@@ -227,7 +261,7 @@ impl Pipelines {
         self.pixels.entry(pixels).or_insert_with(|| {
             let entry = pixels.entry();
             let group = group(device, entry, &[entry], 1);
-            PixelPipeline { raw: compute(device, &self.module, entry, &[&self.frame_group, &group]), group }
+            PixelPipeline { raw: compute(device, &self.shaders, entry, &[&self.frame_group, &group]), group }
         });
     }
 
@@ -240,7 +274,7 @@ impl Pipelines {
     pub(crate) fn prepare_cells(&mut self, device: &wgpu::Device, entry: &'static str) {
         self.cells.entry(entry).or_insert_with(|| {
             let [frame_group, own] = [0, 1].map(|number| group(device, entry, &[entry], number));
-            let raw = compute(device, &self.module, entry, &[&frame_group, &own]);
+            let raw = compute(device, &self.shaders, entry, &[&frame_group, &own]);
             CellPipeline { raw, frame_group, group: own }
         });
     }
@@ -256,7 +290,7 @@ impl Pipelines {
             let entry = variant.setup();
             let setup_group = group(device, &entry, &[&entry], 1);
             let records_group = group(device, "records", &variant.record_entry_points(), 1);
-            let setup = compute(device, &self.module, &entry, &[&self.setup_frame_group, &setup_group]);
+            let setup = compute(device, &self.shaders, &entry, &[&self.setup_frame_group, &setup_group]);
             SplatPipeline { setup, setup_group, records_group }
         })
     }
@@ -273,10 +307,10 @@ impl Pipelines {
             let entries = draw.entries(variant);
             let [vertex, fragment] = entries.each_ref().map(String::as_str);
             let reads_group = group(device, fragment, &[fragment], draw.reads_group());
-            let mut workgroups = vec![&self.frame_group];
-            workgroups.extend(draw.draws_records().then_some(&splats.records_group));
-            workgroups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
-            workgroups.extend(draw.has_reads().then_some(&reads_group));
+            let mut groups = vec![&self.frame_group];
+            groups.extend(draw.draws_records().then_some(&splats.records_group));
+            groups.extend((draw == Draw::Polygons).then_some(&self.polygons_group));
+            groups.extend(draw.has_reads().then_some(&reads_group));
             let depth = draw.depth().map(|t| depth_state(format_of(t, precision), wgpu::CompareFunction::Greater));
             let add = wgpu::BlendComponent {
                 src_factor: wgpu::BlendFactor::One,
@@ -292,8 +326,7 @@ impl Pipelines {
                     Some(wgpu::ColorTargetState { format, blend, write_mask: wgpu::ColorWrites::ALL })
                 })
                 .collect();
-            let layout = layout(device, fragment, &workgroups);
-            let raw = drawing(device, &self.module, &layout, [vertex, fragment], depth, &targets);
+            let raw = drawing(device, &self.shaders, &groups, [vertex, fragment], depth, &targets);
             DrawPipeline { raw, reads_group }
         });
     }
@@ -319,8 +352,7 @@ impl Pipelines {
                 ..depth_state(host.depth, host.compare)
             });
             let own = if host.part.reads_planes() { &self.host_planes_group } else { &self.composite_group };
-            let layout = layout(device, "composite", &[&self.frame_group, own]);
-            drawing(device, &self.module, &layout, entries, depth, &[Some(target)])
+            drawing(device, &self.shaders, &[&self.frame_group, own], entries, depth, &[Some(target)])
         });
     }
 
@@ -330,17 +362,12 @@ impl Pipelines {
     }
 }
 
-/// Creates the compute pipeline of an entry point. `workgroups` are the layouts of its bind groups.
-fn compute(
-    device: &wgpu::Device,
-    module: &wgpu::ShaderModule,
-    entry: &str,
-    workgroups: &[&wgpu::BindGroupLayout],
-) -> wgpu::ComputePipeline {
+/// Creates the compute pipeline of an entry point with these bind groups.
+fn compute(device: &wgpu::Device, shaders: &Shaders, entry: &str, groups: &[&Group]) -> wgpu::ComputePipeline {
     device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
         label: Some(entry),
-        layout: Some(&layout(device, entry, workgroups)),
-        module,
+        layout: Some(&layout(device, entry, groups)),
+        module: &shaders.module(device, entry, groups),
         entry_point: Some(entry),
         compilation_options: compilation(),
         cache: None,
@@ -348,8 +375,9 @@ fn compute(
 }
 
 /// Creates a pipeline layout from the layouts of bind groups.
-fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayout]) -> wgpu::PipelineLayout {
-    let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> = workgroups.iter().copied().map(Some).collect();
+fn layout(device: &wgpu::Device, label: &str, groups: &[&Group]) -> wgpu::PipelineLayout {
+    let bind_group_layouts: Vec<Option<&wgpu::BindGroupLayout>> =
+        groups.iter().map(|group| Some(&group.layout)).collect();
     device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(label),
         bind_group_layouts: &bind_group_layouts,
@@ -376,17 +404,17 @@ fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> w
 /// Creates a pipeline that draws triangle strips without vertex buffers: records as quads, or full-screen triangles.
 fn drawing(
     device: &wgpu::Device,
-    module: &wgpu::ShaderModule,
-    layout: &wgpu::PipelineLayout,
+    shaders: &Shaders,
+    groups: &[&Group],
     [vertex, fragment]: [&str; 2],
     depth_stencil: Option<wgpu::DepthStencilState>,
     targets: &[Option<wgpu::ColorTargetState>],
 ) -> wgpu::RenderPipeline {
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some(fragment),
-        layout: Some(layout),
+        layout: Some(&layout(device, fragment, groups)),
         vertex: wgpu::VertexState {
-            module,
+            module: &shaders.module(device, vertex, groups),
             entry_point: Some(vertex),
             compilation_options: compilation(),
             buffers: &[],
@@ -398,7 +426,7 @@ fn drawing(
         depth_stencil,
         multisample: wgpu::MultisampleState::default(),
         fragment: Some(wgpu::FragmentState {
-            module,
+            module: &shaders.module(device, fragment, groups),
             entry_point: Some(fragment),
             compilation_options: compilation(),
             targets,

@@ -74,7 +74,7 @@ impl Renderer {
         scoped(&device, || {
             self.pipelines.prepare_cells(&device, ENTRY);
             let Some(pipeline) = self.pipelines.cells(ENTRY) else { return };
-            let frame_group = bind_some(&device, "no frame", &pipeline.frame_group, &[]);
+            let frame_group = bind_some(&device, "no frame", &pipeline.frame_group.layout, &[]);
             let mut encoder =
                 device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("place splats") });
             let words = filled(&device, &self.queue, "layout of placed splats", &layout.words(), uniform);
@@ -90,7 +90,7 @@ impl Renderer {
                 let Some(members) = &segment.members else { continue };
                 let buffers =
                     [(0, &segment.uniform), (58, &words), (59, *buffer), (60, members), (61, &segment.splats)];
-                let group = bind_some(&device, "place splats", &pipeline.group, &buffers);
+                let group = bind_some(&device, "place splats", &pipeline.group.layout, &buffers);
                 let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                     label: Some("place splats"),
                     timestamp_writes: None,

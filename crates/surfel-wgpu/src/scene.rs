@@ -44,7 +44,12 @@ impl Records {
     /// Creates the bind group through which draws read the records and, for the variant `Clipped`, their clips.
     pub(crate) fn group(&self, device: &wgpu::Device, pipeline: &SplatPipeline, variant: Variant) -> wgpu::BindGroup {
         let clips = self.clips.iter().filter(|_| variant == Variant::Clipped);
-        bind(device, "records", &pipeline.records_group, &[&self.records].into_iter().chain(clips).collect::<Vec<_>>())
+        bind(
+            device,
+            "records",
+            &pipeline.records_group.layout,
+            &[&self.records].into_iter().chain(clips).collect::<Vec<_>>(),
+        )
     }
 }
 

@@ -1,7 +1,7 @@
 //! Shader function of the embedding application, as WGSL text that becomes a part of the passes.
 
 use crate::error::{failed, scoped};
-use crate::pipelines::{Pipelines, module};
+use crate::pipelines::{Pipelines, Shaders, module};
 use crate::renderer::Renderer;
 use surfel_render::RenderError;
 use surfel_shaders::HostShader;
@@ -65,7 +65,7 @@ impl Renderer {
                     let info = pollster::block_on(module.get_compilation_info());
                     return Err(failed(refusal(&shader, &info, &error)));
                 }
-                scoped(&device, || Pipelines::of(&device, module))?
+                scoped(&device, || Pipelines::of(&device, Shaders::Wgsl(module)))?
             }
         };
         self.pipelines = pipelines;

@@ -48,7 +48,7 @@ impl Targets {
             empty(device, "layer composites", layer_composite_bytes(&key.draws, key.size), wgpu::BufferUsages::STORAGE);
         let reads =
             key.draws.iter().filter(|draw| draw.has_reads() && !draw.binds_as_pixel_pass()).filter_map(|&draw| {
-                let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group;
+                let layout = &pipelines.draw(draw, Variant::Whole, key.precision)?.reads_group.layout;
                 let mut entries = entries(&views, draw.reads());
                 let resource = layer_composites.as_entire_binding();
                 let binding = draw.layer_composites_binding();

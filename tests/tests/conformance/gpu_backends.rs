@@ -385,6 +385,30 @@ fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
     validated_gpu::no_messages();
 }
 
+/// Asserts that two frames of a case agree within the rounding of a driver's code.
+fn are_alike(a: &Frame, b: &Frame, case: &Case) {
+    let values = |f: &Frame| -> Vec<f32> {
+        [f.color().as_flattened(), f.normal().as_flattened(), f.depth(), f.weight()].concat()
+    };
+    for (a, b) in values(a).iter().zip(values(b)).filter(|(a, b)| **a != *b) {
+        assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: {a} {b}", case.name);
+    }
+    assert_eq!(a.fragments(), b.fragments(), "{}", case.name);
+}
+
+/// Compares the two kinds of shaders of `wgpu`: SPIR-V that the driver gets as it was built, and WGSL that wgpu
+/// translates.
+#[test]
+fn wgpu_draws_the_same_by_wgsl() {
+    let (Some(mut spirv), Some(mut wgsl)) = (validated_gpu::wgpu(), validated_gpu::wgpu_by_wgsl()) else { return };
+    let planes = Planes::ALL.with_fragments(true);
+    for case in drawn(&spirv).iter().step_by(12) {
+        let [ours, theirs] = [render(&mut spirv, case, planes), render(&mut wgsl, case, planes)].map(Result::unwrap);
+        are_alike(&ours, &theirs, case);
+    }
+    validated_gpu::no_messages();
+}
+
 /// Limits of 256 clipped splats per buffer, a seventh of an image per tile, and no record beyond the next pass.
 const LITTLE: Limits =
     Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, cell_bytes: u64::MAX, memory_bytes: u64::MAX };

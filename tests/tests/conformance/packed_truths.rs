@@ -45,7 +45,7 @@ fn packed_images_are_the_same_bits_and_judge_a_backend_alike() {
         assert_eq!((read.color(), read.depth()), (drawn.color(), drawn.depth()));
         assert_eq!((read.normal(), read.weight(), read.margin()), (drawn.normal(), drawn.weight(), drawn.margin()));
     }
-    let start = Start { adapter: None, validation: false, path: surfel_gpu::GpuPath::Auto };
+    let start = Start { adapter: None, validation: false, path: surfel_gpu::GpuPath::Auto, wgsl: false };
     let mut seen = Vec::new();
     let run = run_reporting(Backend::Cpu, start, &read, Extent::SomeScenes, |session, truth, report, _| {
         let repeated = session.repeat(&truth.case, 3).unwrap();

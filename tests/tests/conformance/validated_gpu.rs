@@ -157,6 +157,11 @@ pub(crate) fn wgpu_by(path: GpuPath) -> Option<Wgpu> {
     wgpu_as(surfel_wgpu::Options::default().with_path(path))
 }
 
+/// Returns the validated wgpu backend that translates its shaders from WGSL.
+pub(crate) fn wgpu_by_wgsl() -> Option<Wgpu> {
+    wgpu_as(surfel_wgpu::Options::default().with_wgsl(true))
+}
+
 fn wgpu_as(options: surfel_wgpu::Options) -> Option<Wgpu> {
     static POOL: Pool<surfel_wgpu::Renderer, surfel_wgpu::Options> = Mutex::new(Vec::new());
     listen();

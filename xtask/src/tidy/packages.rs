@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-/// Packages that don't inherit the workspace's lints, which forbid unsafe code. One has unsafe code, and the other has
-/// exported functions with unsafe attributes.
-const OWN_LINTS: [&str; 2] = ["surfel-ash", "surfel-web"];
+/// Packages that don't inherit the workspace's lints, which forbid unsafe code. The first two call unsafe functions,
+/// and the last has exported functions with unsafe attributes.
+const OWN_LINTS: [&str; 3] = ["surfel-ash", "surfel-wgpu", "surfel-web"];
 
 /// Returns problems of the packages' manifests and test folders, and packages that the architecture page doesn't
 /// mention. Folders with their own workspace aren't checked.
