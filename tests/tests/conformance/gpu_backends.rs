@@ -402,7 +402,8 @@ fn are_alike(a: &Frame, b: &Frame, case: &Case) {
 fn wgpu_draws_the_same_by_wgsl() {
     let (Some(mut spirv), Some(mut wgsl)) = (validated_gpu::wgpu(), validated_gpu::wgpu_by_wgsl()) else { return };
     let planes = Planes::ALL.with_fragments(true);
-    for case in drawn(&spirv).iter().step_by(12) {
+    // Translating and compiling all shaders takes minutes on a software driver.
+    for case in drawn(&spirv).iter().step_by(36) {
         let [ours, theirs] = [render(&mut spirv, case, planes), render(&mut wgsl, case, planes)].map(Result::unwrap);
         are_alike(&ours, &theirs, case);
     }
