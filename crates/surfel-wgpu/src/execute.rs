@@ -144,24 +144,79 @@ fn near_draws(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'_>) -> 
     draws.collect()
 }
 
+/// Creates the buffers and the bind group of a tile's frame: its uniform, objects, lights, shadow maps and matcap. The
+/// first two buffers are the uniform and the objects.
+fn frame_group(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'_>) -> ([wgpu::Buffer; 5], wgpu::BindGroup) {
+    let TileInputs { pipelines, frame, data, shadow_texels, .. } = *inputs;
+    let storage = wgpu::BufferUsages::STORAGE;
+    let buffers = [
+        filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
+        filled(device, queue, "objects", &frame.objects, storage),
+        filled(device, queue, "lights", &frame.lights, storage),
+        filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
+        filled(device, queue, "matcap", &frame.matcap, storage),
+    ];
+    let [uniform, objects, lights, maps, matcap] = &buffers;
+    let all = [uniform, objects, lights, maps, shadow_texels, matcap];
+    let group = bind(device, "frame", &pipelines.frame_group.layout, &all);
+    (buffers, group)
+}
+
+/// Creates the bind group of the planes, to composite them into the application's render target.
+fn host_planes_group(device: &wgpu::Device, inputs: &TileInputs<'_>) -> wgpu::BindGroup {
+    let layout = &inputs.pipelines.host_planes_group.layout;
+    bind_some(device, "planes to compose", layout, &[(HOST_PLANES_BINDING, &inputs.targets.planes)])
+}
+
+/// Records the compositing of a part of the image, `host.part`, into the application's render target. `groups` are the
+/// bind groups of the frame, and of what the part reads.
+fn composite(
+    encoder: &mut wgpu::CommandEncoder,
+    pipelines: &Pipelines,
+    groups: [&wgpu::BindGroup; 2],
+    host: HostKey,
+    target: &HostTarget<'_>,
+) {
+    let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+    let view = target.index.filter(|_| host.part == Part::Index).unwrap_or(target.color);
+    let color = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops: load };
+    let depth = wgpu::RenderPassDepthStencilAttachment {
+        view: target.depth,
+        depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
+        stencil_ops: None,
+    };
+    let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("composite"),
+        color_attachments: &[Some(color)],
+        depth_stencil_attachment: host.part.has_depth().then_some(depth),
+        ..wgpu::RenderPassDescriptor::default()
+    });
+    if let Some(pipeline) = pipelines.composite(host) {
+        pass.set_pipeline(pipeline);
+        groups.into_iter().zip(0..).for_each(|(group, number)| pass.set_bind_group(number, group, &[]));
+        pass.draw(0..3, 0..1);
+    }
+}
+
+/// Records the compositing of planes that the compute path has drawn, part by part.
+pub(crate) fn composite_planes(
+    encoder: &mut wgpu::CommandEncoder,
+    (device, queue): (&wgpu::Device, &Queue),
+    inputs: &TileInputs<'_>,
+    parts: &[HostKey],
+    target: &HostTarget<'_>,
+) {
+    let (_, frame) = frame_group(device, queue, inputs);
+    let planes = host_planes_group(device, inputs);
+    parts.iter().for_each(|&host| composite(encoder, inputs.pipelines, [&frame, &planes], host, target));
+}
+
 impl<'a> Tile<'a> {
     pub(crate) fn new(device: &wgpu::Device, queue: &Queue, inputs: &TileInputs<'a>) -> Self {
-        let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
+        let TileInputs { scene, pipelines, targets, data, .. } = *inputs;
         let storage = wgpu::BufferUsages::STORAGE;
-        let buffers = [
-            filled(device, queue, "frame", &data.frame, wgpu::BufferUsages::UNIFORM),
-            filled(device, queue, "objects", &frame.objects, storage),
-            filled(device, queue, "lights", &frame.lights, storage),
-            filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
-            filled(device, queue, "matcap", &frame.matcap, storage),
-        ];
-        let [uniform, objects, lights, maps, matcap] = &buffers;
-        let frame_group = bind(
-            device,
-            "frame",
-            &pipelines.frame_group.layout,
-            &[uniform, objects, lights, maps, inputs.shadow_texels, matcap],
-        );
+        let ([uniform, objects, ..], frame_group) = &frame_group(device, queue, inputs);
+        let frame_group = frame_group.clone();
         let setup_frame_group =
             bind(device, "frame of setup", &pipelines.setup_frame_group.layout, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
@@ -220,12 +275,7 @@ impl<'a> Tile<'a> {
                 .filter_map(|&p| Some((p, finish(p.entry(), &pipelines.pixels(p)?.group.layout))))
                 .collect(),
             composite_group: finish("composite_fragment", &pipelines.composite_group.layout),
-            host_planes_group: bind_some(
-                device,
-                "planes to compose",
-                &pipelines.host_planes_group.layout,
-                &[(HOST_PLANES_BINDING, &targets.planes)],
-            ),
+            host_planes_group: host_planes_group(device, inputs),
             steps_group: targets.key.draws.iter().find(|draw| draw.binds_as_pixel_pass()).and_then(|&draw| {
                 let [_, entry] = draw.entries(Variant::Whole);
                 let pipeline = pipelines.draw(draw, Variant::Whole, targets.key.precision)?;
@@ -276,27 +326,8 @@ impl<'a> Tile<'a> {
 
     /// Records the compositing of a part of the image, `host.part`, into the application's render target.
     pub(crate) fn composite(&self, encoder: &mut wgpu::CommandEncoder, host: HostKey, target: &HostTarget<'_>) {
-        let load = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
-        let view = target.index.filter(|_| host.part == Part::Index).unwrap_or(target.color);
-        let color = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops: load };
-        let depth = wgpu::RenderPassDepthStencilAttachment {
-            view: target.depth,
-            depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store }),
-            stencil_ops: None,
-        };
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("composite"),
-            color_attachments: &[Some(color)],
-            depth_stencil_attachment: host.part.has_depth().then_some(depth),
-            ..wgpu::RenderPassDescriptor::default()
-        });
-        if let Some(pipeline) = self.pipelines.composite(host) {
-            pass.set_pipeline(pipeline);
-            pass.set_bind_group(0, &self.frame_group, &[]);
-            let planes = host.part.reads_planes();
-            pass.set_bind_group(1, if planes { &self.host_planes_group } else { &self.composite_group }, &[]);
-            pass.draw(0..3, 0..1);
-        }
+        let own = if host.part.reads_planes() { &self.host_planes_group } else { &self.composite_group };
+        composite(encoder, self.pipelines, [&self.frame_group, own], host, target);
     }
 
     /// Records the setup of splats. `first` is true if they are set up for the first time in the tile, and counted.

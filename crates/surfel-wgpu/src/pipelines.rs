@@ -91,9 +91,10 @@ pub(crate) enum Shaders {
 }
 
 impl Shaders {
-    /// Returns the shaders of a device without a shader function of the application.
-    fn of(device: &wgpu::Device) -> Self {
-        if spirv::is_passed(device) { Self::Spirv } else { Self::Wgsl(module(device, PASSES)) }
+    /// Returns the shaders of a device without a shader function of the application. They are in WGSL if `wgsl` is
+    /// true.
+    fn of(device: &wgpu::Device, wgsl: bool) -> Self {
+        if spirv::is_passed(device) && !wgsl { Self::Spirv } else { Self::Wgsl(module(device, PASSES)) }
     }
 
     /// Returns a module with an entry point. `groups` are the bind groups of the pipeline.
@@ -228,9 +229,10 @@ fn drawn_entries() -> Vec<&'static str> {
 }
 
 impl Pipelines {
-    /// Creates the layouts for the passes without a shader function of the application. No pipeline is built yet.
-    pub(crate) fn new(device: &wgpu::Device) -> Self {
-        Self::of(device, Shaders::of(device))
+    /// Creates the layouts for the passes without a shader function of the application, which are in WGSL if `wgsl` is
+    /// true. No pipeline is built yet.
+    pub(crate) fn new(device: &wgpu::Device, wgsl: bool) -> Self {
+        Self::of(device, Shaders::of(device, wgsl))
     }
 
     /// Creates the layouts for shaders of the passes. No pipeline is built yet.

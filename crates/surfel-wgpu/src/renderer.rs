@@ -52,7 +52,9 @@ pub struct Renderer {
     /// Storage format of splats in the device's memory.
     storage: Storage,
     /// Way in which frames are drawn: by compute shaders or by raster hardware.
-    path: GpuPath,
+    pub(crate) path: GpuPath,
+    /// True if wgpu translates shaders from WGSL even where the driver takes SPIR-V.
+    pub(crate) wgsl: bool,
     /// True if the embedding application's shader function replaces the shader `phong`.
     pub(crate) has_host_shader: bool,
 }
@@ -71,15 +73,24 @@ impl Renderer {
 
     /// Creates a renderer with default options on a program's existing device.
     ///
+    /// # Errors
+    /// Those of [`Renderer::from_device_with`].
+    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
+        Self::from_device_with(device, queue, &Options::default())
+    }
+
+    /// Creates a renderer on a program's existing device. The options `adapter` and `validation` have no effect.
+    ///
     /// Optional features of the device enable f32 sums (`Features::FLOAT32_BLENDABLE`), times of passes
-    /// (`Features::TIMESTAMP_QUERY`) and counts of shader invocations (`Features::PIPELINE_STATISTICS_QUERY`). The
-    /// renderer replaces the device's handlers of uncaptured errors and of device loss.
+    /// (`Features::TIMESTAMP_QUERY`), counts of shader invocations (`Features::PIPELINE_STATISTICS_QUERY`) and, on
+    /// Vulkan, shaders that start sooner (`Features::PASSTHROUGH_SHADERS`). The renderer replaces the device's handlers
+    /// of uncaptured errors and of device loss.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if the device refuses the shaders.
-    pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
+    pub fn from_device_with(device: wgpu::Device, queue: wgpu::Queue, options: &Options) -> Result<Self, RenderError> {
         let info = device.adapter_info();
-        Self::start(device, queue, &info, &Options::default())
+        Self::start(device, queue, &info, options)
     }
 
     /// Creates a renderer on an open device.
@@ -91,7 +102,8 @@ impl Renderer {
     ) -> Result<Self, RenderError> {
         let errors = ErrorSink::of(&device);
         let f32_sums = blends_f32(&device);
-        let (pipelines, queries) = scoped(&device, || (Pipelines::new(&device), Queries::new(&device, &queue)))?;
+        let (pipelines, queries) =
+            scoped(&device, || (Pipelines::new(&device, options.wgsl), Queries::new(&device, &queue)))?;
         let own = device.limits();
         let buffer_bytes = own.max_storage_buffer_binding_size.min(own.max_buffer_size);
         let limits = options.limits.within(buffer_bytes, own.max_texture_dimension_2d);
@@ -115,6 +127,7 @@ impl Renderer {
             limits,
             storage: options.storage,
             path: options.path,
+            wgsl: options.wgsl,
             has_host_shader: false,
         })
     }
@@ -275,30 +288,31 @@ impl Renderer {
             return self.raster_tile(job, &data, frame, stats);
         }
         let tile = data.tile;
-        let tiles = CellTiles::new(data, &job.scene.cpu, job.frame_scene, job.view, job.plan);
-        tiles.tiles().iter().skip(1).for_each(|samples| self.host_work += samples.host_work());
-        if !self.cell_tiles(job, tiles, frame, stats)? {
+        let mut tiles = CellTiles::new(data, &job.scene.cpu, job.frame_scene, job.view, job.plan);
+        if !self.cell_tiles(job, &mut tiles, Some(frame), stats)? {
             let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, tile);
             self.raster_tile(job, &data, frame, stats)?;
         }
         Ok(())
     }
 
-    /// Draws one tile by the compute path. Returns false and draws nothing if the tile doesn't fit the device.
-    fn cell_tiles(
+    /// Draws one tile by the compute path into the planes of [`Self::targets`], and copies them to `frame`, if there is
+    /// one. Returns false and draws nothing if the tile doesn't fit the device.
+    pub(crate) fn cell_tiles(
         &mut self,
         job: &FrameJob<'_>,
-        mut tiles: CellTiles,
-        frame: &mut Frame,
+        tiles: &mut CellTiles,
+        mut frame: Option<&mut Frame>,
         stats: &mut Stats,
     ) -> Result<bool, RenderError> {
+        tiles.tiles().iter().skip(1).for_each(|samples| self.host_work += samples.host_work());
         let device = self.device.clone();
         let no_targets = || failed("the targets were not made");
         let mut plan = job.plan.clone();
         let mut room = tiles.room(self.cells.room, self.limits);
         while let Some(tried) = room {
             tiles.put_room(tried);
-            let made = scoped(&device, || self.cells.prepare(&device, &tiles, tried));
+            let made = scoped(&device, || self.cells.prepare(&device, tiles, tried));
             if matches!(made, Err(ScopedError::OutOfMemory)) {
                 // Memory may still suffice for raster hardware.
                 self.cells = CellBuffers::default();
@@ -314,7 +328,7 @@ impl Renderer {
                     draws: Vec::new(),
                     floats: tiles.floats(tried),
                 });
-                self.record_cells(job, &plan, &tiles, tried)
+                self.record_cells(job, &plan, tiles, (tried, frame.is_some()))
             })?;
             let pass_record = self.queries.pass_record();
             let (missing, readback) = recorded.ok_or_else(no_targets)?.read_and_keep(&device, |parts| {
@@ -328,8 +342,10 @@ impl Renderer {
                 pass_record.add(costs, stats);
                 CellCapacity::count(counters, stats);
                 let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
-                let planes = bytemuck::cast_slice(planes);
-                stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
+                if let Some(frame) = frame.as_deref_mut() {
+                    let planes = bytemuck::cast_slice(planes);
+                    stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
+                }
                 None
             })?;
             self.readback = Some(readback);
@@ -352,13 +368,13 @@ impl Renderer {
     }
 
     /// Records and submits the dispatches that draw a tile and its samples by `plan`, and the copies that the host
-    /// reads: planes, counters and query results. Returns `None` if a resource is missing.
+    /// reads: counters, query results and, if `reads_planes`, planes. Returns `None` if a resource is missing.
     fn record_cells(
         &mut self,
         job: &FrameJob<'_>,
         plan: &FramePlan,
         tiles: &CellTiles,
-        room: CellCapacity,
+        (room, reads_planes): (CellCapacity, bool),
     ) -> Option<Readback> {
         let device = self.device.clone();
         let targets = self.targets.as_ref()?;
@@ -383,8 +399,9 @@ impl Renderer {
         }
         let costs = self.queries.resolve(&device, &mut encoder);
         let counters = self.cells.get(CellBuffer::Counters)?;
+        let floats = if reads_planes { tiles.pixels()?.planes.floats } else { 0 };
         let parts = [
-            (&targets.planes, 4 * u64::from(tiles.pixels()?.planes.floats)),
+            (&targets.planes, 4 * u64::from(floats)),
             (counters, tiles.bytes(CellBuffer::Counters, room)),
             costs.as_ref().map_or((counters, 0), |(buffer, bytes)| (buffer, *bytes)),
         ];
@@ -563,13 +580,14 @@ enum Missing {
 }
 
 /// Inputs that all tiles of a frame share.
-struct FrameJob<'a> {
-    scene: &'a ResidentScene,
+#[derive(Clone, Copy)]
+pub(crate) struct FrameJob<'a> {
+    pub scene: &'a ResidentScene,
     /// Texels of the frame's shadow maps.
-    shadow_texels: &'a wgpu::Buffer,
-    frame_scene: &'a FrameScene,
-    view: &'a View,
-    plan: &'a FramePlan,
+    pub shadow_texels: &'a wgpu::Buffer,
+    pub frame_scene: &'a FrameScene,
+    pub view: &'a View,
+    pub plan: &'a FramePlan,
 }
 
 /// Steps that raster hardware executes for a tile, with their data.

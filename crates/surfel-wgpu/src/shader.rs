@@ -55,7 +55,7 @@ impl Renderer {
     pub fn set_shader(&mut self, wgsl: Option<&str>) -> Result<(), RenderError> {
         let device = self.device.clone();
         let pipelines = match wgsl {
-            None => scoped(&device, || Pipelines::new(&device))?,
+            None => scoped(&device, || Pipelines::new(&device, self.wgsl))?,
             Some(wgsl) => {
                 let shader = HostShader::new(wgsl);
                 check_text(wgsl).map_err(failed)?;

@@ -7,7 +7,7 @@ use surfel_model::{
     Settings, Shape, Sort, SplatCloud,
 };
 use surfel_render::{Frame, Identity, Planes, Renderer as _, View};
-use surfel_wgpu::{HostDepth, HostTarget, Renderer};
+use surfel_wgpu::{GpuPath, HostDepth, HostTarget, Options, Renderer};
 
 const SIZE: [u32; 2] = [64, 32];
 const HOST: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
@@ -30,6 +30,14 @@ fn device() -> Option<(wgpu::Device, wgpu::Queue)> {
     let required_limits = wgpu::Limits { max_storage_buffers_per_shader_stage: buffers, ..Default::default() };
     let descriptor = wgpu::DeviceDescriptor { required_features, required_limits, ..Default::default() };
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
+}
+
+/// Returns renderers on the application's device: by raster hardware, which is the default here, and by compute
+/// shaders.
+fn renderers((device, queue): &(wgpu::Device, wgpu::Queue)) -> [Renderer; 2] {
+    let raster = Renderer::from_device(device.clone(), queue.clone()).unwrap();
+    let options = Options::default().with_path(GpuPath::Compute);
+    [raster, Renderer::from_device_with(device.clone(), queue.clone(), &options).unwrap()]
 }
 
 /// Returns two disks beside each other, 2 and 4 units before the eye.
@@ -149,7 +157,12 @@ fn drawn_with_index(
 #[test]
 fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     let Some(pair) = device() else { return };
-    let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
+    for mut renderer in renderers(&pair) {
+        colours_pass_the_depth_test(&mut renderer, &pair);
+    }
+}
+
+fn colours_pass_the_depth_test(renderer: &mut Renderer, pair: &(wgpu::Device, wgpu::Queue)) {
     let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
     let orthographic = view(Projection::Orthographic { height: 3.0 });
     let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
@@ -166,7 +179,7 @@ fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
         renderer.render_into(&resident, view, &Settings::default(), Planes::ALL, &mut frame).unwrap();
         for (clear, farthest) in [(behind, f32::INFINITY), (wall, 3.0), (1.0 - behind, 0.0)] {
             let what = (&scene(), &Settings::default(), view);
-            let pixels = drawn(&mut renderer, &pair, what, mapping, (clear, wgpu::TextureUsages::empty()));
+            let pixels = drawn(renderer, pair, what, mapping, (clear, wgpu::TextureUsages::empty()));
             let mut shown = 0;
             for (i, pixel) in pixels.iter().enumerate() {
                 let passes = frame.depth()[i] < farthest && frame.depth()[i].is_finite();
@@ -224,12 +237,26 @@ fn gaussians(distances: &[f32]) -> Scene {
 #[test]
 fn edges_by_samples_and_balls_equal_those_of_a_frame_over_the_host_s_colours() {
     let Some(pair) = device() else { return };
-    let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
+    for mut renderer in renderers(&pair) {
+        edges_and_balls_equal_a_frame_s(&mut renderer, &pair);
+    }
+}
+
+fn edges_and_balls_equal_a_frame_s(renderer: &mut Renderer, pair: &(wgpu::Device, wgpu::Queue)) {
     let view = view(Projection::Perspective { fov_y_deg: 60.0 });
     let samples = Settings::default().with_edge_aa(EdgeAa::Samples);
     let peeled = samples.with_transparency("peel:4".parse().unwrap());
     let layers = panes(&[(2.0, 0.5), (2.5, 0.25), (2.7, 1.0)]);
-    let frames = [(scene(), &samples), (balls(), &Settings::default()), (balls(), &samples), (layers, &peeled)];
+    let coverage = Settings::default().with_edge_aa(EdgeAa::Coverage);
+    let mut weighed = scene();
+    weighed.objects[0].material.interior_weight = Some(1.0);
+    let frames = [
+        (weighed, &coverage),
+        (scene(), &samples),
+        (balls(), &Settings::default()),
+        (balls(), &samples),
+        (layers, &peeled),
+    ];
     for (scene, settings) in frames {
         let resident = renderer.upload(&scene).unwrap();
         let mut frame = Frame::default();
@@ -240,7 +267,7 @@ fn edges_by_samples_and_balls_equal_those_of_a_frame_over_the_host_s_colours() {
         for (clear, farthest) in [(0.0, f32::INFINITY), (0.5 / 3.0, 3.0), (1.0, 0.0)] {
             let usage = wgpu::TextureUsages::TEXTURE_BINDING;
             let mapping = HostDepth::reversed(0.5);
-            let pixels = drawn(&mut renderer, &pair, (&scene, settings, &view), mapping, (clear, usage));
+            let pixels = drawn(renderer, pair, (&scene, settings, &view), mapping, (clear, usage));
             let (mut partial, mut shown) = (0, 0);
             for (i, pixel) in pixels.iter().enumerate() {
                 let color = frame.color()[i];
@@ -312,7 +339,12 @@ fn gaussians_are_cut_off_by_the_host_s_geometry() {
 #[test]
 fn numbers_name_the_splats_that_pass_the_host_s_depth_test() {
     let Some(pair) = device() else { return };
-    let mut renderer = Renderer::from_device(pair.0.clone(), pair.1.clone()).unwrap();
+    for mut renderer in renderers(&pair) {
+        numbers_name_splats(&mut renderer, &pair);
+    }
+}
+
+fn numbers_name_splats(renderer: &mut Renderer, pair: &(wgpu::Device, wgpu::Queue)) {
     let view = view(Projection::Perspective { fov_y_deg: 60.0 });
     let settings = Settings::default();
     let peeled = Settings::default().with_transparency("peel:4".parse().unwrap());
@@ -336,8 +368,8 @@ fn numbers_name_the_splats_that_pass_the_host_s_depth_test() {
             let usage = wgpu::TextureUsages::TEXTURE_BINDING;
             let what = (&scene, settings, &view);
             let mapping = HostDepth::reversed(0.5);
-            let (colors, found) = drawn_with_index(&mut renderer, &pair, what, mapping, (clear, usage), true);
-            assert_eq!(colors, drawn(&mut renderer, &pair, what, mapping, (clear, usage)));
+            let (colors, found) = drawn_with_index(renderer, pair, what, mapping, (clear, usage), true);
+            assert_eq!(colors, drawn(renderer, pair, what, mapping, (clear, usage)));
             let mut named = 0;
             for (i, found) in found.iter().enumerate() {
                 let passes = frame.depth()[i] < farthest;

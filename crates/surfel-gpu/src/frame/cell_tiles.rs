@@ -44,6 +44,21 @@ impl CellTiles {
         &self.tiles
     }
 
+    /// Prepares the tiles for compositing over an application's image: sets the mapping of its depths, and makes the
+    /// background transparent. The depth buffer contains `offset + scale/z` or, in orthographic views, `offset +
+    /// scale·z` for the depth z.
+    pub fn prepare_for_host(&mut self, offset: f32, scale: f32) {
+        for tile in &mut self.tiles {
+            tile.set_host_depth(offset, scale);
+            tile.clear_background();
+        }
+    }
+
+    /// Returns the data of the tile of pixels.
+    pub fn into_pixels(self) -> Option<TileData> {
+        self.tiles.into_iter().next()
+    }
+
     /// Returns the tile of pixels, which is the first of the tiles.
     pub fn pixels(&self) -> Option<&TileData> {
         self.tiles.first()
