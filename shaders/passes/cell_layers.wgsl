@@ -29,7 +29,7 @@ const SAMPLE_WORDS: u32 = 13u;
 
 // A cell that a workgroup draws.
 struct DrawnCell {
-    // Number of the cell in the grid or, in a frame of samples, among active cells.
+    // Number of the cell, row by row, in the grid or, in a frame of samples, among active cells.
     number: u32,
     // First pixel of the cell in the targets.
     corner: vec2u,
@@ -284,31 +284,30 @@ fn cell_remaining_layer(@builtin(workgroup_id) group: vec3u, @builtin(local_invo
 fn cell_part_layer_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
     let part = part_of(number);
-    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(part.cell)) {
+    let cell = cell_of_pixels(numbered_cell(part.cell));
+    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
-    let corner = corner_of_cell(part.cell);
-    let depths = layer_depths(LayeredPixel(part.cell, corner + pixel_in_cell(i), i));
-    let threshold = layer_threshold_of(part.range, corner, i, depths, DRAWN_LAYER);
+    let depths = layer_depths(layered_pixel(cell, i));
+    let threshold = layer_threshold_of(part.range, cell.corner, i, depths, DRAWN_LAYER);
     put_part_f32(number, 0u, i, DRAWN_LAYER, threshold);
 }
 
 // Sums the contributions of a part of a dense cell to a layer. If `is_last`, the layer is the last one.
 fn sum_layer_part(number: u32, i: u32, is_last: bool) {
     let part = part_of(number);
-    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(part.cell)) {
+    let cell = cell_of_pixels(numbered_cell(part.cell));
+    if part.range.x == part.range.y || !holds_in_cell(i, cell_remains(cell.number)) {
         return;
     }
-    let corner = corner_of_cell(part.cell);
-    let depths = layer_depths(LayeredPixel(part.cell, corner + pixel_in_cell(i), i));
+    let depths = layer_depths(layered_pixel(cell, i));
     var threshold = 0.0;
     if !is_last {
-        let of_cell = list_of(part.cell);
-        threshold = maxima_of_parts(of_cell, i, DRAWN_LAYER).maxima.threshold;
+        threshold = maxima_of_parts(cell.range, i, DRAWN_LAYER).maxima.threshold;
     }
     clear_cell(i);
     workgroupBarrier();
-    let sums = layer_sums(part.range, corner, i, depths, threshold, DRAWN_LAYER, is_last);
+    let sums = layer_sums(part.range, cell.corner, i, depths, threshold, DRAWN_LAYER, is_last);
     put_part_sums(number, i, DRAWN_LAYER, sums);
 }
 
@@ -426,9 +425,8 @@ fn cell_part_layer_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_inv
     if part.range.x == part.range.y {
         return;
     }
-    let corner = corner_of_cell(part.cell);
-    let pixel = LayeredPixel(part.cell, corner + pixel_in_cell(i), i);
-    put_part_maxima(number, i, DRAWN_LAYER_EDGES, layer_edge_of(part.range, corner, pixel));
+    let cell = cell_of_pixels(numbered_cell(part.cell));
+    put_part_maxima(number, i, DRAWN_LAYER_EDGES, layer_edge_of(part.range, cell.corner, layered_pixel(cell, i)));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)

@@ -25,8 +25,8 @@ fn is_dense(range: vec2u) -> bool {
     return range.y - range.x > DENSE_PAIRS;
 }
 
-// A part of a dense cell: the cell's number, and the indices of the part's first pair and one past its last. They are
-// equal if the part doesn't exist.
+// A part of a dense cell: the cell's `cell_number`, and the indices of the part's first pair and one past its last.
+// They are equal if the part doesn't exist.
 struct CellPart {
     cell: u32,
     range: vec2u,
