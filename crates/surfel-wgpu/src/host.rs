@@ -99,12 +99,11 @@ impl Renderer {
     /// Records into `encoder`, which the application submits to the renderer's queue before the next call on this
     /// renderer. No times are measured. `target` must have the size of the view's region.
     ///
-    /// By default raster hardware draws the frame, and nothing is read back. With
-    /// [`GpuPath::Compute`](surfel_gpu::GpuPath) in [`Options::path`](crate::Options) compute shaders draw the frames
-    /// that they can, apart from transparent splats without edges by samples. On an NVIDIA H100 they take a 48th of the
-    /// time for 5 million splats. The call then submits their work itself, and **waits until the GPU is done** with it
-    /// and with everything submitted before: how much memory a frame needs is unknown until it is drawn, and a frame
-    /// that needs more is drawn again.
+    /// Raster hardware draws the frame by default, and nothing is read back. Compute shaders draw it with
+    /// [`GpuPath::Compute`](surfel_gpu::GpuPath) in [`Options::path`](crate::Options), except transparent splats
+    /// without edges by samples and what that path never draws. The call then submits their work itself, and **waits
+    /// until the GPU is done** with it and with everything submitted before. The memory that a frame needs is known
+    /// only once it is drawn; a frame that needs more is drawn again.
     ///
     /// # Errors
     /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] and

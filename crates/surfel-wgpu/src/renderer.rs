@@ -74,7 +74,7 @@ impl Renderer {
     /// Creates a renderer with default options on a program's existing device.
     ///
     /// # Errors
-    /// Those of [`Renderer::from_device_with`].
+    /// The errors of [`Renderer::from_device_with`].
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
         Self::from_device_with(device, queue, &Options::default())
     }

@@ -271,7 +271,7 @@ impl Masks {
     }
 
     /// Appends the entries of splat `i` of the group, whose box is larger than a tile.
-    // Not inlined: with this code in its loop, LLVM's optimiser for Arm doesn't always write the same machine code.
+    // If this code is inlined into the loops over splats, LLVM's output for Arm varies from build to build.
     #[inline(never)]
     fn list_large<S: Simd>(
         &self,
